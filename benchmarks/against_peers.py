@@ -57,7 +57,7 @@ OTHERS_PATIENCE = 0.25
 
 ELSEWHERE = (
     "float_edges", "single_vertices", "standard_depth", "checked_bounds", "numpy", "pure_python",
-    "full_screen",
+    "full_screen", "rasterjit_batch",
 )  # fmt: skip
 """Contestants with rows of their own."""
 

@@ -199,20 +199,27 @@ def slivers(count: int = SLIVERS) -> TriangleScene:
     return TriangleScene(positions, faces, np.eye(4), SIZE, count, "triangle", colors)
 
 
-def small_images(count: int = VIEWS) -> TriangleScene:
-    """Return five thousand faces seen from ``count`` sides, each in a picture of 128x128."""
+def small_images(
+    count: int = VIEWS, side: int = SMALL_IMAGE[0], around: int = VIEWS
+) -> TriangleScene:
+    """Return five thousand faces seen from ``count`` of some sides, each in a square picture."""
     positions, faces = torus(SMALL_RINGS, SMALL_SIDES)
     colors = meshes.direction_colors(meshes.torus_normals(SMALL_RINGS, SMALL_SIDES))
     camera = perspective(50.0, 1.0, 0.5, 20.0)
-    turns = 2.0 * np.pi * np.arange(VIEWS) / VIEWS
+    turns = 2.0 * np.pi * np.arange(around) / around
     heights = np.sin(7.0 * turns)
     views = [
         camera @ look_at((3.2 * np.cos(turn), height, 3.2 * np.sin(turn)))
         for turn, height in zip(turns[:count], heights, strict=False)
     ]
     return TriangleScene(
-        positions, faces, views[-1], SMALL_IMAGE, count, "image", colors, views=np.array(views)
+        positions, faces, views[-1], (side, side), count, "image", colors, views=np.array(views)
     )
+
+
+def batch_of(side: int, count: int) -> TriangleScene:
+    """Return five thousand faces seen from so many sides, in square pictures of ``side`` pixels."""
+    return small_images(count, side, count)
 
 
 def instances() -> TriangleScene:
@@ -279,6 +286,8 @@ def teapot() -> TriangleScene:
 
 
 SCENES: dict[str, Callable[[], Scene]] = {
+    "batch_64": partial(batch_of, 64),
+    "batch_128": partial(batch_of, 128),
     "fill_back_to_front": partial(smooth_quads, "back_to_front"),
     "fill_front_to_back": partial(smooth_quads, "front_to_back"),
     "mesh_70k": mesh_70k,
@@ -316,6 +325,8 @@ def fill_of(side: int) -> TriangleScene:
 
 
 FAMILIES: dict[str, Callable[[int], Scene]] = {
+    "batch_64": partial(batch_of, 64),
+    "batch_128": partial(batch_of, 128),
     "triangles": triangles_of,
     "fill": fill_of,
 }

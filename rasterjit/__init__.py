@@ -25,9 +25,10 @@ From where
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
-    draws a stream of them; `render_layers` finds the surfaces behind the nearest one
-    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them; `Frame.pick`
-    tells which face a pixel shows, and where (`Pick`).
+    draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
+    `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
+    them; `masks` makes COCO annotations of them; `Frame.pick` tells which face a pixel shows, and
+    where (`Pick`).
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -75,6 +76,7 @@ from rasterjit.io.gltf.writing import save_gltf
 from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, load, scene_to_add
 from rasterjit.io.skipped import SaveWarning
 from rasterjit.io.trimesh.writing import to_trimesh
+from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import (
     Choice,
@@ -84,6 +86,7 @@ from rasterjit.outputs.frame import (
     Pick,
     Stats,
 )
+from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
@@ -129,6 +132,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Batch",
     "CalibrationWarning",
     "Choice",
     "Diagnostics",
@@ -186,6 +190,7 @@ __all__ = [
     "orbit_direction",
     "rasterize",
     "render",
+    "render_batch",
     "render_layers",
     "render_many",
     "show",

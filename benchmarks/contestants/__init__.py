@@ -32,6 +32,7 @@ from benchmarks.scenes import Scene
 
 MODULES = {
     "rasterjit": "rasterjit_",
+    "rasterjit_batch": "rasterjit_batch",
     "float_edges": "float_edges",
     "single_vertices": "single_vertices",
     "standard_depth": "standard_depth",

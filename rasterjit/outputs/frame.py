@@ -39,8 +39,8 @@ class Stats:
 
     Parameters
     ----------
-    face_id : (H, W) int32
-        -1 where nothing is; let go when its pixels have been counted.
+    face_id : (H, W) int32, or int
+        -1 where nothing is; let go when its pixels have been counted. Or how many show a face.
     """
 
     triangles_in: int
@@ -59,9 +59,9 @@ class Stats:
     """Cut at the near or far plane or the guard band; counted by their outcome as well."""
     seconds: dict[str, float]
     """Seconds of each stage, in order; ``compile`` is apart and not part of any other."""
-    face_id: InitVar[NDArray[np.int32]]
+    face_id: InitVar[NDArray[np.int32] | int]
 
-    def __post_init__(self, face_id: NDArray[np.int32]) -> None:
+    def __post_init__(self, face_id: NDArray[np.int32] | int) -> None:
         object.__setattr__(self, "_covered", face_id)
 
     def __repr__(self) -> str:
@@ -515,22 +515,27 @@ class Frame:
         return data.getvalue()
 
     def _output(self, name: str) -> NDArray[Any]:
-        if name not in self._outputs:
-            held = f"this frame has {', '.join(self._outputs)}"
-            if name not in OUTPUTS and not is_attribute(name):
-                meant = question(name, (*OUTPUTS, *self._outputs))
-                raise OutputNotRequestedError(
-                    f"{in_short(name)} is the name of no output; {held}{meant}"
-                )
-            meant = ""
-            if is_attribute(name):
-                # All begin alike.
-                others = [one.removeprefix(ATTRIBUTE) for one in self._outputs if is_attribute(one)]
-                meant = question(name.removeprefix(ATTRIBUTE), others)
+        return output_named(name, self._outputs, "frame")
+
+
+def output_named(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:
+    """Return an output of a frame, or of what else holds some; raise if it was not asked for."""
+    if name not in outputs:
+        held = f"this {holder} has {', '.join(outputs)}"
+        if name not in OUTPUTS and not is_attribute(name):
+            meant = question(name, (*OUTPUTS, *outputs))
             raise OutputNotRequestedError(
-                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
+                f"{in_short(name)} is the name of no output; {held}{meant}"
             )
-        return self._outputs[name]
+        meant = ""
+        if is_attribute(name):
+            # All begin alike.
+            others = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
+            meant = question(name.removeprefix(ATTRIBUTE), others)
+        raise OutputNotRequestedError(
+            f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
+        )
+    return outputs[name]
 
 
 def _pixel(name: str, value: Any, count: int) -> int:

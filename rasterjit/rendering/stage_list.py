@@ -206,7 +206,7 @@ def emission_steps(
 
 def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> list[Step]:
     """Return the stages that turn base colours into seen colours."""
-    lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
+    lighting, viewer = look.lighting, look.viewer
     steps = effect_steps(effects, "rows", look)
     steps.append(Step(lights.show_ambient, (lighting.ambient,)))
     if lighting.renormalizes:
@@ -240,7 +240,7 @@ def add_steps(look: Look, first: int, end: int) -> list[Step]:
     """Return the stages that add lights ``first`` to ``end``; none if these are none."""
     if first == end:
         return []
-    lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
+    lighting, viewer = look.lighting, look.viewer
     if lighting.highlights is None:
         steps = [Step(lights.add_diffuse_lights, (lighting.lights, first, end))]
     else:
@@ -257,13 +257,21 @@ def shading_steps(
     surface: Surface,
     lighting: Lighting | None,
     effects: Sequence[Active],
+    viewer: NDArray[np.float32] | None = None,
 ) -> tuple[list[Step], int]:
     """Return the stages from listed samples to their colours, and the first row of these."""
     steps = surface_steps(geometry, placement, surface, lighting, effects)
     if lighting is None:
         return steps, rows.RED
-    look = Look(placement, surface, lighting)
+    look = Look(placement, surface, lighting, viewer_of(placement, viewer))
     return steps + light_steps(look, effects, geometry), rows.OUT_RED
+
+
+def viewer_of(
+    placement: Placement, given: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Return ``placement.toward_viewer`` in float32, in the array given, if one is."""
+    return np.float32(placement.toward_viewer) if given is None else given
 
 
 def light_vertices(
@@ -305,6 +313,7 @@ def vertex_steps(
     lighting: Lighting,
     effects: Sequence[Active],
     lit_vertices: NDArray[np.float32],
+    viewer: NDArray[np.float32] | None = None,
 ) -> list[Step]:
     """Return the stages that light some vertices, of those that begin with each object."""
     colors = surface.vertex_colors
@@ -312,7 +321,7 @@ def vertex_steps(
         colors = np.empty((0, 4), np.float32)
     (first, end), vertex_starts = listed
     own = first, end, vertex_starts, placement, surface.materials, colors, surface.normals
-    look = Look(placement, surface, lighting, is_of_vertices=True)
+    look = Look(placement, surface, lighting, viewer_of(placement, viewer), is_of_vertices=True)
     return [
         Step(list_vertices, own),
         Step(lights.show_ambient, (lighting.ambient,)),
@@ -383,6 +392,8 @@ class Shading:
         `encode.encoding_table`.
     background : (4,) float32, linear
         What `shade` paints where no face is.
+    viewer : (4,) float32, optional
+        ``placement.toward_viewer``, where both are filled later.
     """
 
     def __init__(
@@ -394,8 +405,9 @@ class Shading:
         effects: Sequence[Active],
         table: NDArray[np.int32],
         background: NDArray[np.float32],
+        viewer: NDArray[np.float32] | None = None,
     ) -> None:
-        steps, self._shown = shading_steps(geometry, placement, surface, lighting, effects)
+        steps, self._shown = shading_steps(geometry, placement, surface, lighting, effects, viewer)
         self._stages = StageList(steps)
         self._faces, self._face_starts = geometry.faces, placement.face_starts
         self._surface, self._effects, self._table = surface, tuple(effects), table
@@ -431,9 +443,22 @@ class Shading:
             faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
             linear = linear.reshape(count, linear.shape[2], 4)
         painted = self._painted if background is None else background
+        self.listed(faces, first_row, height, painted, linear, color).run(BLOCKS.block, BLOCK)
+
+    def listed(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int] | None,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> StageList:
+        """Return the stages that `shade` runs, of images one below the other, each so high."""
+        painted = painted or self._painted
         steps = self._list(faces, first_row, height, painted, linear, color)
         steps += output_steps(self._surface, self._shown, self._table, self._effects, linear, color)
-        StageList(steps).run(BLOCKS.block, BLOCK)
+        return StageList(steps)
 
     def mix(
         self,

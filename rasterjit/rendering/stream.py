@@ -83,7 +83,7 @@ def check_cameras(cameras: Any) -> None:
         )
     if isinstance(cameras, Sequence):
         for number, camera in enumerate(cameras):
-            _check_item(number, camera)
+            check_item(number, camera)
 
 
 def check_prefetch(prefetch: Any) -> int | None:
@@ -231,7 +231,7 @@ def in_order(
         while not is_over and len(begun) < prefetch:
             try:
                 number, camera = next(source)
-                begun.append(submit(_check_item(number, camera)))
+                begun.append(submit(check_item(number, camera)))
             except StopIteration:
                 is_over = True
             except Exception as error:
@@ -246,7 +246,7 @@ def in_order(
         raise failure
 
 
-def _check_item(number: int, camera: Any) -> Camera:
+def check_item(number: int, camera: Any) -> Camera:
     """Return one of the cameras, or raise ``ValueError`` naming its place."""
     if isinstance(camera, (tuple, list)):
         raise ValueError(

@@ -129,9 +129,18 @@ class StageList:
         if jit.DISABLED or jit.CHECKED:
             self._run_in_python(arrays_of_block(kind, block))
             return
-        words = self._words
-        table = (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
+        table = self._table()
         _runner()(ctypes.addressof(table), block.ctypes.data, 0)
+
+    def bound(self, block: NDArray[np.int64]) -> BoundList:
+        """Return how machine code runs the stages with a block of samples."""
+        table = self._table()
+        words = run_list.address(), ctypes.addressof(table), block.ctypes.data
+        return BoundList(words, (self, table, block))
+
+    def _table(self) -> Any:
+        words = self._words
+        return (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
 
     def _run_in_python(self, block: Any) -> None:
         first, *others = self.steps()
@@ -142,6 +151,15 @@ class StageList:
             if count:
                 for step in others:
                     step.stage.run_in_python(block, count, step.arguments)
+
+
+class BoundList(NamedTuple):
+    """Stages that machine code runs; keep it as long as its words are in use."""
+
+    words: tuple[int, int, int]
+    """Address of `run_list`, and what it takes: the addresses of its table and of the block."""
+    called: tuple[Any, ...]
+    """What is behind the addresses."""
 
 
 def block_memory(kind: RecordType) -> NDArray[np.int64]:

@@ -43,6 +43,7 @@ import numpy as np
 
 from rasterjit.runtime import numba_alone
 from rasterjit.runtime.state import (
+    WORD,
     NumberType,
     RecordType,
     forms_of,
@@ -260,10 +261,14 @@ class Bound:
             self._machine = MACHINE(self._run)
             address, state = ctypes.cast(self._machine, ctypes.c_void_p).value, 0
         else:
-            form, self._block = kernel.bind(arguments)
-            address, state = form.address, ctypes.addressof(self._block)
+            self._form, self._block = kernel.bind(arguments)
+            address, state = self._form.address, ctypes.addressof(self._block)
         self.words = np.array([address, state], np.int64)
         """(2,) int64: the addresses of the machine code and of the state block."""
+
+    def place_of(self, number: int) -> int:
+        """Return the address of the words of an argument, by its number, in the state block."""
+        return int(self.words[1]) + WORD * sum(map(size_of, self._form.kind.fields[:number]))
 
     def _run(self, *_: int) -> int:
         """Run the kernel as Python calls it; keep its error for `raise_failed`."""

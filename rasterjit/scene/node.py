@@ -17,7 +17,7 @@ from rasterjit.scene.validation import finite_array, in_short, read_only
 if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
-_LAST_ROW_ROUNDING = 1e-9
+LAST_ROW_ROUNDING = 1e-9
 """How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
 
 _IDENTITY = read_only(np.eye(4))
@@ -323,7 +323,7 @@ def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
     matrix = finite_array(name, value, (4, 4)).copy()
     x, y, z, w = last_row = matrix[3].tolist()
-    if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > _LAST_ROW_ROUNDING:
+    if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > LAST_ROW_ROUNDING:
         raise ValueError(
             f"{name} must be affine, with the last row 0, 0, 0, 1; got {last_row} "
             "(matrices multiply column vectors)"

@@ -408,6 +408,28 @@ def product_of(first: list[list[float]], *others: list[list[float]]) -> list[lis
     return product
 
 
+def compose_each(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return the product of two matrices each, the same bits as `compose`.
+
+    Parameters
+    ----------
+    first, second : (N, 4, 4) float64
+
+    Returns
+    -------
+    (N, 4, 4) float64
+        Not finite where the product overflows.
+    """
+    product = np.broadcast_to(np.eye(4), first.shape)
+    with np.errstate(all="ignore"):
+        for b in (first, second):
+            x, y, z, w = (product[:, :, k, np.newaxis] for k in range(4))
+            b0, b1, b2, b3 = (b[:, k, np.newaxis, :] for k in range(4))
+            product = ((x * b0 + y * b1) + z * b2) + w * b3
+    return product
+
+
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
     """Return the product of two 4x4 matrices, summed left to right; plain floats are faster."""
     (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3), (d0, d1, d2, d3) = b

@@ -66,6 +66,8 @@ class Look(NamedTuple):
     placement: Placement
     surface: Surface
     lighting: Lighting
+    viewer: Any
+    """(4,) float32: ``placement.toward_viewer``."""
     is_of_vertices: bool = False
     """Whether the samples are vertices: they have no pixel, and no face of their own."""
 

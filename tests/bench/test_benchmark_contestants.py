@@ -39,6 +39,7 @@ contestant = contestants.contestant
 HERE = (
     "opengl", "opengl_color", "embreex", "float_edges", "single_vertices",
     "standard_depth", "checked_bounds", "numpy", "pure_python", "full_screen",
+    "rasterjit_batch",
 )  # fmt: skip
 LARGE = ("open3d", "pyvista")
 """Peers of some hundred megabytes, which the extra ``bench`` leaves out."""

@@ -174,7 +174,7 @@ class EnvironmentLight(Effect):
         shed = around.irradiance, around.turn, around.intensity
         steps = [Step(environment_stage.shed_light, shed)]
         if look.surface.microfacets is not None:
-            mirrored = around, np.float32(look.placement.toward_viewer)
+            mirrored = around, look.viewer
             steps.append(Step(environment_stage.mirror_environment, mirrored))
         return steps
 

@@ -120,7 +120,7 @@ class FogEffect(Effect):
     @staticmethod
     def cover(fog: FogRecord, look: Look) -> list[Step]:
         """Return the stages that lay fog over what is seen."""
-        placement, viewer, steps = look.placement, np.float32(look.placement.toward_viewer), []
+        placement, viewer, steps = look.placement, look.viewer, []
         if fog.flat is not None:
             # Find the points of what was lit at the middles of faces.
             steps.append(Step(attributes.gather_positions, (placement.positions,)))

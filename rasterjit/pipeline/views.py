@@ -1,0 +1,243 @@
+"""
+Draw many views in a row, in machine code: what Python does for one frame, for each of them.
+
+All that a view reads lies in memory of the thread that draws it, at the same place for each view,
+so that the state blocks of the kernels and stages that draw it are made once. Of every view a few
+arrays are loaded into that memory (`LOAD_FROM` ...: matrices, lights), then these are called by
+their addresses. A view with faces that must be cut, or with longer lists than there is room for, is
+left out and noted: it is drawn as any frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.surface.samples import COUNTS
+from rasterjit.runtime.intrinsics import call_at, call_bound, load_int64, store_int64
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import WORD, float32, float64, int32, int64, uint8, uint32
+
+LOAD_FROM, LOAD_STEP, LOAD_TO, LOAD_WORDS = range(4)
+"""Columns of what is loaded: the address of the first view's words, bytes from one view to the
+next, the address that they go to, how many there are."""
+
+TRANSFORM, FIND_CLIPPED, SET_UP, START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES = range(7)
+"""Rows of the kernels that find what is seen, by the words of ``jit.Bound``."""
+
+CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER = range(4)
+"""Columns of what is called then: machine code, its state; the address of a block of samples, which
+is emptied before, or 0; the address of a word that is told the view's number, or 0."""
+
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED = range(6)
+"""Columns of the totals: faces, as ``setup`` counts them, and pixels that show a face."""
+
+RATIO, BETWEEN, SCALED = range(3)
+"""Ways from stored to metric depth, see `measure_depths`."""
+
+
+@helper
+def load_view(number, loads):
+    """Copy what is a view's own to where it is read."""
+    for k in range(loads.shape[0]):
+        source = loads[k, LOAD_FROM] + number * loads[k, LOAD_STEP]
+        for n in range(loads[k, LOAD_WORDS]):
+            store_int64(loads[k, LOAD_TO] + n * WORD, load_int64(source + n * WORD))
+
+
+@helper
+def find_faces(finding, lengths, listing, tile_depths):
+    """Find the face at every pixel; return whether nothing had to be cut and the lists had room."""
+    counts, sums, starts, room = listing
+    seen = call_bound(finding[TRANSFORM])
+    if seen & CLIPPED and call_bound(finding[FIND_CLIPPED]) > 0:
+        return False
+    tiles = starts.shape[0] - 1
+    for n in range(tiles + 1):
+        counts[0, n] = 0
+    for n in range(sums.shape[0]):
+        sums[n] = 0
+    end = call_bound(finding[SET_UP])
+    call_bound(finding[START_LISTS])
+    if starts[tiles] > room:
+        return False
+    for n in range(lengths.shape[0]):
+        store_int64(lengths[n], end)
+    call_bound(finding[BIN])
+    for n in range(tiles):
+        tile_depths[n] = -np.inf
+    if counts[0, tiles] > 0:
+        call_bound(finding[FIND_TILE_DEPTHS])
+    call_bound(finding[DRAW_TILES])
+    return True
+
+
+@helper
+def call_all(calls, number):
+    """Call what follows when the faces are known."""
+    for k in range(calls.shape[0]):
+        block, told = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
+        if block != 0:
+            for n in range(COUNTS):
+                store_int64(block + n * WORD, np.int64(0))
+        if told != 0:
+            store_int64(told, number)
+        call_at(calls[k, CALL_ADDRESS], calls[k, CALL_STATE], block, np.int64(0))
+
+
+@kernel
+def draw_views(
+    chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1], lengths: int64[::1],
+    listing: (int32[:, ::1], int64[::1], int64[::1], int64), tile_depths: float32[::1],
+    face_id: int32[:, ::1], calls: int64[:, ::1], totals: int64[:, ::1], is_drawn: uint8[::1],
+):  # fmt: skip
+    """
+    Draw some views, one after the other.
+
+    Parameters
+    ----------
+    chosen : (n, 2) int64
+        For each view, which of those at hand it is, and its number, as it is told.
+    loads : (K, 4) int64
+        What is copied before each, see ``LOAD_FROM``; the first at hand is number 0.
+    finding : (7, 2) int64
+        How to call the kernels that find the faces, see ``TRANSFORM``.
+    lengths : (n,) int64
+        Addresses of words that are told how many triangles were listed.
+    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int)
+        What those kernels count, and the room for the lists of all tiles.
+    tile_depths : (tiles,) float32
+        Scratch memory of theirs.
+    face_id : (H, W) int32
+        The faces that they find.
+    calls : (C, 4) int64
+        What is called then, see ``CALL_ADDRESS``.
+    totals : (n, 6) int64
+        Written for those drawn: see ``OUTSIDE``.
+    is_drawn : (n,) uint8
+        Written: 1 for those drawn, 0 for those left out.
+    """
+    for n in range(chosen.shape[0]):
+        load_view(chosen[n, 0], loads)
+        if not find_faces(finding, lengths, listing, tile_depths):
+            is_drawn[n] = 0
+            continue
+        call_all(calls, chosen[n, 1])
+        covered = np.int64(0)
+        for row in range(face_id.shape[0]):
+            for column in range(face_id.shape[1]):
+                covered += np.int64(face_id[row, column] >= 0)
+        for k in range(COVERED):
+            totals[n, k] = listing[1][k]
+        totals[n, COVERED] = covered
+        is_drawn[n] = 1
+
+
+@kernel
+def keep_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
+    """
+    Copy a view's output to its place.
+
+    Parameters
+    ----------
+    number : int
+        That of the view.
+    picture : (P,) uint32
+        Its output, whatever the numbers are.
+    pictures : (N, P) uint32
+        Writes the row of the view.
+    """
+    kept = pictures[number]
+    for n in range(picture.shape[0]):
+        kept[n] = picture[n]
+
+
+@kernel
+def keep_numbers(
+    number: int64, face_id: int32[:, ::1], numbers: int32[::1], kept: int32[:, :, ::1]
+):
+    """
+    Write what a table tells of the faces of a view, -1 where nothing is.
+
+    Parameters
+    ----------
+    number : int
+        That of the view.
+    face_id : (H, W) int32
+    numbers : (F+1,) int32
+        Of each face.
+    kept : (N, H, W) int32
+        Writes the picture of the view.
+    """
+    for row in range(face_id.shape[0]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            kept[number, row, column] = numbers[face] if face >= 0 else np.int32(-1)
+
+
+@kernel
+def measure_depths(
+    number: int64, way: int64[::1], factors: float64[::1], stored: float32[:, ::1],
+    face_id: int32[:, ::1], depths: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the metric depth of a view, inf where nothing is.
+
+    Parameters
+    ----------
+    number : int
+        That of the view.
+    way, factors : (1,) int64, (3,) float64
+        Of stored depth s: ``RATIO`` a / s / b; ``BETWEEN`` a (1 + s) - b s; ``SCALED``
+        ((-2 s - 1) a - b) / c.
+    stored : (H, W) float32
+    face_id : (H, W) int32
+    depths : (N, H, W) float32, scene units
+        Writes the picture of the view.
+    """
+    a, b, c = factors[0], factors[1], factors[2]
+    kind = way[0]
+    for row in range(face_id.shape[0]):
+        for column in range(face_id.shape[1]):
+            share = np.float64(stored[row, column])
+            if kind == RATIO:
+                depth = a / share / b
+            elif kind == BETWEEN:
+                depth = a * (1.0 - -share) + b * -share
+            else:
+                depth = ((-2.0 * share - 1.0) * a - b) / c
+            is_seen = face_id[row, column] >= 0
+            depths[number, row, column] = np.float32(depth if is_seen else np.inf)
+
+
+@kernel
+def measure_distances(
+    number: int64, way: int64[::1], axis: float64[::1], relative: float32[:, :, ::1],
+    distances: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write how far the points of a view are from its eye, inf where nothing is.
+
+    Parameters
+    ----------
+    number : int
+        That of the view.
+    way, axis : (1,) int64, (4,) float64
+        Whether lines of sight are parallel: then distances are along an axis x, y, z, of a length.
+    relative : (H, W, 3) float32
+        The points, relative to the eye; NaN where nothing is.
+    distances : (N, H, W) float32, scene units
+        Writes the picture of the view.
+    """
+    x, y, z, length = axis[0], axis[1], axis[2], axis[3]
+    for row in range(relative.shape[0]):
+        for column in range(relative.shape[1]):
+            right = np.float64(relative[row, column, 0])
+            up = np.float64(relative[row, column, 1])
+            back = np.float64(relative[row, column, 2])
+            if way[0] != 0:
+                far = -((x * right + y * up) + z * back) / length
+            else:
+                far = np.sqrt((right * right + up * up) + back * back)
+            far = np.inf if np.isnan(far) else far
+            distances[number, row, column] = np.float32(far)

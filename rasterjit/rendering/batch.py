@@ -1,0 +1,380 @@
+"""
+Draw many views of one scene at once, into arrays that hold all of them.
+
+Views are shared among threads in groups; each group is drawn by one thread from its first view to
+its last.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.outputs.batch import Batch
+from rasterjit.outputs.frame import Stats
+from rasterjit.outputs.table import Outputs, is_attribute, row_of
+from rasterjit.rendering import notices, together
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.stream import (
+    Options,
+    check_arguments,
+    check_cameras,
+    check_item,
+    share_threads,
+)
+from rasterjit.rendering.together import Projections, Together
+from rasterjit.rendering.views import naming, plan_views
+from rasterjit.runtime.ahead import beside
+from rasterjit.scene.background import Background
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import ATTRIBUTE
+from rasterjit.scene.node import LAST_ROW_ROUNDING, Node
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import in_short, number_array
+from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.contents import find_attribute
+
+Arrays = dict[str, NDArray[Any]]
+
+VIEWS_PER_GROUP = 32
+"""Most views that a thread draws in one go."""
+
+WORK_PER_GROUP = 1 << 21
+"""Faces and pixels, about, after which a group ends: far less than a second's work."""
+
+MATRIX_WORK = 64
+"""What an object costs beside a face: its matrices are found for all views of a group at once."""
+
+COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
+           "clipped", "pixels_covered")  # fmt: skip
+"""What is added up of the statistics of all views."""
+
+
+def render_batch(
+    what: Any,
+    cameras: Iterable[Camera],
+    *,
+    size: tuple[int, int],
+    outputs: Outputs = ("color",),
+    quality: Quality | None = None,
+    background: Background = None,
+    cull: Cull | None = None,
+    transforms: ArrayLike | None = None,
+    out: Mapping[str, NDArray[Any]] | None = None,
+    threads: int | None = None,
+) -> Batch:
+    """
+    Render many views of one scene into arrays that hold all of them.
+
+    Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
+    pictures: what views have in common is decided and prepared once, and views are shared among
+    threads. Memory beyond the result does not grow with the number of views. Ctrl-C ends it when
+    the views are done that threads are just drawing.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    cameras : iterable of Camera
+        One for each view. A camera may be there more than once.
+    size : (int, int)
+        Width and height of every view, pixels, each in 1..16384.
+    outputs : sequence of str
+        As `rasterjit.render` takes them, but for motion and motion_visible.
+    quality, background
+        As `rasterjit.render` takes them, the same for all views.
+    cull : {"none", "back", "front"}, optional
+        Faces that are dropped. Default: none.
+    transforms : (N, O, 4, 4) array_like, optional
+        Where the objects stand in each view: ``world_from_model``, affine, in the order of
+        ``scene.nodes``. Default: where they stand in the scene, in all views.
+    out : dict of arrays, optional
+        Where outputs are written, by their names: ``out["depth"]`` is an (N, H, W) float32 array,
+        C-contiguous and writable. Outputs that are not in it get new arrays.
+    threads : int, optional
+        Default: all processors. The views have the same bits for any number.
+
+    Returns
+    -------
+    Batch
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, before any kernel runs; if a near plane that was given
+        is too near for the depth format in one of the views, when that is drawn.
+
+    Warns
+    -----
+    ViewWarning
+        Once of each kind, for all views: nothing is in view, or a given plane cuts faces away.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
+    >>> eyes = [rj.fit_camera(scene, rj.orbit_direction(a, 20.0)) for a in range(0, 360, 30)]
+    >>> batch = rj.render_batch(scene, eyes, size=(64, 64), outputs=("color", "depth"))
+    >>> batch.color.shape, batch.depth.shape
+    ((12, 64, 64, 4), (12, 64, 64))
+    """
+    since = time.perf_counter()
+    # Check everything.
+    cull = "none" if cull is None else cull
+    scene, options = check_arguments(what, size, quality, outputs, background, cull)
+    check_cameras(cameras)
+    eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
+    projections = Projections(options.size)
+    for number, camera in enumerate(eyes):
+        with naming(f"cameras[{number}]"):
+            projections.of(camera)
+    places = check_transforms(transforms, len(eyes), scene)
+    arrays = check_out(out, _shapes(scene, len(eyes), options), places)
+    workers, own = share_threads(threads, None)
+    views = AllViews(scene, tuple(eyes), places, options, arrays)
+    # Plan the first, which finds what is wrong with all of them.
+    cache = prepare(scene.nodes, None, options.quality, scene.environment is not None)
+    totals, told = np.zeros(len(COUNTED), np.int64), {}
+    if eyes:
+        first = plan_views(
+            options.size, options.quality, views.scene_of(0), eyes[0], options.outputs,
+            options.background, cull, False, None, cache,
+        )  # fmt: skip
+        with beside(partial(planning.list_tasks, first.plan), workers * own):
+            totals, told = _draw_all(views, cache, projections, workers)
+    notices.warn(told, set())
+    *counts, covered = totals.tolist()
+    named = dict(zip(COUNTED, counts, strict=False))
+    seconds = {"all views": time.perf_counter() - since}
+    return Batch(arrays, Stats(**named, seconds=seconds, face_id=covered))
+
+
+def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.float64] | None:
+    """Return where the objects stand in each view, or raise ``ValueError``."""
+    if transforms is None:
+        return None
+    shape = count, len(scene.nodes), 4, 4
+    found = number_array("transforms", transforms)
+    if found.shape != shape:
+        raise ValueError(
+            f"transforms must have shape {shape}: cameras, objects of the scene, 4, 4; got "
+            f"{found.shape}"
+        )
+    for number, matrices in enumerate(found):
+        if not np.isfinite(matrices).all():
+            raise ValueError(f"transforms must be finite, got NaN or infinity in view {number}")
+        if (np.abs(matrices[:, 3] - (0.0, 0.0, 0.0, 1.0)) > LAST_ROW_ROUNDING).any():
+            raise ValueError(
+                "transforms must be affine, with the last rows 0, 0, 0, 1, got others in view "
+                f"{number} (matrices multiply column vectors)"
+            )
+    return found
+
+
+def _shapes(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:
+    """Return the shape and the dtype of each output of all views."""
+    shapes, (width, height) = {}, options.size
+    for name in options.outputs:
+        row = row_of(name)
+        channels = row.channels
+        if is_attribute(name):
+            channels = find_attribute(scene.nodes, name.removeprefix(ATTRIBUTE)).columns
+        has_axis = channels > 1 or is_attribute(name)
+        shapes[name] = ((count, height, width, *([channels] if has_axis else [])), row.dtype)
+    return shapes
+
+
+def check_out(
+    out: Any, shapes: Mapping[str, tuple[tuple[int, ...], str]], places: NDArray[Any] | None
+) -> Arrays:
+    """Return the array of each output, those of the caller and new ones, or raise."""
+    given = {} if out is None else out
+    if not isinstance(given, Mapping):
+        raise ValueError(f"out must be a dict of arrays, got {in_short(out)}")
+    for name, array in given.items():
+        if name not in shapes:
+            raise ValueError(f"out has {name!r}, which outputs does not have: {', '.join(shapes)}")
+        (shape, dtype), what = shapes[name], f"out[{name!r}] must be a"
+        if not isinstance(array, np.ndarray):
+            raise ValueError(f"{what}n array, got {in_short(array)}")
+        if array.shape != shape or array.dtype != np.dtype(dtype) or not array.dtype.isnative:
+            raise ValueError(f"{what} {shape} {dtype} array, got {array.shape} {array.dtype}")
+        if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
+            raise ValueError(
+                f"{what} C-contiguous, aligned and writable array, got one that is not"
+            )
+    held = [(f"out[{name!r}]", array) for name, array in given.items()]
+    others = held if places is None else [*held, ("transforms", places)]
+    for (one, array), (other, beside_it) in combinations(others, 2):
+        if np.may_share_memory(array, beside_it):
+            raise ValueError(f"{one} must not share memory with {other}")
+    return {
+        name: np.asarray(given[name]) if name in given else np.empty(shape, dtype)
+        for name, (shape, dtype) in shapes.items()
+    }
+
+
+class AllViews(NamedTuple):
+    """What is to be drawn, and where it is written."""
+
+    scene: Scene
+    cameras: Sequence[Camera]
+    places: NDArray[np.float64] | None
+    """(N, O, 4, 4): where the objects stand in each view; ``None`` -> as in the scene."""
+    options: Options
+    arrays: Arrays
+    """(N, H, W, ...) of each output."""
+
+    def scene_of(self, number: int) -> Scene:
+        """Return the scene as it is in a view."""
+        if self.places is None:
+            return self.scene
+        changed = copy.copy(self.scene)
+        changed.nodes = [
+            Node(node.mesh, name=node.name, world_from_model=matrix)
+            for node, matrix in zip(self.scene.nodes, self.places[number], strict=True)
+        ]
+        return changed
+
+
+class Drawn(NamedTuple):
+    """What became of some views."""
+
+    totals: NDArray[np.int64]
+    """(9,): the sums of ``COUNTED``."""
+    notices: dict[str, str]
+    """What there is to warn of."""
+
+
+def _draw_all(
+    views: AllViews, cache: SceneCache, projections: Projections, workers: int
+) -> tuple[NDArray[np.int64], dict[str, str]]:
+    """Draw all views; return the sums of their statistics, and what there is to warn of."""
+    count, (width, height) = len(views.cameras), views.options.size
+    work = width * height + len(cache.shapes.arrays.faces) + MATRIX_WORK * len(cache.matrices)
+    most = max(1, min(VIEWS_PER_GROUP, WORK_PER_GROUP // work, -(-count // workers)))
+    groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
+    make: Callable[[], Callable[[range], Drawn]] = partial(OneByOne, views, cache)
+    if together.is_possible(views.options):
+        shared = Together(
+            views.scene, cache, views.options, views.arrays, views.scene_of, projections
+        )
+        make = partial(InGroups, views, cache, shared)
+    totals, told = np.zeros(len(COUNTED), np.int64), {}
+    for drawn in in_threads(make, groups, workers):
+        totals += drawn.totals
+        told = drawn.notices | told
+    return totals, told
+
+
+def in_threads(
+    make: Callable[[], Callable[[range], Drawn]], groups: Sequence[range], workers: int
+) -> Iterable[Drawn]:
+    """
+    Draw groups of views in several threads; yield what became of each.
+
+    Parameters
+    ----------
+    make : callable
+        Makes what draws groups, one after the other: one for each thread.
+    groups : sequence of range
+    workers : int
+        How many threads there are; with 1, it is the one that calls.
+    """
+    if workers == 1 or len(groups) == 1:
+        yield from map(make(), groups)
+        return
+    waiting, is_over = iter(groups), False
+
+    def draw() -> list[Drawn]:
+        drawer, done = make(), []
+        while not is_over:
+            # One thread at a time takes the next.
+            group = next(waiting, None)
+            if group is None:
+                break
+            done.append(drawer(group))
+        return done
+
+    with ThreadPoolExecutor(workers, thread_name_prefix="rasterjit-batch") as pool:
+        tasks = [pool.submit(draw) for _ in range(min(workers, len(groups)))]
+        try:
+            for task in tasks:
+                yield from task.result()
+        finally:
+            # Whatever ends the caller ends all of them, after what they just draw.
+            is_over = True
+
+
+class OneByOne:
+    """
+    Draws views one by one, each as `rasterjit.render` does.
+
+    Parameters
+    ----------
+    views : AllViews
+    cache : SceneCache
+        Of the scene.
+    """
+
+    def __init__(self, views: AllViews, cache: SceneCache) -> None:
+        self._views, options = views, views.options
+        self._renderer = Renderer(options.size, quality=options.quality, threads=1)
+        self._renderer._cache, self._renderer.told = cache, None
+
+    def __call__(self, group: Iterable[int]) -> Drawn:
+        """Draw some views."""
+        views, (_, _, outputs, background, cull) = self._views, self._views.options
+        totals, told = np.zeros(len(COUNTED), np.int64), {}
+        for number in group:
+            frame = self._renderer.render(
+                views.scene_of(number), views.cameras[number], outputs=outputs,
+                background=background, cull=cull,
+            )  # fmt: skip
+            for name, array in frame.arrays().items():
+                views.arrays[name][number] = array
+            totals += [getattr(frame.stats, name) for name in COUNTED]
+            told = notices.notices_of(frame.plan, frame.stats) | told
+        return Drawn(totals, told)
+
+
+class InGroups:
+    """
+    Draws groups of views, one by one those that share too little.
+
+    Parameters
+    ----------
+    views : AllViews
+    cache : SceneCache
+        Of the scene.
+    shared : Together
+    """
+
+    def __init__(self, views: AllViews, cache: SceneCache, shared: Together) -> None:
+        self._views = views
+        self._drawer, self._alone = together.Drawer(shared), OneByOne(views, cache)
+        self._faces = len(cache.shapes.arrays.faces)
+
+    def __call__(self, group: range) -> Drawn:
+        """Draw some views."""
+        views, some = self._views, slice(group.start, group.stop)
+        places = None if views.places is None else views.places[some]
+        counted, left, told = self._drawer.draw(group, views.cameras[some], places)
+        totals, others = self._alone(left)
+        for rows in counted:
+            outside, degenerate, culled, unsampled, invalid, covered = rows.sum(axis=0).tolist()
+            faces = len(rows) * self._faces
+            drawn = faces - (outside + degenerate + culled + unsampled + invalid)
+            own = faces, outside, culled, degenerate, unsampled, invalid, drawn, 0, covered
+            totals += np.array(own)
+        return Drawn(totals, others | told)

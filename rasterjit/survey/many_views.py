@@ -1,0 +1,168 @@
+"""
+The matrices of many views at once: what ``placement`` finds of one, with the same bits.
+
+Every operation is that of the function named, in its order; N views, O objects.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene import transforms
+from rasterjit.survey.clip_planes import SURE
+from rasterjit.survey.placement import ROUNDING, Places, place_boxes, place_objects
+
+Float64 = NDArray[np.float64]
+
+
+class ManyViews(NamedTuple):
+    """`placement.Views` of each view."""
+
+    relative_from_model: Float64
+    """(N, O, 4, 4): world axes, origin at the eye."""
+    clip_from_relative: Float64
+    """(N, 4, 4)."""
+    toward_viewer: Float64
+    """(N, 4)."""
+    screen_turn: NDArray[np.int64]
+    """(N,): 1 or -1."""
+    is_finite: NDArray[np.bool_]
+    """(N,): whether the matrices are; `placement.view_places` refuses others."""
+
+
+def place_many(world_from_model: Float64) -> Places:
+    """Return where objects stand in N views, (N, O, 4, 4): `place_objects`, (N, O, ...) each."""
+    shape = world_from_model.shape[:2]
+    places = place_objects(world_from_model.reshape(-1, 4, 4)) if 0 not in shape else Places(
+        world_from_model, np.empty((*shape, 3, 3)), np.empty(shape)
+    )  # fmt: skip
+    return Places(*(part.reshape(*shape, *part.shape[1:]) for part in places))
+
+
+def view_many(
+    world_from_model: Float64, eyes: Float64, view_from_world: Float64, clip_from_view: Float64
+) -> ManyViews:
+    """
+    Return the matrices that take objects to the screen, as `placement.view_places` finds them.
+
+    Parameters
+    ----------
+    world_from_model : (N, O, 4, 4), or (1, O, 4, 4) float64
+    eyes : (N, 3) float64, world space
+    view_from_world, clip_from_view : (N, 4, 4) float64
+    """
+    count = len(eyes)
+    relative = np.repeat(world_from_model, count // len(world_from_model), axis=0)
+    relative[:, :, :3, 3] -= eyes[:, np.newaxis]
+    moves = np.tile(np.eye(4), (count, 1, 1))
+    moves[:, :3, 3] = eyes
+    view_from_relative = transforms.compose_each(view_from_world, moves)
+    is_parallel = ~clip_from_view[:, 3, :3].any(axis=1)
+    away = np.where(is_parallel[:, np.newaxis], clip_from_view[:, 2, :3], clip_from_view[:, 3, :3])
+    toward_viewer = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
+    with np.errstate(all="ignore"):
+        parts = clip_from_view[:, 2, :3, np.newaxis] * view_from_relative[:, :3, :3]
+        along = -((parts[:, 0] + parts[:, 1]) + parts[:, 2])
+    toward_viewer[is_parallel, :3], toward_viewer[is_parallel, 3] = along[is_parallel], 0.0
+    screen = np.concatenate((clip_from_view[:, :2, :3], away[:, np.newaxis]), axis=1)
+    handedness = _turns(screen) * _turns(view_from_relative[:, :3, :3])
+    clip_from_relative = transforms.compose_each(clip_from_view, view_from_relative)
+    finite = (view_from_relative, clip_from_relative)
+    return ManyViews(
+        relative, clip_from_relative, toward_viewer, np.where(handedness < 0.0, 1, -1),
+        np.all([np.isfinite(one).all(axis=(1, 2)) for one in finite], axis=0),
+    )  # fmt: skip
+
+
+def _turns(rows: Float64) -> Float64:
+    """Return the sign of each 3x3 determinant, (N,): `placement._turn`."""
+    largest = np.abs(rows).max(axis=2, keepdims=True)
+    with np.errstate(all="ignore"):
+        scaled = np.divide(rows, largest, out=np.zeros_like(rows), where=largest > 0.0)
+        (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+        return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def find_in_view(bounds: Float64, views: ManyViews) -> tuple[NDArray[np.bool_], Float64]:
+    """
+    Tell which objects each view may see: `placement.Boxes`.
+
+    Parameters
+    ----------
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
+    views : ManyViews
+
+    Returns
+    -------
+    in_view : (N, O) bool
+    largest_w : (N,)
+        Nothing in view is beyond it.
+    """
+    low, high = bounds.transpose(1, 2, 0)
+    # Coordinates first, so that each entry is an array of all objects in all views.
+    m = views.relative_from_model[:, :, :3].transpose(2, 3, 0, 1)
+    matrix = views.clip_from_relative.transpose(1, 2, 0)[..., np.newaxis]
+    with np.errstate(invalid="ignore", over="ignore"):
+        middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
+        farthest = np.abs(middle) + half
+        sizes = np.abs(m[:, 0]) * farthest[0] + np.abs(m[:, 1]) * farthest[1]
+        sizes += np.abs(m[:, 2]) * farthest[2]
+        sizes += np.abs(m[:, 3])
+        beyond = np.zeros(m.shape[2:], np.bool_)
+        for k in range(3):
+            rows = np.abs(matrix[3]) + np.abs(matrix[k])
+            reach = (rows[0] * sizes[0] + rows[1] * sizes[1]) + rows[2] * sizes[2]
+            reach += rows[3]
+            for plane in (matrix[3] - matrix[k], matrix[3] + matrix[k]):
+                onto = (plane[0] * m[0] + plane[1] * m[1]) + plane[2] * m[2]
+                most = onto[3] + plane[3]
+                for axis in range(3):
+                    most += onto[axis] * middle[axis] + np.abs(onto[axis]) * half[axis]
+                beyond |= most < -ROUNDING * reach
+            if k == 0:
+                largest = reach
+    in_view = ~(np.isnan(low[0]) | beyond)
+    return in_view, np.where(in_view, largest, 0.0).max(axis=1, initial=0.0)
+
+
+def boxes_around(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:
+    """
+    Return the corners of a box around all objects in each view, (N, 3) each, world space.
+
+    Takes the box of each object, (O, 2, 3), and where they stand, (N, O, 4, 4).
+    """
+    count, objects = world_from_model.shape[:2]
+    boxes = np.broadcast_to(bounds, (count, objects, 2, 3)).reshape(-1, 2, 3)
+    corners = place_boxes(boxes, world_from_model.reshape(-1, 4, 4)[:, :3])
+    corners = corners.reshape(count, -1, 3)
+    return (
+        np.fmin.reduce(corners, axis=1, initial=np.inf),
+        np.fmax.reduce(corners, axis=1, initial=-np.inf),
+    )
+
+
+def are_between(
+    low: Float64, high: Float64, view_from_world: Float64, near: Float64, far: Float64
+) -> NDArray[np.bool_]:
+    """
+    Tell of each view, (N,), whether a box surely lies between two planes.
+
+    Parameters
+    ----------
+    low, high : (N, 3) float64, world space
+    view_from_world : (N, 4, 4) float64
+    near, far : (N,) float64
+        Distances along the viewing axis; -inf and inf -> anywhere.
+    """
+    rows = -view_from_world[:, 2]
+    with np.errstate(all="ignore"):
+        ends = np.stack((rows[:, :3] * low, rows[:, :3] * high))
+        nearest = rows[:, 3] + ends.min(axis=0).sum(axis=1)
+        farthest = rows[:, 3] + ends.max(axis=0).sum(axis=1)
+        doubt = SURE * (np.abs(rows[:, 3]) + np.abs(ends).max(axis=0).sum(axis=1))
+        # What is not a number is not sure.
+        return (nearest >= near + doubt) & (farthest <= far - doubt)

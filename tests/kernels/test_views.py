@@ -1,0 +1,60 @@
+"""What is kept of each view of a batch, beside NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.pipeline import views
+from rasterjit.rendering.together import depth_way
+
+FACES = np.array([[0, -1, 2], [3, 3, -1]], np.int32)
+
+
+def test_pictures_are_copied_to_their_rows():
+    kept = np.zeros((3, 6), np.uint32)
+    picture = np.arange(6, dtype=np.uint32) << np.uint32(28)
+    views.keep_picture(1, picture, kept)
+    assert kept.tolist() == [[0] * 6, picture.tolist(), [0] * 6]
+
+
+def test_numbers_are_those_of_faces():
+    kept = np.zeros((2, 2, 3), np.int32)
+    views.keep_numbers(1, FACES, np.array([5, 6, 7, 8, -1], np.int32), kept)
+    assert kept.tolist() == [[[0] * 3] * 2, [[5, -1, 7], [8, 8, -1]]]
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        rj.PerspectiveCamera((0, 0, 4), (0, 0, 0), near=0.3),
+        rj.OrthographicCamera((0, 0, 4), (0, 0, 0), near=-1.0, far=7.0),
+        rj.MatrixCamera(np.eye(4), 2.0 * rj.PerspectiveCamera(
+            (0, 0, 4), (0, 0, 0), near=0.3).projection_matrix((2, 2))),
+        rj.MatrixCamera(np.eye(4), 2.0 * rj.OrthographicCamera(
+            (0, 0, 4), (0, 0, 0)).projection_matrix((2, 2))),
+    ],
+    ids=["perspective", "parallel", "matrix", "parallel matrix"],
+)  # fmt: skip
+def test_depths_have_the_bits_of_the_camera(camera):
+    stored = np.random.default_rng(1).random((2, 3)).astype(np.float32)
+    way, *factors = depth_way(camera)
+    found = np.zeros((2, 2, 3), np.float32)
+    views.measure_depths(1, np.array([way]), np.array(factors), stored, FACES, found)
+    wanted = np.where(FACES >= 0, camera.view_depth(stored), np.inf).astype(np.float32)
+    assert found[1].tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("is_parallel", [0, 1])
+def test_distances_are_from_the_eye_or_its_plane(is_parallel):
+    points = np.random.default_rng(2).normal(0.0, 3.0, (2, 3, 3)).astype(np.float32)
+    points[0, 1] = np.nan
+    found = np.zeros((2, 2, 3), np.float32)
+    axis = np.array([0.0, 0.6, 1.6, 2.0])
+    views.measure_distances(1, np.array([is_parallel]), axis, points, found)
+    x, y, z = np.moveaxis(points.astype(np.float64), 2, 0)
+    wanted = -(0.6 * y + 1.6 * z) / 2.0 if is_parallel else np.sqrt((x * x + y * y) + z * z)
+    assert np.isinf(found[1, 0, 1])
+    wanted[0, 1] = np.inf
+    np.testing.assert_allclose(found[1], wanted, rtol=1e-6)

@@ -1,0 +1,257 @@
+"""Many views in one array: the bits of `rj.render`, whatever they show."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+
+MODELS = Path(__file__).parents[2] / "models"
+SIZE = (40, 28)
+CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.5, 4.0), target=(0.0, 0.0, 0.0))
+ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
+COUNTED = "triangles_in", "outside", "culled", "degenerate", "unsampled", "drawn", "clipped"
+
+
+def around(count, distance=4.0):
+    """Return cameras on a ring."""
+    return [
+        rj.PerspectiveCamera(
+            (distance * math.cos(a), 1.0, distance * math.sin(a)), (0.1, 0.0, 0.0), fov_y=50.0
+        )
+        for a in np.linspace(0.0, 6.0, count).tolist()
+    ]
+
+
+def check(scene, cameras, transforms=None, **options):
+    """Hold a batch against one render of each view, bit by bit, and return it."""
+    options.setdefault("size", SIZE)
+    batch = rj.render_batch(scene, cameras, transforms=transforms, **options)
+    options.pop("threads", None)
+    options.pop("out", None)
+    sums = dict.fromkeys((*COUNTED, "pixels_covered"), 0)
+    before = [node.world_from_model for node in scene.nodes]
+    for n, camera in enumerate(cameras):
+        if transforms is not None:
+            for node, matrix in zip(scene.nodes, transforms[n], strict=True):
+                node.world_from_model = matrix
+        frame = rj.render(scene, camera, **options)
+        for name, wanted in frame.arrays().items():
+            found = batch.arrays()[name][n]
+            assert found.dtype == wanted.dtype, name
+            assert found.tobytes() == wanted.tobytes(), (n, name, camera)
+        for name in sums:
+            sums[name] += getattr(frame.stats, name)
+    for node, matrix in zip(scene.nodes, before, strict=True):
+        node.world_from_model = matrix
+    assert {name: getattr(batch.stats, name) for name in sums} == sums
+    return batch
+
+
+@pytest.fixture
+def scene():
+    """Return three objects: smooth, with colours of vertices, and with a texture."""
+    made = rj.Scene()
+    knot = rj.load(MODELS / "torus_knot.obj").nodes[0].mesh
+    made.add(knot, rj.transforms.scale((0.4, 0.4, 0.4)))
+    colors = np.random.default_rng(1).random((24, 3))
+    cube = rj.load(MODELS / "cube.ply").nodes[0].mesh
+    made.add(
+        rj.Mesh(
+            cube.vertices, cube.faces, colors=colors, material=rj.Material("unlit")
+        ),
+        rj.transforms.translate((1.4, 0.2, -0.3)),
+    )  # fmt: skip
+    texture = rj.Texture(np.random.default_rng(2).integers(0, 255, (4, 4, 3), np.uint8))
+    quad = rj.Mesh(
+        [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)],
+        uv=[(0, 0), (1, 0), (1, 1), (0, 1)], material=rj.Material(base_color_texture=texture),
+    )  # fmt: skip
+    made.add(quad, rj.transforms.translate((-1.2, 0.0, -1.0)))
+    return made
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_views_are_those_of_render(scene, threads):
+    batch = check(scene, around(7), outputs=ALL, threads=threads)
+    assert len(batch) == 7
+    assert batch.color.shape == (7, SIZE[1], SIZE[0], 4)
+    assert (batch.face_id >= 0).any(axis=(1, 2)).all()
+
+
+def test_views_of_a_batch_share_its_memory(scene):
+    batch = rj.render_batch(scene, around(3), size=SIZE, outputs=("color", "depth"))
+    assert set(batch[1]) == {"color", "depth"}
+    assert batch[-1]["depth"].tobytes() == batch.depth[2].tobytes()
+    assert np.shares_memory(batch[1]["color"], batch.color)
+    assert [np.shares_memory(view["depth"], batch.depth[n]) for n, view in enumerate(batch)] == (
+        [True] * 3
+    )
+    with pytest.raises(IndexError):
+        batch[3]
+    with pytest.raises(rj.OutputNotRequestedError, match="this batch has color, depth"):
+        _ = batch.normal
+    assert repr(batch) == "Batch(3 of 40 x 28: color, depth)"
+
+
+def test_no_cameras_make_empty_arrays(scene):
+    batch = rj.render_batch(scene, [], size=SIZE, outputs=("color", "uv"))
+    assert (len(batch), batch.color.shape, batch.uv.shape) == (0, (0, 28, 40, 4), (0, 28, 40, 2))
+    assert batch.stats.triangles_in == 0
+
+
+def test_attributes_have_their_columns():
+    mesh = rj.Mesh(
+        [(-1, -1, 0), (1, -1, 0), (0, 1, 0)], [(0, 1, 2)], attributes={"heat": np.eye(3)[:, :1]}
+    )
+    scene = rj.Scene()
+    scene.add(mesh)
+    batch = check(scene, [CAMERA, *around(2)], outputs=("attribute:heat",))
+    assert batch.attribute("heat").shape == (3, 28, 40, 1)
+
+
+def test_objects_stand_where_transforms_put_them(scene):
+    rng = np.random.default_rng(4)
+    places = np.tile(np.eye(4), (6, 3, 1, 1))
+    places[..., :3, :] += rng.normal(0.0, 0.3, (6, 3, 3, 4))
+    batch = check(scene, around(6), places, outputs=("color", "normal", "position"))
+    assert np.unique(batch.color.reshape(6, -1), axis=0).shape[0] == 6
+
+
+def test_transforms_do_not_move_the_scene(scene):
+    before = [node.world_from_model.copy() for node in scene.nodes]
+    twice = np.tile(np.diag([2.0, 2.0, 2.0, 1.0]), (1, 3, 1, 1))
+    rj.render_batch(scene, [CAMERA], size=SIZE, transforms=twice)
+    after = [node.world_from_model for node in scene.nodes]
+    assert np.array_equal(before, after)
+
+
+def test_outputs_are_written_into_arrays_given(scene):
+    out = {"depth": np.zeros((5, 28, 40), np.float32), "color": np.zeros((5, 28, 40, 4), np.uint8)}
+    batch = check(scene, around(5), outputs=("color", "depth", "uv"), out=out)
+    assert np.shares_memory(batch.depth, out["depth"])
+    assert np.shares_memory(batch.color, out["color"])
+    assert np.isfinite(out["depth"]).any(axis=(1, 2)).all()
+
+
+SHAPE = (2, 28, 40)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"out": [1]}, "out must be a dict"),
+        ({"out": {"uv": np.zeros(1)}}, "out has 'uv'"),
+        ({"out": {"depth": 3}}, r"out\['depth'\] must be an array"),
+        ({"out": {"depth": np.zeros(SHAPE)}}, r"out\['depth'\] must be a \(2, 28, 40\) float32"),
+        ({"out": {"depth": np.zeros((3, 28, 40), np.float32)}}, r"got \(3, 28, 40\)"),
+        ({"out": {"depth": np.zeros(SHAPE, ">f4")}}, "float32"),
+        ({"out": {"depth": np.zeros((2, 28, 80), np.float32)[..., ::2]}}, "C-contiguous"),
+        ({"out": {"depth": np.broadcast_to(np.float32(1), SHAPE)}}, "C-contiguous"),
+        ({"transforms": np.eye(4)}, r"transforms must have shape \(2, 3, 4, 4\)"),
+        ({"transforms": np.full((2, 3, 4, 4), np.nan)}, "transforms must be finite.* view 0"),
+        ({"transforms": np.ones((2, 3, 4, 4))}, "transforms must be affine"),
+        ({"transforms": "here"}, "transforms must be an array of numbers"),
+        ({"outputs": ("motion",)}, "earlier view"),
+        ({"outputs": ("detph",)}, "unknown"),
+        ({"outputs": ("attribute:none",)}, "none"),
+        ({"cull": "backs"}, "cull must be"),
+        ({"size": (0, 3)}, "size must be"),
+        ({"threads": 0}, "threads must be"),
+        ({"background": "colour"}, "background"),
+    ],
+)
+def test_what_is_wrong_is_named_before_anything_is_drawn(scene, options, message, monkeypatch):
+    monkeypatch.setattr("rasterjit.rendering.renderer.draw_frame", None)
+    options = {"size": SIZE, "outputs": ("color", "depth"), **options}
+    with pytest.raises(ValueError, match=message):
+        rj.render_batch(scene, around(2), **options)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "message"),
+    [
+        (CAMERA, "cameras must be an iterable"),
+        ([CAMERA, "a"], r"cameras\[1\] must be a"),
+        (iter([CAMERA, None]), r"cameras\[1\] must be a"),
+        (
+            [CAMERA, rj.MatrixCamera.from_intrinsics(9, 9, 5, 5, (10, 10))],
+            r"cameras\[1\]: size must have the aspect of 10 x 10",
+        ),
+    ],
+)
+def test_cameras_are_checked_before_anything_is_drawn(scene, cameras, message, monkeypatch):
+    monkeypatch.setattr("rasterjit.rendering.renderer.draw_frame", None)
+    with pytest.raises(ValueError, match=message):
+        rj.render_batch(scene, cameras, size=SIZE)
+
+
+def test_arrays_given_share_no_memory(scene):
+    room = np.zeros((2, 28, 40, 4), np.uint8)
+    out = {"color": room, "depth": room.view(np.float32)[..., 0]}
+    with pytest.raises(ValueError, match=r"out\['color'\] must not share memory with out\['depth'"):
+        rj.render_batch(scene, around(2), size=SIZE, outputs=("color", "depth"), out=out)
+    places = np.tile(np.eye(4), (28 * 40 // 8 * 2, 3, 1, 1))
+    count = len(places)
+    out = {"linear": places.reshape(-1).view(np.float32)[: count * 24].reshape(count, 3, 2, 4)}
+    with pytest.raises(ValueError, match="share memory with transforms"):
+        rj.render_batch(
+            scene, [CAMERA] * count, size=(2, 3), outputs=("linear",), out=out, transforms=places
+        )
+
+
+def test_what_is_not_in_view_is_told_once(scene):
+    away = rj.PerspectiveCamera(eye=(0.0, 0.0, 9.0), target=(0.0, 0.0, 20.0))
+    with pytest.warns(rj.ViewWarning) as told:
+        rj.render_batch(scene, [away, CAMERA, away], size=SIZE, threads=1)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+
+
+def test_threads_end_with_the_call(scene):
+    rj.render_batch(scene, around(9), size=SIZE, threads=3)
+    assert not [one for one in threading.enumerate() if one.name.startswith("rasterjit-batch")]
+
+
+PROGRAM = """
+import sys, time
+import numpy as np
+import rasterjit as rj
+
+scene = rj.load(sys.argv[2])
+camera = rj.PerspectiveCamera((0, 1, 9), (0, 0, 0))
+rj.render_batch(scene, [camera] * 4, size=(64, 64), threads=int(sys.argv[1]))
+print("begun", flush=True)
+try:
+    rj.render_batch(scene, [camera] * 400_000, size=(64, 64), threads=int(sys.argv[1]))
+except KeyboardInterrupt:
+    print("ended", flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends no SIGINT to one process")
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_ctrl_c_ends_it_within_a_second(threads):
+    with subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, threads, MODELS / "torus_knot.obj"],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as running:
+        assert running.stdout.readline() == "begun\n"
+        time.sleep(3.0)
+        running.send_signal(signal.SIGINT)
+        sent = time.perf_counter()
+        assert running.stdout.readline() == "ended\n"
+        assert time.perf_counter() - sent < 1.0
+    assert running.returncode == 0

@@ -1,0 +1,262 @@
+"""Views drawn in groups: the bits of `rj.render`, whatever is seen, from wherever it is."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.rendering import batch, together
+from rasterjit.runtime import jit
+from rasterjit.scene import transforms
+from rasterjit.survey import placement
+from rasterjit.survey.many_views import find_in_view, place_many, view_many
+from tests.rendering.test_batch import MODELS, around, check, scene
+
+__all__ = ["scene"]
+
+in_groups = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="needs machine code")
+ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
+SHADINGS = "unlit", "flat", "gouraud", "phong", "pbr"
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Return the numbers of the views that are drawn one by one."""
+    numbers, draw = [], batch.OneByOne.__call__
+
+    def noted(self, group):
+        numbers.extend(group)
+        return draw(self, group)
+
+    monkeypatch.setattr(batch.OneByOne, "__call__", noted)
+    return numbers
+
+
+def random_cameras(count, seed):
+    """Return cameras of all kinds: near and far, inside of things, looking anywhere."""
+    rng, made = np.random.default_rng(seed), []
+    for n in range(count):
+        eye = rng.normal(0.0, (0.5, 2.0, 4.0)[n % 3], 3)
+        target = rng.normal(0.0, 0.7, 3)
+        up = rng.normal(0.0, 1.0, 3)
+        near = (None, 0.3, 1e-3)[rng.integers(3)]
+        far = (math.inf, 50.0, 5.0)[rng.integers(3)]
+        kind = n % 5
+        if kind in (0, 1):
+            made.append(
+                rj.PerspectiveCamera(eye, target, up, float(rng.uniform(20, 110)), near, far)
+            )
+        elif kind == 2:
+            far = (None, 50.0)[rng.integers(2)]
+            made.append(rj.OrthographicCamera(eye, target, up, float(rng.uniform(1, 5)), far=far))
+        else:
+            view = transforms.look_at(eye, target, up)
+            own = rj.PerspectiveCamera(eye, target, up, near=near or 0.1, far=far)
+            clip = own.projection_matrix((40, 28))
+            if kind == 3:
+                clip = rj.OrthographicCamera(eye, target, up).projection_matrix((40, 28))
+            # Sheared, mirrored, off the middle.
+            clip[0, 1], clip[0, 2] = rng.normal(0.0, 0.1, 2)
+            clip[0] *= rng.choice((-1.0, 1.0))
+            is_open = bool(kind == 4 and rng.integers(2) and near is None)
+            made.append(rj.MatrixCamera(view, clip, (40, 28), is_open))
+    return made
+
+
+def check_quietly(*arguments, **options):
+    """Hold a batch against renders of each view; given planes may cut."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.ViewWarning)
+        return check(*arguments, **options)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_camera_shows_the_same(scene, seed, alone):
+    cameras = random_cameras(90, seed)
+    check_quietly(scene, cameras, outputs=("color", "depth", "distance", "face_id"), threads=2)
+    if not (jit.DISABLED or jit.CHECKED):
+        assert 0 < len(alone) < 80
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_any_camera_shows_moved_objects_the_same(scene, seed):
+    rng = np.random.default_rng(seed)
+    places = np.tile(np.eye(4), (60, 3, 1, 1))
+    places[..., :3, :] += rng.normal(0.0, 0.4, (60, 3, 3, 4))
+    places[::7, 1, :3, :3] = 0.0
+    cameras = random_cameras(60, seed + 10)
+    check_quietly(scene, cameras, places, outputs=("color", "depth", "normal", "position"))
+
+
+@in_groups
+def test_cameras_outside_are_all_drawn_in_groups(scene, alone):
+    outputs = tuple(together.BY_KERNEL)
+    check(scene, around(40), outputs=outputs, threads=2)
+    assert alone == []
+
+
+@in_groups
+def test_cameras_that_look_away_from_some_objects_are(scene, alone):
+    # Objects behind the eye have vertices that would have to be cut, if they were in view.
+    for n in range(12):
+        turn = transforms.rotate_y(30.0 * n)
+        scene.add(
+            scene.nodes[0].mesh,
+            transforms.compose(turn, transforms.translate((9, 0, 0)), transforms.scale((0.3,) * 3)),
+        )
+    cameras = [
+        rj.PerspectiveCamera((0.0, 4.0, 0.0), (9 * math.cos(a), 3.0, 9 * math.sin(a)), fov_y=30.0)
+        for a in np.linspace(0.0, 6.0, 20).tolist()
+    ]
+    check(scene, cameras, outputs=("color", "depth"))
+    assert len(alone) < 4
+
+
+@in_groups
+@pytest.mark.parametrize("shading", SHADINGS)
+@pytest.mark.parametrize("lights", ["none", "sun", "lamps", "dark"])
+def test_every_shading_and_light_is_drawn_in_groups(shading, lights, alone):
+    scene = rj.Scene()
+    knot = rj.load(MODELS / "torus_knot.obj").nodes[0].mesh
+    colors = np.random.default_rng(3).random((len(knot.faces), 3))
+    material = rj.Material(shading, "orange", specular=0.4) if shading != "pbr" else rj.Material(
+        "pbr", "orange", metallic=0.5, roughness=0.4
+    )  # fmt: skip
+    scene.add(rj.Mesh(knot.vertices, knot.faces, colors=colors, material=material))
+    scene.lights = {
+        "none": [],
+        "sun": [rj.DirectionalLight((1, -2, -1)), rj.AmbientLight(intensity=0.2)],
+        "lamps": [
+            rj.PointLight((2, 3, 1), "red"), rj.DirectionalLight(intensity=0.0),
+            rj.PointLight((-1e30, 3, 1), intensity=0.4),
+        ],
+        "dark": [rj.AmbientLight(intensity=0.0)],
+    }[lights]  # fmt: skip
+    cameras = [*around(7, 12.0), rj.OrthographicCamera((3, 9, 9), (0, 0, 0), height=9.0)]
+    check(scene, cameras, outputs=("color", "linear"))
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize(
+    ("quality", "options", "change"),
+    [
+        (rj.Quality(precision="float32"), {}, {}),
+        (rj.Quality(interpolation="affine"), {"outputs": ("color", "uv", "barycentric")}, {}),
+        (rj.Quality(subpixel_bits=0), {}, {}),
+        (rj.Quality.draft(), {}, {}),
+        (None, {"cull": "back"}, {}),
+        (None, {"cull": "front", "background": "transparent"}, {}),
+        (None, {"background": (0.2, 0.4, 0.6)}, {"tone_map": rj.ToneMap("neutral", 0.5)}),
+        (None, {"outputs": ("object_id",)}, {}),
+        (None, {"outputs": ("distance", "normal"), "size": (131, 67)}, {}),
+        (None, {"outputs": ("depth", "color"), "size": (200, 150)}, {}),
+        (None, {"size": (1, 1)}, {}),
+    ],
+)
+def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
+    for name, value in change.items():
+        setattr(scene, name, value)
+    scene.nodes[1].mesh.material = replace(scene.nodes[1].mesh.material, double_sided=False)
+    check(scene, around(6), quality=quality, **{"outputs": ("color", "depth"), **options})
+    assert alone == []
+
+
+@pytest.mark.parametrize(
+    ("quality", "change", "options"),
+    [
+        (rj.Quality(samples=4), {}, {}),
+        (rj.Quality(samples="area"), {}, {}),
+        (rj.Quality(samples=64), {}, {}),
+        (rj.Quality(depth_format="float64"), {}, {}),
+        (rj.Quality(depth_format="unorm24"), {}, {}),
+        (rj.Quality(renormalize=False), {}, {}),
+        (None, {"fog": rj.Fog(density=0.2, mode="exp")}, {}),
+        (None, {"outline": rj.Outline()}, {}),
+        (None, {"wireframe": rj.Wireframe()}, {}),
+        (None, {"vignette": rj.Vignette()}, {}),
+        (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
+        (None, {"environment": rj.Environment.gradient()}, {}),
+        (None, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}, {}),
+        (None, {"lights": [rj.PointLight((0, 2, 0), range=3.0)]}, {}),
+        (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
+        (None, {"glass": 0.5}, {}),
+        (None, {"mask": 0.5}, {}),
+        (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),
+    ],
+)
+def test_what_is_drawn_one_by_one_is_the_same(scene, quality, change, options):
+    for name, value in change.items():
+        if name in ("glass", "mask"):
+            own = {"alpha_mode": "blend" if name == "glass" else "mask"}
+            mesh = scene.nodes[2].mesh
+            mesh.material = replace(mesh.material, base_color=(0.5, 0.2, 0.1, value), **own)
+        else:
+            setattr(scene, name, value)
+    check(scene, around(3), quality=quality, outputs=("color", "depth"), **options)
+
+
+@in_groups
+def test_longer_lists_than_there_is_room_for_are_drawn_one_by_one(alone):
+    rng = np.random.default_rng(5)
+    # Every face reaches all tiles of the picture, and there are more tiles than lists have room.
+    corners = rng.uniform(-1.0, 1.0, (9000, 3, 3)) * (0.1, 0.1, 0.5)
+    corners += [(-9, -6, 0), (9, -6, 0), (0, 12, 0)]
+    scene = rj.Scene()
+    scene.add(rj.Mesh(corners.reshape(-1, 3), np.arange(27000).reshape(-1, 3)))
+    camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0))
+    check(scene, [camera], outputs=("face_id",), size=(64, 64))
+    assert alone == []
+    check(scene, [camera], outputs=("face_id",), size=(384, 384))
+    assert alone == [0]
+
+
+@in_groups
+def test_kinds_of_views_beyond_those_kept_are_drawn_one_by_one(scene, alone, monkeypatch):
+    monkeypatch.setattr(together, "MOST_KINDS", 1)
+    cameras = [
+        rj.PerspectiveCamera((1.4, 0.2, 4.0), (1.4, 0.2, 0.0), fov_y=3.0),
+        rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
+    ]
+    check(scene, cameras, outputs=("color",), threads=1)
+    assert alone == [1]
+
+
+def test_matrices_of_many_views_have_the_bits_of_each(scene):
+    cameras = random_cameras(200, 4)
+    rng = np.random.default_rng(6)
+    moved = np.tile(np.eye(4), (200, 3, 1, 1))
+    moved[..., :3, :] += rng.normal(0.0, 0.5, (200, 3, 3, 4))
+    places = place_many(moved)
+    views = view_many(
+        moved, np.array([camera.eye_position() for camera in cameras]),
+        np.array([camera.view_matrix() for camera in cameras]),
+        np.array([camera.projection_matrix((40, 28)) for camera in cameras]),
+    )  # fmt: skip
+    bounds = placement.mesh_boxes([node.mesh for node in scene.nodes])
+    in_view, largest = find_in_view(bounds, views)
+    for n, camera in enumerate(cameras):
+        own = placement.place_objects(list(moved[n]))
+        wanted = placement.view_places(own, camera, (40, 28))
+        for name in ("relative_from_model", "clip_from_relative", "toward_viewer"):
+            assert getattr(views, name)[n].tobytes() == getattr(wanted, name).tobytes(), name
+        assert views.screen_turn[n] == wanted.screen_turn
+        assert places.normal_matrices[n].tobytes() == wanted.normal_matrices.tobytes()
+        assert places.mirrored[n].tobytes() == wanted.mirrored.tobytes()
+        boxes = placement.Boxes(bounds, camera.eye_position(), *wanted[:2])
+        assert in_view[n].tolist() == boxes.in_view.tolist()
+        assert largest[n] == boxes.largest_w()
+        for cull in ("none", "back", "front"):
+            single = np.array([False, True, False])
+            turns = together.cull_objects_of_many(
+                cull, views.screen_turn[n : n + 1, np.newaxis], places.mirrored[n : n + 1], single
+            )
+            one = placement.cull_objects(cull, wanted, np.arange(4), single)
+            assert turns[0].tolist() == one.culled_turns.tolist()
+    assert 0 < in_view.sum() < in_view.size
