@@ -55,7 +55,7 @@ from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLi
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
-from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import CLEARANCE
 from rasterjit.survey.contents import Contents
 from rasterjit.survey.effect import Active, Effect
@@ -68,7 +68,7 @@ from rasterjit.survey.many_views import (
     place_many,
     view_many,
 )
-from rasterjit.survey.placement import Places, place_objects
+from rasterjit.survey.placement import Places
 from rasterjit.survey.plan import RenderPlan
 
 Float64 = NDArray[np.float64]
@@ -223,8 +223,10 @@ class Together:
                 self._plans[kind] = plan if fits else None
             return self._plans.get(kind)
 
-    def prepare(self, cameras: Sequence[Camera], places: Float64 | None) -> Prepared:
-        """Prepare some views, with the places of their objects, (N, O, 4, 4), if these move."""
+    def prepare(
+        self, numbers: Sequence[int], cameras: Sequence[Camera], places: Float64 | None
+    ) -> Prepared:
+        """Prepare some views, with the places of objects, (N, O, 4, 4), if these move."""
         count = len(cameras)
         known = self.cache.places if places is None else place_many(exact_last_rows(places))
         if places is None:
@@ -233,7 +235,7 @@ class Together:
         view = np.array([camera.view_matrix() for camera in seen])
         is_plain, far = self._are_plain(seen, view, known, places is not None)
         for n in np.flatnonzero(~is_plain).tolist():
-            camera = self._look(seen[n], None if places is None else known.world_from_model[n])
+            camera = self._look(seen[n], numbers[n])
             is_plain[n], seen[n] = camera is not None, camera or seen[n]
         eyes = np.array([camera.eye_position() for camera in seen])
         projection = np.array([self.projections.of(camera) for camera in seen])
@@ -269,13 +271,12 @@ class Together:
             low, high = boxes_around(self.cache.shapes.boxes, places.world_from_model)
         return are_between(low, high, view, near, far), own
 
-    def _look(self, camera: Camera, places: Float64 | None) -> Camera | None:
-        """Return a camera with its planes where they cut nothing; None: they do, or may."""
-        cache, (size, quality, *_) = self.cache, self.options
-        if places is not None:
-            cache = cache._replace(places=place_objects(places))
+    def _look(self, camera: Camera, number: int) -> Camera | None:
+        """Return the camera of a view with its planes where they cut nothing; None: they may."""
+        scene, (size, quality, *_) = self._scene_of(number), self.options
+        cache = prepare(scene.nodes, self.cache, quality, scene.environment is not None)
         try:
-            look = look_from(self.scene, camera, size, quality, cache)
+            look = look_from(scene, camera, size, quality, cache)
         except ValueError:
             return None
         return None if look.cut else settled(camera, *look.steps)
@@ -709,7 +710,7 @@ class Drawer:
             Where the objects stand in each; None: as in the scene.
         """
         shared = self._shared
-        prepared = shared.prepare(cameras, places)
+        prepared = shared.prepare(numbers, cameras, places)
         left, totals, told = [], [], {}
         of_kinds: dict[tuple, list[int]] = {}
         for n, kind in enumerate(prepared.kinds):
