@@ -48,6 +48,7 @@ from rasterjit.pipeline.surface.samples import (
     FIRST,
     ROW,
     UNSURE,
+    VECTOR,
     VERTEX_ROWS,
     WHOLE_ROWS,
     A,
@@ -476,7 +477,8 @@ def keep(n, owner, holes):
 
 def alpha_memory(room: int = PART) -> tuple[Any, ...]:
     """Return the memory that a thread needs to find the alphas of so many samples together."""
-    room = whole_vectors(room) + LANES
+    # `whole_vectors`, which is compiled; called here, it would wait for Numba.
+    room = -(-room // VECTOR) * VECTOR + LANES
     return (
         np.empty((WHOLE_ROWS, room), np.int32),
         np.empty((VERTEX_ROWS, room), np.float64),
