@@ -408,9 +408,9 @@ def product_of(first: list[list[float]], *others: list[list[float]]) -> list[lis
     return product
 
 
-def compose_each(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def product_of_each(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """
-    Return the product of two matrices each, the same bits as `compose`.
+    Return the product of two matrices each, the same bits as `product_of`.
 
     Parameters
     ----------
@@ -421,13 +421,10 @@ def compose_each(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDA
     (N, 4, 4) float64
         Not finite where the product overflows.
     """
-    product = np.broadcast_to(np.eye(4), first.shape)
+    x, y, z, w = (first[:, :, k, np.newaxis] for k in range(4))
+    a, b, c, d = (second[:, k, np.newaxis, :] for k in range(4))
     with np.errstate(all="ignore"):
-        for b in (first, second):
-            x, y, z, w = (product[:, :, k, np.newaxis] for k in range(4))
-            b0, b1, b2, b3 = (b[:, k, np.newaxis, :] for k in range(4))
-            product = ((x * b0 + y * b1) + z * b2) + w * b3
-    return product
+        return ((x * a + y * b) + z * c) + w * d
 
 
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:

@@ -59,7 +59,7 @@ def view_many(
     relative[:, :, :3, 3] -= eyes[:, np.newaxis]
     moves = np.tile(np.eye(4), (count, 1, 1))
     moves[:, :3, 3] = eyes
-    view_from_relative = transforms.compose_each(view_from_world, moves)
+    view_from_relative = transforms.product_of_each(view_from_world, moves)
     is_parallel = ~clip_from_view[:, 3, :3].any(axis=1)
     away = np.where(is_parallel[:, np.newaxis], clip_from_view[:, 2, :3], clip_from_view[:, 3, :3])
     toward_viewer = np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
@@ -69,7 +69,7 @@ def view_many(
     toward_viewer[is_parallel, :3], toward_viewer[is_parallel, 3] = along[is_parallel], 0.0
     screen = np.concatenate((clip_from_view[:, :2, :3], away[:, np.newaxis]), axis=1)
     handedness = _turns(screen) * _turns(view_from_relative[:, :3, :3])
-    clip_from_relative = transforms.compose_each(clip_from_view, view_from_relative)
+    clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
     finite = (view_from_relative, clip_from_relative)
     return ManyViews(
         relative, clip_from_relative, toward_viewer, np.where(handedness < 0.0, 1, -1),

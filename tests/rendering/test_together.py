@@ -249,7 +249,8 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         assert views.screen_turn[n] == wanted.screen_turn
         assert places.normal_matrices[n].tobytes() == wanted.normal_matrices.tobytes()
         assert places.mirrored[n].tobytes() == wanted.mirrored.tobytes()
-        boxes = placement.Boxes(bounds, camera.eye_position(), *wanted[:2])
+        extents = placement.Extents(bounds, moved[n])
+        boxes = placement.Boxes(extents, camera.eye_position(), *wanted[:2])
         assert in_view[n].tolist() == boxes.in_view.tolist()
         assert largest[n] == pytest.approx(boxes.largest_w())
         for cull in ("none", "back", "front"):
