@@ -371,9 +371,15 @@ def find_visible(
     if alpha_tests is not None:
         geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
-    starts, binned, tile_depths, sums = set_up_and_bin(
-        all_faces, objects, screen, viewport, workers, alpha_tests, depth_type
-    )
+    lists = None
+    if find_faces or keep_lists:
+        starts, binned, tile_depths, sums = set_up_and_bin(
+            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type
+        )
+        if keep_lists:
+            lists = TileLists(starts, binned, all_faces, objects)
+    else:
+        sums = set_up(all_faces, objects, screen, viewport, workers).sums
     clock("set up, bin")
     if depth is None:
         depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
@@ -388,7 +394,6 @@ def find_visible(
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
-    lists = TileLists(starts, binned, all_faces, objects) if keep_lists else None
     return Coverage(depth, face_id, screen, clip_positions, totals, lists, alpha_tests)
 
 
@@ -416,12 +421,11 @@ def kernels_of(
         ("clipping.clip_faces", "", crossed),
         ("projection.project_clipped_vertices", "", crossed),
         ("setup.set_up_triangles", "", ""),
-        ("binning.start_lists", "", ""),
-        ("binning.bin_triangles", "", ""),
-        ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
     ]
     if find_faces:
         rows += [
+            ("binning.start_lists", "", ""), ("binning.bin_triangles", "", ""),
+            ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
             ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
             ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
@@ -448,18 +452,26 @@ def geometry_of(
     return Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
 
 
-def set_up_and_bin(
-    faces: Faces,
-    objects: Objects,
-    screen: ScreenVertices,
-    viewport: Viewport,
-    workers: Workers,
-    alpha_tests: AlphaTests | None = None,
-    depth_type: Any = np.float32,
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
-    """Return each tile's start in the list of triangles, that list, tile depths, and totals."""
-    columns = -(-viewport.width // setup.TILE_SIZE)
-    tiles = columns * -(-viewport.height // setup.TILE_SIZE)
+class SetUp(NamedTuple):
+    """Which triangles may be seen, and where."""
+
+    triangles: NDArray[np.int32]
+    """Their numbers, those of each part packed to its front."""
+    boxes: NDArray[np.uint8]
+    """(T, 4): the tiles around each."""
+    parts: list[slice]
+    """Where the triangles of each task lie."""
+    counts: NDArray[np.int32]
+    """(parts, tiles + 1): triangles of each tile, and how many cover whole tiles."""
+    sums: NDArray[np.int64]
+    """(5,): what became of the others."""
+
+
+def set_up(
+    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
+) -> SetUp:
+    """Cull faces, and find the tiles of those that may be seen."""
+    columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     edges = [*range(0, face_count, FACES_PER_TASK), face_count]
     chunks = len(edges) - 1
@@ -481,10 +493,25 @@ def set_up_and_bin(
             for n in range(chunks)
         ],
     )  # fmt: skip
-    starts, cursors = np.empty(tiles + 1, np.int64), np.empty((chunks, tiles), np.int64)
+    parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
+    return SetUp(triangles, boxes, parts, counts, sums.sum(axis=0))
+
+
+def set_up_and_bin(
+    faces: Faces,
+    objects: Objects,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    workers: Workers,
+    alpha_tests: AlphaTests | None = None,
+    depth_type: Any = np.float32,
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
+    """Return each tile's start in the list of triangles, that list, tile depths, and totals."""
+    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers)
+    columns, tiles = _tiles_of(viewport)
+    starts, cursors = np.empty(tiles + 1, np.int64), np.empty((len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
     binned = workers.memory.empty((int(starts[-1]),), np.int32)
-    parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
     workers.run(
         binning.bin_triangles,
         [
@@ -508,7 +535,13 @@ def set_up_and_bin(
             for row, n in enumerate(with_large)
         ],
     )  # fmt: skip
-    return starts, binned, tile_depths.max(axis=0), sums.sum(axis=0)
+    return starts, binned, tile_depths.max(axis=0), sums
+
+
+def _tiles_of(viewport: Viewport) -> tuple[int, int]:
+    """Return the columns of tiles of a picture, and its tiles."""
+    columns = -(-viewport.width // setup.TILE_SIZE)
+    return columns, columns * -(-viewport.height // setup.TILE_SIZE)
 
 
 def draw(
