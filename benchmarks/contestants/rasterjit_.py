@@ -145,18 +145,15 @@ class Pictures:
         )  # fmt: skip
         self._picture, self._stats = getattr(frame, self._output), frame.stats
 
-    def draw_batch(self, numbers: Sequence[int]) -> bool:
-        """Draw some views together; return whether this version can."""
+    def draw_batch(self, numbers: Sequence[int]) -> None:
+        """Draw some views together."""
         import rasterjit as rj
 
-        if not hasattr(rj, "render_batch"):
-            return False
         rj.render_batch(
             self._scene, [self._cameras[number] for number in numbers], size=self._size,
             outputs=(self._output,), quality=self._quality, background="transparent",
             cull=self._cull, threads=self._threads,
         )  # fmt: skip
-        return True
 
     def stages(self) -> dict[str, float]:
         """Return the seconds of each stage of the last picture."""
