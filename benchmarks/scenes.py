@@ -286,8 +286,6 @@ def teapot() -> TriangleScene:
 
 
 SCENES: dict[str, Callable[[], Scene]] = {
-    "batch_64": partial(batch_of, 64),
-    "batch_128": partial(batch_of, 128),
     "fill_back_to_front": partial(smooth_quads, "back_to_front"),
     "fill_front_to_back": partial(smooth_quads, "front_to_back"),
     "mesh_70k": mesh_70k,

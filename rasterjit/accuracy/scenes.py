@@ -226,7 +226,9 @@ def gradients() -> MadeScene:
     shares = _wave(vertices[:, [0]] * 0.31 + vertices[:, [2]] * 0.17 + np.array([0.0, 0.3, 0.6]))
     scene = Scene()
     material = Material(shading="unlit", base_color="white")
-    scene.add(Mesh(vertices, faces, colors=shares**3, material=material), name="ground")
+    scene.add(
+        Mesh(vertices, faces, colors=shares * shares * shares, material=material), name="ground"
+    )
     return MadeScene(scene, PerspectiveCamera((0.2, 2.1, 3.6), (0.0, 0.0, 0.0)))
 
 

@@ -660,7 +660,7 @@ def _current_sources(kernel: str) -> str | None:
     """Return the hash of the sources of a kernel as they are now; None if there are none."""
     try:
         return sources_hash(kernel.rpartition(".")[0])
-    except (KeyError, OSError):
+    except (AttributeError, KeyError, OSError):
         return None
 
 

@@ -161,8 +161,13 @@ def are_between(
     rows = -view_from_world[:, 2]
     with np.errstate(all="ignore"):
         ends = np.stack((rows[:, :3] * low, rows[:, :3] * high))
-        nearest = rows[:, 3] + ends.min(axis=0).sum(axis=1)
-        farthest = rows[:, 3] + ends.max(axis=0).sum(axis=1)
-        doubt = SURE * (np.abs(rows[:, 3]) + np.abs(ends).max(axis=0).sum(axis=1))
+        nearest = rows[:, 3] + _added(ends.min(axis=0))
+        farthest = rows[:, 3] + _added(ends.max(axis=0))
+        doubt = SURE * (np.abs(rows[:, 3]) + _added(np.abs(ends).max(axis=0)))
         # What is not a number is not sure.
         return (nearest >= near + doubt) & (farthest <= far - doubt)
+
+
+def _added(terms: Float64) -> Float64:
+    """Return the sum of each row of (N, 3), from the left."""
+    return (terms[:, 0] + terms[:, 1]) + terms[:, 2]

@@ -664,6 +664,8 @@ ELSEWHERE = {
     "masks": "a module; tests/outputs/test_masks.py refuses its bad input",
     "distributed": "a module; tests/distributed refuses its bad input",
     "render_many": "it renders as render does; tests/distributed/test_many.py refuses bad input",
+    "render_batch": "it renders as render does; tests/rendering/test_batch.py refuses bad input",
+    "Batch": "what render_batch returns",
     "show": "it opens windows; the viewer's tests refuse its bad input",
 }
 """Public names that no test here calls, with the reason."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import blocks
 import naive_environment as naive
@@ -29,7 +28,7 @@ FOGS = [
 
 def cover(samples, record, viewer):
     """Cover samples with fog."""
-    look = Look(SimpleNamespace(toward_viewer=viewer), None, None)
+    look = Look(None, None, None, viewer)
     blocks.run(samples, *((one, *own) for one, own in FOG.places["sample"](record, look)))
 
 

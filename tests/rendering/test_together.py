@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from batches import MODELS, around, check, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
@@ -16,9 +17,13 @@ from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
 from rasterjit.survey.many_views import find_in_view, place_many, view_many
-from tests.rendering.test_batch import MODELS, around, check, scene
 
-__all__ = ["scene"]
+
+@pytest.fixture
+def scene():
+    """Return three objects: smooth, with colours of vertices, and with a texture."""
+    return mixed_scene()
+
 
 in_groups = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="needs machine code")
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)

@@ -158,7 +158,7 @@ def multiply_face_colors_below_highlights(
 
 
 @helper
-def mean(weights, value0, value1, value2):
+def weighted(weights, value0, value1, value2):
     """
     Return the weighted mean of values that are not negative, held to their range.
 
@@ -234,9 +234,9 @@ def multiply_float32_colors(
     """Multiply colours by those of the vertices, interpolated in float32."""
     for n in range(red.shape[0]):
         weights = first[n], second[n], third[n]
-        red[n] *= mean(weights, ra[n], rb[n], rc[n])
-        green[n] *= mean(weights, ga[n], gb[n], gc[n])
-        blue[n] *= mean(weights, ba[n], bb[n], bc[n])
+        red[n] *= weighted(weights, ra[n], rb[n], rc[n])
+        green[n] *= weighted(weights, ga[n], gb[n], gc[n])
+        blue[n] *= weighted(weights, ba[n], bb[n], bc[n])
 
 
 @disjoint_helper
@@ -244,9 +244,9 @@ def multiply_float32_along_span(red, green, blue, first, second, third, at_a, at
     """Multiply the colours of one face by those of its vertices, interpolated in float32."""
     for n in range(red.shape[0]):
         weights = first[n], second[n], third[n]
-        red[n] *= mean(weights, at_a[0], at_b[0], at_c[0])
-        green[n] *= mean(weights, at_a[1], at_b[1], at_c[1])
-        blue[n] *= mean(weights, at_a[2], at_b[2], at_c[2])
+        red[n] *= weighted(weights, at_a[0], at_b[0], at_c[0])
+        green[n] *= weighted(weights, at_a[1], at_b[1], at_c[1])
+        blue[n] *= weighted(weights, at_a[2], at_b[2], at_c[2])
 
 
 @helper
