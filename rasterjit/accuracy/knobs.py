@@ -181,8 +181,6 @@ def _not_in_float32(plan: RenderPlan) -> str | None:
         return "no mesh has colours of its vertices"
     if contents.unlit < contents.objects or contents.blended or contents.has_textures:
         return "an object is lit, textured or blended: colours are interpolated in float64"
-    if plan.facts.asked["fog"] is not None:
-        return "the scene has fog: colours are interpolated in float64"
     return None
 
 

@@ -8,6 +8,7 @@ its last.
 from __future__ import annotations
 
 import copy
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -53,6 +54,9 @@ VIEWS_PER_GROUP = 32
 WORK_PER_GROUP = 1 << 21
 """Faces and pixels, about, after which a group ends: far less than a second's work."""
 
+PIXEL_BYTES = 4
+"""What the addresses of arrays are multiples of: a pixel is written as one word."""
+
 MATRIX_WORK = 64
 """What an object costs beside a face: its matrices are found for all views of a group at once."""
 
@@ -78,9 +82,12 @@ def render_batch(
     Render many views of one scene into arrays that hold all of them.
 
     Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
-    pictures: what views have in common is decided and prepared once, and views are shared among
-    threads. Memory beyond the result does not grow with the number of views. Ctrl-C ends it when
-    the views are done that threads are just drawing.
+    pictures: what views have in common is decided and prepared once a call, and views are shared
+    among threads. Opaque faces of one sample a pixel are drawn in machine code from view to view.
+    Views in which a face is cut at the near plane or far outside the picture, and those with
+    shadows, fog, transparency, overlays or several samples, are drawn one by one as `render` draws
+    them, in about its time. Memory beyond the result does not grow with the number of views.
+    Ctrl-C ends it when the views are done that threads are just drawing.
 
     Parameters
     ----------
@@ -209,9 +216,11 @@ def check_out(
             raise ValueError(f"{what}n array, got {in_short(array)}")
         if array.shape != shape or array.dtype != np.dtype(dtype) or not array.dtype.isnative:
             raise ValueError(f"{what} {shape} {dtype} array, got {array.shape} {array.dtype}")
-        if not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
+        is_aligned = array.flags.aligned and array.ctypes.data % PIXEL_BYTES == 0
+        if not (array.flags.c_contiguous and is_aligned and array.flags.writeable):
             raise ValueError(
-                f"{what} C-contiguous, aligned and writable array, got one that is not"
+                f"{what} C-contiguous and writable array at an address that is a multiple of "
+                f"{PIXEL_BYTES}, got one that is not"
             )
     held = [(f"out[{name!r}]", array) for name, array in given.items()]
     others = held if places is None else [*held, ("transforms", places)]
@@ -294,17 +303,22 @@ def in_threads(
     if workers == 1 or len(groups) == 1:
         yield from map(make(), groups)
         return
-    waiting, is_over = iter(groups), False
+    waiting, is_over = iter(groups), threading.Event()
 
     def draw() -> list[Drawn]:
-        drawer, done = make(), []
-        while not is_over:
-            # One thread at a time takes the next.
-            group = next(waiting, None)
-            if group is None:
-                break
-            done.append(drawer(group))
-        return done
+        try:
+            drawer, done = make(), []
+            while not is_over.is_set():
+                # One thread at a time takes the next.
+                group = next(waiting, None)
+                if group is None:
+                    break
+                done.append(drawer(group))
+            return done
+        except BaseException:
+            # What stops one stops all.
+            is_over.set()
+            raise
 
     with ThreadPoolExecutor(workers, thread_name_prefix="rasterjit-batch") as pool:
         tasks = [pool.submit(draw) for _ in range(min(workers, len(groups)))]
@@ -313,7 +327,7 @@ def in_threads(
                 yield from task.result()
         finally:
             # Whatever ends the caller ends all of them, after what they just draw.
-            is_over = True
+            is_over.set()
 
 
 class OneByOne:

@@ -65,10 +65,12 @@ def surface_steps(
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
     materials = surface.materials
+    steps = []
     if surface.in_float32:
-        steps = [Step(float32_weights.find_float32_weights, (geometry,))]
-    else:
-        steps = [Step(weights.find_weights, (geometry, placement))]
+        steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
+    # Points are found in float64, for fog over colours in float32 as well.
+    if lighting is not None or not surface.in_float32:
+        steps.append(Step(weights.find_weights, (geometry, placement)))
     if surface.textures is not None:
         steps += coordinate_steps(surface.textures, geometry)
     steps.append(Step(attributes.tint_samples, (materials,)))

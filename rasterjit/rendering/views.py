@@ -95,32 +95,6 @@ def plan_views(
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, before)
 
 
-def replan(planned: PlannedFrame, scene: Scene, camera: Camera | None) -> PlannedFrame:
-    """
-    Plan a frame of which all is asked that was asked of an earlier one, seen by another camera.
-
-    Parameters
-    ----------
-    planned : PlannedFrame
-        As `plan_views` returned it; compared with nothing.
-    scene : Scene
-        As it is now, or another one: what has not changed is taken from the earlier frame.
-    camera : Camera or None
-
-    Raises
-    ------
-    ValueError
-        Naming the argument that is wrong.
-    """
-    plan, facts = planned.plan, planned.plan.facts
-    behind = plan.background if facts.background_image is None else facts.background_image
-    return plan_views(
-        plan.size, plan.quality, scene, camera, plan.outputs,
-        behind if facts.has_background else None, plan.cull, facts.diagnose, None, planned.cache,
-        plan,
-    )  # fmt: skip
-
-
 def settle_together(
     scene: Scene,
     cameras: Sequence[Camera],

@@ -121,9 +121,9 @@ class Quality:
     interpolation_precision : {"adaptive", "float64"}
         Arithmetic that finds the colours of pixels between those of vertices. ``"adaptive"`` takes
         float32 where that moves a colour by at most a millionth of itself, a ten-thousandth of an
-        8-bit step: in scenes with colours of vertices and without fog in which no object is lit,
-        textured or blended, with 1, 64 or 256 ``samples``; there on all faces that were not cut.
-        Everything else, and all outputs besides ``"color"`` and ``"linear"``, take float64 always.
+        8-bit step: with 1, 64 or 256 ``samples``, on faces that were not cut. One object of the
+        scene that is lit, textured or blended, in view or not, turns all colours to float64. The
+        outputs besides ``"color"`` and ``"linear"`` take float64 always.
 
     Raises
     ------

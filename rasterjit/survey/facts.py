@@ -154,7 +154,6 @@ class Facts:
             and contents.unlit == contents.objects
             and contents.blended == 0
             and not contents.has_textures
-            and self.asked["fog"] is None
         )
 
     @cached_property

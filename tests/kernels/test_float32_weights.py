@@ -263,13 +263,25 @@ def test_who_takes_float32():
     assert not is_quick(hills("phong"))
     glass = hills(alpha_mode="blend")
     assert not is_quick(glass)
-    foggy = hills()
-    foggy.fog = rj.Fog(mode="exp", density=0.3)
-    assert not is_quick(foggy)
     plain = rj.Scene()
     mesh = hills().nodes[0].mesh
     plain.add(rj.Mesh(mesh.vertices, mesh.faces, material=rj.Material(shading="unlit")))
     assert not is_quick(plain)
+
+
+@pytest.mark.parametrize("fog", [
+    rj.Fog(mode="exp", density=0.0), rj.Fog(mode="linear", start=1e6, end=2e6),
+])  # fmt: skip
+def test_fog_that_covers_nothing_changes_no_bit(fog):
+    scene, clear = hills(), hills()
+    scene.fog = fog
+    assert is_quick(scene)
+    camera, outputs = rj.fit_camera(clear), ("color", "linear")
+    foggy, bare = (
+        rj.render(some, camera, size=(64, 48), outputs=outputs) for some in (scene, clear)
+    )
+    assert foggy.linear.tobytes() == bare.linear.tobytes()
+    assert foggy.color.tobytes() == bare.color.tobytes()
 
 
 def test_fog_lies_over_unlit_colours_of_vertices():

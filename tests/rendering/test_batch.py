@@ -14,6 +14,7 @@ import pytest
 from batches import ALL, CAMERA, MODELS, SIZE, around, check, mixed_scene
 
 import rasterjit as rj
+from rasterjit.rendering.batch import in_threads
 
 
 @pytest.fixture
@@ -195,3 +196,25 @@ def test_ctrl_c_ends_it_within_a_second(threads):
         assert running.stdout.readline() == "ended\n"
         assert time.perf_counter() - sent < 1.0
     assert running.returncode == 0
+
+
+def test_out_at_an_address_that_pixels_do_not_start_at_is_refused(scene):
+    room = np.zeros(2 * SIZE[0] * SIZE[1] * 4 + 4, np.uint8)
+    first = -room.ctypes.data % 4 + 1
+    own = room[first : first + 2 * SIZE[0] * SIZE[1] * 4].reshape(2, SIZE[1], SIZE[0], 4)
+    with pytest.raises(ValueError, match=r"out\['color'\] must be .* a multiple of 4"):
+        rj.render_batch(scene, around(2), size=SIZE, out={"color": own})
+
+
+def test_an_error_in_one_thread_ends_the_others():
+    drawn, groups = [], [range(n, n + 1) for n in range(100)]
+
+    def draw(group):
+        if group.start == 1:
+            raise ValueError("view 1")
+        time.sleep(0.005)
+        drawn.append(group)
+
+    with pytest.raises(ValueError, match="view 1"):
+        list(in_threads(lambda: draw, groups, 2))
+    assert len(drawn) < 50
