@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import Stats, output_named
 from rasterjit.outputs.table import is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
+from rasterjit.scene.validation import in_short
 
 
 class Batch:
@@ -22,6 +23,7 @@ class Batch:
     uint8, ``depth`` (N, H, W) float32, and so on; reading one that was not asked for raises an
     error that names it. ``len`` is N; ``batch[n]`` has the arrays of one view, views of these, by
     name; a loop over it goes through all of them.
+    ``imageio.v3.imwrite("view.png", batch.color[n])`` writes a view's picture to a file.
 
     Attributes
     ----------
@@ -53,8 +55,18 @@ class Batch:
         ------
         IndexError
             If there is no such view.
+        TypeError
+            If it is no whole number.
         """
-        at = range(len(self))[operator.index(number)]
+        try:
+            index = operator.index(number)
+        except TypeError:
+            raise TypeError(_no_number(number, self._outputs)) from None
+        count = len(self)
+        if not -count <= index < count:
+            views = "1 view" if count == 1 else f"{count} views"
+            raise IndexError(f"this batch has {views}, got the number {in_short(number)}")
+        at = index % count
         return {name: array[at] for name, array in self._outputs.items()}
 
     def __iter__(self) -> Iterator[dict[str, NDArray[Any]]]:
@@ -172,3 +184,14 @@ class Batch:
 
     def _output(self, name: str) -> NDArray[Any]:
         return output_named(name, self._outputs, "batch")
+
+
+def _no_number(key: Any, outputs: Iterable[str]) -> str:
+    """Say of a key that is no whole number what gives outputs of a batch."""
+    names = [*outputs]
+    name = key if isinstance(key, str) and key in names else names[0]
+    whole = f"batch.attribute({name.removeprefix(ATTRIBUTE)!r})"
+    if not is_attribute(name):
+        whole = f"batch.{name}"
+    shown = in_short(key)
+    return f"batch[n] takes a whole number, got {shown}; {whole} is an array of all views"

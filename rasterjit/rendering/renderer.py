@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 from rasterjit.io.meshes import as_scene
@@ -43,7 +43,7 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size, positive_number, thread_count
+from rasterjit.scene.validation import image_size, in_short, positive_number, thread_count
 from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
@@ -361,6 +361,20 @@ def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
     return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
 
 
+def _callable_or_none(name: str, value: Any) -> Any:
+    """Return something that can be called, or ``None``; raise ``ValueError`` for anything else."""
+    if value is not None and not callable(value):
+        raise ValueError(f"{name} must be a function or None, got {in_short(value)}")
+    return value
+
+
+def _set_or_none(name: str, value: Any) -> set[str] | None:
+    """Return a set as it is, or ``None``; raise ``ValueError`` for anything else."""
+    if value is not None and not isinstance(value, set):
+        raise ValueError(f"{name} must be a set or None, got {in_short(value)}")
+    return value
+
+
 class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
@@ -387,17 +401,23 @@ class Renderer(Guarded):
     Raises
     ------
     ValueError
-        If the size or the number of threads is wrong.
+        If a size, a quality or a number of threads is wrong, or what an attribute is assigned.
     AttributeError
         If an attribute is assigned that there is not.
     """
 
     _FIELDS = ("size", "quality", "before_picture", "told")
+    _CHECKS = MappingProxyType({
+        "size": image_size,
+        "quality": lambda _, value: check_quality(value),
+        "before_picture": _callable_or_none,
+        "told": _set_or_none,
+    })  # fmt: skip
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
     ) -> None:
-        self.size = image_size("size", size)
+        self.size = size
         self.quality = check_quality(quality)
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None

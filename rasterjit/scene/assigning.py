@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 AnyClass = TypeVar("AnyClass", bound=type)
@@ -16,11 +17,13 @@ class Guarded:
 
     Names that begin with an underscore are the object's own, or those of a class made from it. A
     class lists in ``_FIELDS`` what can be assigned, apart from properties with a setter, and says
-    in ``_INSTEAD`` what to do about what it only shows.
+    in ``_INSTEAD`` what to do about what it only shows. ``_CHECKS`` has functions of fields' names
+    and values that return what is kept, or raise ``ValueError``.
     """
 
     _FIELDS: ClassVar[tuple[str, ...]] = ()
     _INSTEAD: ClassVar[str] = ""
+    _CHECKS: ClassVar[Mapping[str, Callable[[str, Any], Any]]] = MappingProxyType({})
 
     # A type checker that saw this would let every name pass.
     if not TYPE_CHECKING:
@@ -28,6 +31,9 @@ class Guarded:
         def __setattr__(self, name: str, value: Any) -> None:
             if name not in self._FIELDS and not name.startswith("_"):
                 _check_attribute(self, name)
+            check = self._CHECKS.get(name)
+            if check is not None:
+                value = check(name, value)
             super().__setattr__(name, value)
 
 

@@ -46,6 +46,17 @@ def test_views_of_a_batch_share_its_memory(scene):
     assert repr(batch) == "Batch(3 of 40 x 28: color, depth)"
 
 
+def test_a_view_that_is_not_there_is_answered_with_how_many_there_are(scene):
+    batch = rj.render_batch(scene, around(2), size=(4, 4), outputs=("depth", "color"))
+    for number in (2, -3, 1 << 80):
+        with pytest.raises(IndexError, match="this batch has 2 views, got the number"):
+            batch[number]
+    for key, name in (("depth", "depth"), ("color", "color"), (slice(1), "depth"), (0.5, "depth")):
+        with pytest.raises(TypeError, match=rf"a whole number, got .*; batch\.{name} is an array"):
+            batch[key]
+    assert batch[np.int64(-1)]["depth"] is not None
+
+
 def test_no_cameras_make_empty_arrays(scene):
     batch = rj.render_batch(scene, [], size=SIZE, outputs=("color", "uv"))
     assert (len(batch), batch.color.shape, batch.uv.shape) == (0, (0, 28, 40, 4), (0, 28, 40, 2))

@@ -165,6 +165,37 @@ def test_a_class_made_from_a_guarded_one_may_have_settings_of_its_own():
     assert renderer.title == "front"
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("size", (0, 5), "size must be two whole numbers in 1..16384, got (0, 5)"),
+        ("size", (16385, 5), "size must be two whole numbers in 1..16384"),
+        ("size", 5, "size must be (width, height)"),
+        ("quality", "high", "quality must be a rasterjit.Quality, got str"),
+        ("before_picture", 3, "before_picture must be a function or None, got 3"),
+        ("told", "view", "told must be a set or None, got 'view'"),
+        ("told", ["view"], "told must be a set or None, got list"),
+    ],
+)
+def test_what_a_renderer_is_assigned_is_checked_at_once(name, value, told):
+    renderer = rj.Renderer((8, 8))
+    before = dict(vars(renderer))
+    with pytest.raises(ValueError, match=re.escape(told)):
+        setattr(renderer, name, value)
+    assert vars(renderer) == before
+
+
+def test_what_a_renderer_is_assigned_is_kept():
+    renderer, told = rj.Renderer((8, 8)), {"view"}
+    renderer.size, renderer.told, renderer.before_picture = (4, 5), told, print
+    renderer.quality = None
+    assert (renderer.size, renderer.quality) == ((4, 5), rj.Quality.standard())
+    assert renderer.told is told
+    assert renderer.before_picture is print
+    renderer.told = renderer.before_picture = None
+    assert renderer.told is renderer.before_picture is None
+
+
 def test_no_mutable_public_class_takes_any_name():
     unguarded = {
         kind for name in rj.__all__
