@@ -23,12 +23,11 @@ def one(shading="phong", **material):
     return scene
 
 
-def colored(shading, fog=None):
+def colored(shading):
     """Return a scene of a triangle with colours of its vertices."""
     scene = rj.Scene()
     material = rj.Material(shading=shading)
     scene.add(rj.Mesh(*TRIANGLE, colors=np.eye(3), material=material))
-    scene.fog = fog
     return scene
 
 
@@ -115,7 +114,6 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("renormalize", one("unlit"), "every material in view is unlit"),
         ("interpolation_precision", one("unlit"), "no mesh has colours of its vertices"),
         ("interpolation_precision", colored("phong"), "an object is lit, textured or blended"),
-        ("interpolation_precision", colored("unlit", rj.Fog(density=1.0)), "the scene has fog"),
     ],
 )
 def test_a_setting_without_effect_has_its_reason(setting, scene, words):

@@ -136,7 +136,7 @@ class ShadowMaps(Effect):
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
         drawn = draw.kernels_of(
-            find_faces=True, keep_clip_positions=False,
+            find_faces=True, keep_lists=False, keep_clip_positions=False,
             has_alpha_tests=plan.facts.shades_through_holes,
         )  # fmt: skip
         rows = [(*row[:2], f"{cast}, {row[2]}" if row[2] else cast) for row in drawn]

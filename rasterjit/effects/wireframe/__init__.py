@@ -233,6 +233,7 @@ class Edges(Effect):
         mixed = "codes" if plan.quality.blending == "srgb8" else "light"
         rows += [
             ("coverage.project_lines", hiding, ""),
+            ("binning.start_lists", "", ""),
             ("coverage.list_lines", "", ""),
             ("coverage.cover_lines", hiding, ""),
             ("coverage.lay_lines", mixed, ""),

@@ -400,6 +400,7 @@ def find_visible(
 def kernels_of(
     *,
     find_faces: bool,
+    keep_lists: bool,
     keep_clip_positions: bool,
     has_alpha_tests: bool,
     depth_type: Any = np.float32,
@@ -422,10 +423,13 @@ def kernels_of(
         ("projection.project_clipped_vertices", "", crossed),
         ("setup.set_up_triangles", "", ""),
     ]
-    if find_faces:
+    if find_faces or keep_lists:
         rows += [
             ("binning.start_lists", "", ""), ("binning.bin_triangles", "", ""),
             ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
+        ]  # fmt: skip
+    if find_faces:
+        rows += [
             ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
             ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
