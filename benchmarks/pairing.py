@@ -239,8 +239,8 @@ def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
 
 
 @contextlib.contextmanager
-def reported(run: Run) -> Iterator[None]:
-    """Note in the run why its worker failed."""
+def reported(run: Any) -> Iterator[None]:
+    """Note in the ``missing`` of a run, this module's or the map's, why its worker failed."""
     try:
         yield
     except WorkerError as error:

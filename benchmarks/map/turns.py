@@ -27,8 +27,8 @@ from benchmarks.pairing import (
     DRAW_SECONDS,
     PREPARE_SECONDS,
     Worker,
-    WorkerError,
     package_environment,
+    reported,
 )
 from benchmarks.pictures import EXACT, agreement, differs, needed, text_of
 from benchmarks.rows import DIFFERS
@@ -120,15 +120,6 @@ def participants(wanted: Sequence[Seat], say: Callable[[str], None]) -> Iterator
             elif seat.contestant not in {other.contestant for other in wanted[:number]}:
                 say(f"{contestant(seat.contestant).NAME}: {reason}")
         yield found
-
-
-@contextlib.contextmanager
-def reported(run: Run) -> Iterator[None]:
-    """Note in a run why its process failed."""
-    try:
-        yield
-    except WorkerError as error:
-        run.missing = f"failed: {error}"
 
 
 def measure(cell: Cell, present: Sequence[Participant], seconds: float) -> Measured:
