@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import instructions as sets
 from benchmarks.contestants import contestant
 
 ROOT = Path(__file__).parent.parent
@@ -42,6 +43,8 @@ class Entry:
     contestant: str
     scene: str
     threads: int = 1
+    instructions: str = sets.NATIVE
+    """Of `benchmarks.instructions`: what its process is held to."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,8 @@ class Drawer(Worker):
     def __init__(self, entry: Entry, folder: Path, number: int) -> None:
         self._path = folder / f"{number}.npz"
         names = (entry.contestant, entry.scene, str(entry.threads), str(self._path))
-        environment = package_environment(contestant(entry.contestant).environment(entry.threads))
+        own = contestant(entry.contestant).environment(entry.threads)
+        environment = package_environment({**own, **sets.environment(entry.instructions)})
         super().__init__(("-m", "benchmarks.worker", *names), environment, folder / f"{number}.log")
 
     def picture(self) -> dict[str, NDArray[Any]]:

@@ -34,6 +34,8 @@ MESH_RINGS, MESH_SIDES = 264, 133
 """Seventy thousand faces."""
 SMALL_RINGS, SMALL_SIDES = 100, 25
 """Five thousand faces."""
+PART = 5
+"""One in so many views of a batch is in a part of it."""
 INSTANCE_RINGS, INSTANCE_SIDES = 10, 5
 """A hundred faces."""
 COARSE_RINGS, COARSE_SIDES = 20, 10
@@ -222,6 +224,13 @@ def batch_of(side: int, count: int) -> TriangleScene:
     return small_images(count, side, count)
 
 
+def part_of_batch(side: int, count: int) -> TriangleScene:
+    """Return every fifth view of `batch_of`, so that the last is the same."""
+    whole = batch_of(side, count)
+    views = whole.views[PART - 1 :: PART] if count >= PART else whole.views[-1:]
+    return replace(whole, views=np.ascontiguousarray(views), work=len(views))
+
+
 def instances() -> TriangleScene:
     """Return ten thousand small tori of a hundred faces, each turned its own way, on a square."""
     positions, faces = torus(INSTANCE_RINGS, INSTANCE_SIDES)
@@ -325,6 +334,8 @@ def fill_of(side: int) -> TriangleScene:
 FAMILIES: dict[str, Callable[[int], Scene]] = {
     "batch_64": partial(batch_of, 64),
     "batch_128": partial(batch_of, 128),
+    "part_of_batch_64": partial(part_of_batch, 64),
+    "part_of_batch_128": partial(part_of_batch, 128),
     "triangles": triangles_of,
     "fill": fill_of,
 }
