@@ -215,7 +215,7 @@ def _distances(
     """Return how far points (H, W, 3), relative to the eye, are from it, (H, W); inf for NaN."""
     height, width, _ = relative.shape
     distance = workers.memory.empty((height, width), np.float32)
-    x, y, z = plan.camera.view_matrix()[2, :3].tolist()
+    x, y, z = np.asarray(plan.camera.view_matrix())[2, :3].tolist()
     size = np.sqrt(x * x + y * y + z * z)
     is_parallel = placement.toward_viewer[3] == 0.0
 

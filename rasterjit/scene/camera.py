@@ -13,6 +13,7 @@ far plane is.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
@@ -554,9 +555,13 @@ def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
     planes = planes_of(camera)
     if planes is None or not (planes.is_near_open or planes.is_far_open):
         return camera
-    # `copy.copy` does the same, and takes five times as long.
-    found = object.__new__(type(camera))
-    found.__dict__.update(camera.__dict__)
+    if type(camera) in (PerspectiveCamera, OrthographicCamera, MatrixCamera):
+        # `copy.copy` does the same, and takes five times as long.
+        found = object.__new__(type(camera))
+        found.__dict__.update(camera.__dict__)
+    else:
+        # A subclass may keep more than fields, in slots.
+        found = copy.copy(camera)
     if planes.is_far_open:
         _freeze(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
         return found

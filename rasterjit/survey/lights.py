@@ -355,7 +355,7 @@ def lighting_of(
     renormalizes : int
         Not 0: interpolated normals are scaled to length one.
     """
-    eye = camera.eye_position().tolist()
+    eye = np.asarray(camera.eye_position(), np.float64).tolist()
     rows, ambient = [], (0.0, 0.0, 0.0)
     for light in lights:
         if isinstance(light, AmbientLight):
@@ -405,7 +405,7 @@ def _ending(end: float | None) -> float:
 def headlight(camera: Camera) -> list[Light]:
     """Return the lights of a scene that has none."""
     # The rows of the inverse transpose are the columns of the inverse.
-    columns = transforms.normal_rows(camera.view_matrix().tolist())
+    columns = transforms.normal_rows(np.asarray(camera.view_matrix(), np.float64).tolist())
     x, y, z = HEADLIGHT_DIRECTION
     direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
     return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]
