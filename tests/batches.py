@@ -6,14 +6,17 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.runtime import jit
 
 MODELS = Path(__file__).parents[1] / "models"
 SIZE = (40, 28)
 CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.5, 4.0), target=(0.0, 0.0, 0.0))
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
+in_groups = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="needs machine code")
 COUNTED = "triangles_in", "outside", "culled", "degenerate", "unsampled", "drawn", "clipped"
 
 

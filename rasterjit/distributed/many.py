@@ -157,10 +157,8 @@ def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
 
 def _renderer(scene: Scene, options: Options, threads: int) -> Renderer:
     """Return a renderer on a worker."""
-    renderer = Renderer(options.size, quality=options.quality, threads=threads)
     # What there is to warn of goes to the caller.
-    renderer.told = None
-    return renderer
+    return Renderer.of_many(options.size, options.quality, threads)
 
 
 def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:

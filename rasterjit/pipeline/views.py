@@ -4,8 +4,8 @@ Draw many views in a row, in machine code: what Python does for one frame, for e
 All that a view reads lies in memory of the thread that draws it, at the same place for each view,
 so that the state blocks of the kernels and stages that draw it are made once. Of every view a few
 arrays are loaded into that memory (`LOAD_FROM` ...: matrices, lights), then these are called by
-their addresses. A view with faces that must be cut, or with longer lists than there is room for, is
-left out and noted: it is drawn as any frame.
+their addresses. A view with more faces to cut, or with longer lists, than there is room for is left
+out and noted: it is drawn as any frame.
 """
 
 from __future__ import annotations
@@ -22,15 +22,19 @@ LOAD_FROM, LOAD_STEP, LOAD_TO, LOAD_WORDS = range(4)
 """Columns of what is loaded: the address of the first view's words, bytes from one view to the
 next, the address that they go to, how many there are."""
 
-TRANSFORM, FIND_CLIPPED, SET_UP, START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES = range(7)
+(
+    TRANSFORM, FIND_CLIPPED, TRANSFORM_POSITIONS, COUNT_VERTICES, CLIP, PROJECT_CLIPPED, SET_UP,
+    START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES,
+) = range(11)  # fmt: skip
 """Rows of the kernels that find what is seen, by the words of ``jit.Bound``."""
 
 CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER = range(4)
 """Columns of what is called then: machine code, its state; the address of a block of samples, which
 is emptied before, or 0; the address of a word that is told the view's number, or 0."""
 
-OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED = range(6)
-"""Columns of the totals: faces, as ``setup`` counts them, and pixels that show a face."""
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, TOTALS = range(8)
+"""Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
+cut. The last is how many columns there are."""
 
 RATIO, BETWEEN, SCALED = range(3)
 """Ways from stored to metric depth, see `measure_depths`."""
@@ -46,12 +50,40 @@ def load_view(number, loads):
 
 
 @helper
-def find_faces(finding, lengths, listing, tile_depths):
-    """Find the face at every pixel; return whether nothing had to be cut and the lists had room."""
-    counts, sums, starts, room = listing
+def cut_faces(finding, cutting):
+    """Cut faces at the near and far plane and the guard band; return how many, -1 for no room."""
+    counts, vertex_starts, piece_starts, lengths, room = cutting
+    count = call_bound(finding[FIND_CLIPPED])
+    if count == 0:
+        return count
+    if count > counts.shape[0]:
+        return np.int64(-1)
+    for n in range(lengths.shape[0]):
+        store_int64(lengths[n], count)
+    call_bound(finding[TRANSFORM_POSITIONS])
+    call_bound(finding[COUNT_VERTICES])
+    vertex_starts[0], piece_starts[0] = 0, 0
+    for n in range(count):
+        vertex_starts[n + 1] = vertex_starts[n] + counts[n]
+        piece_starts[n + 1] = piece_starts[n] + max(counts[n] - 2, np.int64(0))
+    if vertex_starts[count] > room:
+        return np.int64(-1)
+    call_bound(finding[CLIP])
+    call_bound(finding[PROJECT_CLIPPED])
+    return count
+
+
+@helper
+def find_faces(finding, cutting, lengths, listing, tile_depths):
+    """Find the face at every pixel; return how many were cut, or -1 where room was missing."""
+    counts, sums, starts, room, pieces = listing
     seen = call_bound(finding[TRANSFORM])
-    if seen & CLIPPED and call_bound(finding[FIND_CLIPPED]) > 0:
-        return False
+    cut = np.int64(0)
+    if seen & CLIPPED:
+        cut = cut_faces(finding, cutting)
+        if cut < 0:
+            return cut
+    store_int64(pieces, cutting[2][cut] if cut > 0 else np.int64(0))
     tiles = starts.shape[0] - 1
     for n in range(tiles + 1):
         counts[0, n] = 0
@@ -60,7 +92,7 @@ def find_faces(finding, lengths, listing, tile_depths):
     end = call_bound(finding[SET_UP])
     call_bound(finding[START_LISTS])
     if starts[tiles] > room:
-        return False
+        return np.int64(-1)
     for n in range(lengths.shape[0]):
         store_int64(lengths[n], end)
     call_bound(finding[BIN])
@@ -69,7 +101,7 @@ def find_faces(finding, lengths, listing, tile_depths):
     if counts[0, tiles] > 0:
         call_bound(finding[FIND_TILE_DEPTHS])
     call_bound(finding[DRAW_TILES])
-    return True
+    return cut
 
 
 @helper
@@ -87,8 +119,9 @@ def call_all(calls, number):
 
 @kernel
 def draw_views(
-    chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1], lengths: int64[::1],
-    listing: (int32[:, ::1], int64[::1], int64[::1], int64), tile_depths: float32[::1],
+    chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1],
+    cutting: (int64[::1], int64[::1], int64[::1], int64[::1], int64), lengths: int64[::1],
+    listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64), tile_depths: float32[::1],
     face_id: int32[:, ::1], calls: int64[:, ::1], totals: int64[:, ::1], is_drawn: uint8[::1],
 ):  # fmt: skip
     """
@@ -100,26 +133,31 @@ def draw_views(
         For each view, which of those at hand it is, and its number, as it is told.
     loads : (K, 4) int64
         What is copied before each, see ``LOAD_FROM``; the first at hand is number 0.
-    finding : (7, 2) int64
+    finding : (11, 2) int64
         How to call the kernels that find the faces, see ``TRANSFORM``.
+    cutting : (counts (C,), vertex_starts (C+1,), piece_starts (C+1,), addresses (n,), int)
+        Of at most C faces that are cut: how many vertices each has then, and running sums of these
+        and of its pieces; words that are told how many faces are cut; the room for new vertices.
     lengths : (n,) int64
         Addresses of words that are told how many triangles were listed.
-    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int)
-        What those kernels count, and the room for the lists of all tiles.
+    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int)
+        What those kernels count, the room for the lists of all tiles, and the address of the word
+        that tells how many pieces there are.
     tile_depths : (tiles,) float32
         Scratch memory of theirs.
     face_id : (H, W) int32
         The faces that they find.
     calls : (C, 4) int64
         What is called then, see ``CALL_ADDRESS``.
-    totals : (n, 6) int64
+    totals : (n, 7) int64
         Written for those drawn: see ``OUTSIDE``.
     is_drawn : (n,) uint8
         Written: 1 for those drawn, 0 for those left out.
     """
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
-        if not find_faces(finding, lengths, listing, tile_depths):
+        cut = find_faces(finding, cutting, lengths, listing, tile_depths)
+        if cut < 0:
             is_drawn[n] = 0
             continue
         call_all(calls, chosen[n, 1])
@@ -129,7 +167,7 @@ def draw_views(
                 covered += np.int64(face_id[row, column] >= 0)
         for k in range(COVERED):
             totals[n, k] = listing[1][k]
-        totals[n, COVERED] = covered
+        totals[n, COVERED], totals[n, CUT] = covered, cut
         is_drawn[n] = 1
 
 

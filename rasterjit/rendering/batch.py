@@ -8,13 +8,15 @@ its last.
 from __future__ import annotations
 
 import copy
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from functools import partial
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +26,8 @@ from rasterjit.outputs.frame import Stats
 from rasterjit.outputs.table import Outputs, is_attribute, row_of
 from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
+from rasterjit.rendering.kept import SHELF, Kept
+from rasterjit.rendering.notices import Told
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
@@ -82,13 +86,13 @@ def render_batch(
     Render many views of one scene into arrays that hold all of them.
 
     Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
-    pictures: what views have in common is decided and prepared once a call, and views are shared
-    among threads. Opaque faces of one sample a pixel are drawn in machine code from view to view.
-    Views in which a face is cut at the near plane or far outside the picture, and those with
-    shadows, fog, transparency, overlays or several samples, are drawn one by one as `render` draws
-    them, in about its time. Memory beyond the result does not grow with the number of views.
-    Ctrl-C ends it when the views are done that threads are just drawing.
-    There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
+    pictures: what views have in common is decided and prepared once, and views are shared among
+    threads. Opaque faces of one sample a pixel are drawn in machine code from view to view; views
+    with shadows, fog, holes, transparency, overlays or several samples one by one, as `render`
+    draws them, in about its time. Memory beyond the result does not grow with the number of views.
+    What is prepared (at most 64 MB) is kept with the scene, and used again by the next call as far
+    as scene and arguments are the same. Ctrl-C ends it when the views are done that threads are
+    just drawing. There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
 
     Parameters
     ----------
@@ -121,12 +125,14 @@ def render_batch(
     ------
     ValueError
         Naming the argument that is wrong, before any kernel runs; if a near plane that was given
-        is too near for the depth format in one of the views, when that is drawn.
+        is too near for the depth format in one of the views, when that is drawn; if there is no
+        memory for an output of all views.
 
     Warns
     -----
     ViewWarning
-        Once of each kind, for all views: nothing is in view, or a given plane cuts faces away.
+        Once of each kind, naming the first of the views that were drawn: nothing is in view, or a
+        given plane cuts faces away.
 
     Examples
     --------
@@ -151,21 +157,34 @@ def render_batch(
     arrays = check_out(out, _shapes(scene, len(eyes), options), places)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
-    # Plan the first, which finds what is wrong with all of them.
-    cache = prepare(scene.nodes, None, options.quality, scene.environment is not None)
-    totals, told = np.zeros(len(COUNTED), np.int64), {}
+    drawn = Drawn(np.zeros(len(COUNTED), np.int64), Told())
     if eyes:
-        first = plan_views(
+        kept = _take_up(what, scene, options.quality)
+        # Plan the first, which finds what is wrong with all of them.
+        kept.first = plan_views(
             options.size, options.quality, views.scene_of(0), eyes[0], options.outputs,
-            options.background, cull, False, None, cache,
-        )  # fmt: skip
-        with beside(partial(planning.list_tasks, first.plan), workers * own):
-            totals, told = _draw_all(views, cache, projections, workers)
-    notices.warn(told, set())
-    *counts, covered = totals.tolist()
+            options.background, cull, False, None, kept.cache, kept.first,
+        ).plan  # fmt: skip
+        with beside(partial(planning.list_tasks, kept.first), workers * own):
+            drawn = _draw_all(views, kept, projections, workers)
+        # What an error leaves behind is not used again.
+        SHELF.put(what, kept)
+    notices.warn(drawn.told.named(), set())
+    *counts, covered = drawn.totals.tolist()
     named = dict(zip(COUNTED, counts, strict=False))
     seconds = {"all views": time.perf_counter() - since}
     return Batch(arrays, Stats(**named, seconds=seconds, face_id=covered))
+
+
+def _take_up(what: Any, scene: Scene, quality: Quality) -> Kept:
+    """Return what is kept of a scene, as far as it holds, or what is new."""
+    kept = SHELF.take(what)
+    known = None if kept is None else kept.cache
+    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
+    if kept is None or not kept.holds(cache):
+        return Kept(cache)
+    kept.cache = cache
+    return kept
 
 
 def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.float64] | None:
@@ -236,9 +255,21 @@ def check_out(
         if np.may_share_memory(array, beside_it):
             raise ValueError(f"{one} must not share memory with {other}")
     return {
-        name: np.asarray(given[name]) if name in given else np.empty(shape, dtype)
+        name: np.asarray(given[name]) if name in given else _new_array(name, shape, dtype)
         for name, (shape, dtype) in shapes.items()
     }
+
+
+def _new_array(name: str, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
+    """Return an array for an output, or raise ``ValueError`` where there is no memory for it."""
+    try:
+        return np.empty(shape, dtype)
+    except (MemoryError, ValueError):
+        size = math.prod(shape) * np.dtype(dtype).itemsize
+        raise ValueError(
+            f"cameras and size must give outputs that fit into memory, got {shape[0]} views of "
+            f"{shape[2]} x {shape[1]}: {name} alone takes {size} bytes; render fewer at a time"
+        ) from None
 
 
 class AllViews(NamedTuple):
@@ -269,34 +300,40 @@ class Drawn(NamedTuple):
 
     totals: NDArray[np.int64]
     """(9,): the sums of ``COUNTED``."""
-    notices: dict[str, str]
+    told: Told
     """What there is to warn of."""
 
 
-def _draw_all(
-    views: AllViews, cache: SceneCache, projections: Projections, workers: int
-) -> tuple[NDArray[np.int64], dict[str, str]]:
-    """Draw all views; return the sums of their statistics, and what there is to warn of."""
-    count, (width, height) = len(views.cameras), views.options.size
+def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
+    """Draw all views."""
+    cache, count, (width, height) = kept.cache, len(views.cameras), views.options.size
     work = width * height + len(cache.shapes.arrays.faces) + MATRIX_WORK * len(cache.matrices)
     most = max(1, min(VIEWS_PER_GROUP, WORK_PER_GROUP // work, -(-count // workers)))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
-    make: Callable[[], Callable[[range], Drawn]] = partial(OneByOne, views, cache)
+    make: Callable[[], Draws] = partial(OneByOne, views, cache)
     if together.is_possible(views.options):
         shared = Together(
-            views.scene, cache, views.options, views.arrays, views.scene_of, projections
+            views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )
         make = partial(InGroups, views, cache, shared)
-    totals, told = np.zeros(len(COUNTED), np.int64), {}
+    totals, told = np.zeros(len(COUNTED), np.int64), Told()
     for drawn in in_threads(make, groups, workers):
         totals += drawn.totals
-        told = drawn.notices | told
-    return totals, told
+        told.join(drawn.told)
+    return Drawn(totals, told)
 
 
-def in_threads(
-    make: Callable[[], Callable[[range], Drawn]], groups: Sequence[range], workers: int
-) -> Iterable[Drawn]:
+class Draws(Protocol):
+    """Draws groups of views, one after the other, in one thread."""
+
+    def __call__(self, group: range) -> Drawn:
+        """Draw some views."""
+
+    def close(self) -> None:
+        """Let go what it drew with."""
+
+
+def in_threads(make: Callable[[], Draws], groups: Sequence[range], workers: int) -> Iterable[Drawn]:
     """
     Draw groups of views in several threads; yield what became of each.
 
@@ -309,19 +346,21 @@ def in_threads(
         How many threads there are; with 1, it is the one that calls.
     """
     if workers == 1 or len(groups) == 1:
-        yield from map(make(), groups)
+        with closing(make()) as drawer:
+            yield from map(drawer, groups)
         return
     waiting, is_over = iter(groups), threading.Event()
 
     def draw() -> list[Drawn]:
         try:
-            drawer, done = make(), []
-            while not is_over.is_set():
-                # One thread at a time takes the next.
-                group = next(waiting, None)
-                if group is None:
-                    break
-                done.append(drawer(group))
+            done = []
+            with closing(make()) as drawer:
+                while not is_over.is_set():
+                    # One thread at a time takes the next.
+                    group = next(waiting, None)
+                    if group is None:
+                        break
+                    done.append(drawer(group))
             return done
         except BaseException:
             # What stops one stops all.
@@ -351,23 +390,27 @@ class OneByOne:
 
     def __init__(self, views: AllViews, cache: SceneCache) -> None:
         self._views, options = views, views.options
-        self._renderer = Renderer(options.size, quality=options.quality, threads=1)
-        self._renderer._cache, self._renderer.told = cache, None
+        self._renderer = Renderer.of_many(options.size, options.quality, 1, cache)
 
     def __call__(self, group: Iterable[int]) -> Drawn:
         """Draw some views."""
         views, (_, _, outputs, background, cull) = self._views, self._views.options
-        totals, told = np.zeros(len(COUNTED), np.int64), {}
+        totals, told = np.zeros(len(COUNTED), np.int64), Told()
         for number in group:
-            frame = self._renderer.render(
-                views.scene_of(number), views.cameras[number], outputs=outputs,
-                background=background, cull=cull,
-            )  # fmt: skip
+            with naming(f"cameras[{number}]"):
+                frame = self._renderer.render(
+                    views.scene_of(number), views.cameras[number], outputs=outputs,
+                    background=background, cull=cull,
+                )  # fmt: skip
             for name, array in frame.arrays().items():
                 views.arrays[name][number] = array
             totals += [getattr(frame.stats, name) for name in COUNTED]
-            told = notices.notices_of(frame.plan, frame.stats) | told
+            told.add(number, notices.notices_of(frame.plan, frame.stats))
         return Drawn(totals, told)
+
+    def close(self) -> None:
+        """Let its threads go."""
+        self._renderer.close()
 
 
 class InGroups:
@@ -393,10 +436,18 @@ class InGroups:
         places = None if views.places is None else views.places[some]
         counted, left, told = self._drawer.draw(group, views.cameras[some], places)
         totals, others = self._alone(left)
+        told.join(others)
         for rows in counted:
-            outside, degenerate, culled, unsampled, invalid, covered = rows.sum(axis=0).tolist()
+            outside, degenerate, culled, unsampled, invalid, covered, cut = rows.sum(
+                axis=0
+            ).tolist()
             faces = len(rows) * self._faces
             drawn = faces - (outside + degenerate + culled + unsampled + invalid)
-            own = faces, outside, culled, degenerate, unsampled, invalid, drawn, 0, covered
+            own = faces, outside, culled, degenerate, unsampled, invalid, drawn, cut, covered
             totals += np.array(own)
-        return Drawn(totals, others | told)
+        return Drawn(totals, told)
+
+    def close(self) -> None:
+        """Give back what it drew in."""
+        self._drawer.close()
+        self._alone.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rasterjit.outputs.frame import Stats
 from rasterjit.scene.warning import warn_caller
+from rasterjit.survey.clip_planes import Look
 from rasterjit.survey.plan import RenderPlan
 
 NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
@@ -11,6 +12,28 @@ NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
 
 class ViewWarning(UserWarning):
     """Nothing is in view, or a near or far plane that was given cuts away what else were."""
+
+
+class Told:
+    """What there is to warn of of many views: of each kind, the first that it is said of."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[int, str]] = {}
+
+    def add(self, number: int, notices: dict[str, str]) -> None:
+        """Add what there is to warn of of a view."""
+        for kind, text in notices.items():
+            if kind not in self._found or number < self._found[kind][0]:
+                self._found[kind] = number, text
+
+    def join(self, other: Told) -> None:
+        """Add what there is to warn of of other views."""
+        for kind, (number, text) in other._found.items():
+            self.add(number, {kind: text})
+
+    def named(self) -> dict[str, str]:
+        """Return what there is to warn of, by kind, with the camera of the view."""
+        return {kind: f"{text} (cameras[{number}])" for kind, (number, text) in self._found.items()}
 
 
 def shows_anything(plan: RenderPlan, stats: Stats) -> bool:
@@ -32,11 +55,16 @@ def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
         Of the whole frame. Default: it is not drawn yet, and only objects out of view tell that
         nothing is in view.
     """
-    found = {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in plan.look.cut}
+    found = cuts_of(plan.look)
     is_empty = not plan.facts.in_view.any() if stats is None else not shows_anything(plan, stats)
     if is_empty and not found:
         found["view"] = NOTHING_IN_VIEW
     return found
+
+
+def cuts_of(look: Look) -> dict[str, str]:
+    """Return what there is to warn of planes that cut something, by kind."""
+    return {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in look.cut}
 
 
 def warn(notices: dict[str, str], told: set[str]) -> None:

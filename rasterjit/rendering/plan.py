@@ -91,7 +91,7 @@ def plan_frame(
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     inventory, extents = known
-    eye, relative_from_model = camera.eye_position(), views.relative_from_model
+    eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
     boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
     # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
     beside = clip_planes.look_at_planes(

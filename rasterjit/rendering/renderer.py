@@ -427,6 +427,15 @@ class Renderer(Guarded):
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
 
+    @classmethod
+    def of_many(
+        cls, size: tuple[int, int], quality: Quality, threads: int, cache: SceneCache | None = None
+    ) -> Renderer:
+        """Return one of several that draw a scene, of which this is known; it never warns."""
+        renderer = cls(size, quality=quality, threads=threads)
+        renderer._cache, renderer.told = cache, None
+        return renderer
+
     def __enter__(self) -> Renderer:
         return self
 

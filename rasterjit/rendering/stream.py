@@ -142,11 +142,10 @@ class RendererPool:
         has_environment = self._scene.environment is not None
         cache = prepare(self._scene.nodes, None, self._options.quality, has_environment)
         for _ in range(self._workers):
-            renderer = Renderer(
-                self._options.size, quality=self._options.quality, threads=self._threads
-            )
             # The pool tells once, for all of them.
-            renderer._cache, renderer.told = cache, None
+            renderer = Renderer.of_many(
+                self._options.size, self._options.quality, self._threads, cache
+            )
             self._renderers.append(renderer)
             self._idle.put(renderer)
         return self

@@ -7,12 +7,13 @@ each view its matrices, lights and the like are prepared with NumPy for the whol
 and loaded there before it is drawn (``pipeline/views.py``).
 
 Only plans whose stages read nothing else of a view are drawn so: opaque faces without holes, one
-sample a pixel, lights without shadows, ranges and cones; see `can_share`. The others, and views in
-which faces must be cut, are for the caller to draw one by one.
+sample a pixel, lights without shadows, ranges and cones; see `can_share`. The others are for the
+caller to draw one by one.
 """
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -30,11 +31,12 @@ from rasterjit.pipeline.records import Faces, Lighting, Objects, Placement, Surf
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import shade, stage_list
-from rasterjit.rendering.notices import NOTHING_IN_VIEW
+from rasterjit.rendering import notices, shade, stage_list
+from rasterjit.rendering.kept import MOST_KINDS, Kept
+from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
 from rasterjit.rendering.stage_list import BLOCK, Shading
 from rasterjit.rendering.stream import Options
-from rasterjit.rendering.views import look_from, plan_views
+from rasterjit.rendering.views import plan_views
 from rasterjit.runtime import jit
 from rasterjit.runtime.driver import StageList, block_memory
 from rasterjit.runtime.jit import Bound
@@ -55,8 +57,8 @@ from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLi
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
-from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.clip_planes import CLEARANCE
+from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of
 from rasterjit.survey.contents import Contents
 from rasterjit.survey.effect import Active, Effect
 from rasterjit.survey.lights import FARTHEST_LIGHT, HEADLIGHT_DIRECTION, headlight, lighting_of
@@ -64,11 +66,17 @@ from rasterjit.survey.many_views import (
     ManyViews,
     are_between,
     boxes_around,
-    find_in_view,
     place_many,
     view_many,
 )
-from rasterjit.survey.placement import Places
+from rasterjit.survey.placement import (
+    Boxes,
+    Extents,
+    Measures,
+    Places,
+    culled_turns,
+    measure_boxes,
+)
 from rasterjit.survey.plan import RenderPlan
 
 Float64 = NDArray[np.float64]
@@ -87,12 +95,8 @@ LEAST_SHARE = 1e-30
 """Near planes that are a smaller share of the farthest distance are looked at view by view: the
 depth format may not hold what is far."""
 
-MOST_BYTES = 1 << 28
-"""Memory of a thread beyond which views are drawn one by one: it is no longer small beside
-pictures."""
-
-MOST_KINDS = 8
-"""Most kinds of plans that are kept, each with memory for each thread."""
+MOST_CUT = 1024
+"""Most faces of a view that are cut in machine code, besides one in 16."""
 
 MOST_PROJECTIONS = 256
 """Most projection matrices that are remembered."""
@@ -177,6 +181,8 @@ class Prepared(NamedTuple):
     """The words of each array of a `Desk`: (N, words), or (1, words) if all views have the same."""
     kinds: list[tuple | None]
     """For each view what its plan follows from; None: it must be drawn alone."""
+    cuts: dict[int, dict[str, str]]
+    """Of views in which a given plane cuts something, by their place: what there is to warn of."""
 
 
 class Together:
@@ -186,7 +192,8 @@ class Together:
     Parameters
     ----------
     scene : Scene
-    cache : SceneCache
+    kept : Kept
+        What earlier batches of the scene prepared, and the plan of the first view; changed.
     options : Options
     arrays : dict
         (N, H, W, ...) of each output: where views are written.
@@ -196,64 +203,101 @@ class Together:
     """
 
     def __init__(
-        self, scene: Scene, cache: SceneCache, options: Options, arrays: Arrays,
+        self, scene: Scene, kept: Kept, options: Options, arrays: Arrays,
         scene_of: Callable[[int], Scene], projections: Projections,
     ) -> None:  # fmt: skip
-        self.scene, self.cache, self.options, self.arrays = scene, cache, options, arrays
+        self.scene, self.cache, self.options = scene, kept.cache, options
+        self._kept, self._arrays = kept, arrays
         self._scene_of, self.projections = scene_of, projections
         self.lights = shared_lights(scene)
         self.has_headlight = not scene.lights and scene.environment is None
         self._plans: dict[tuple, RenderPlan | None] = {}
-        self._kinds: dict[bytes, tuple | None] = {}
         self._lock = threading.Lock()
-        self._whole = boxes_around(cache.shapes.boxes, cache.places.world_from_model[np.newaxis])
+        boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
+        self._whole = boxes_around(boxes, places[np.newaxis])
 
-    def plan_of(self, kind: tuple, number: int, camera: Camera) -> RenderPlan | None:
+    def take_desk(self, kind: tuple, number: int, camera: Camera) -> tuple[int, Desk] | None:
+        """
+        Return memory for a kind of views, of which one is given, and its size, bytes.
+
+        None: they share too little, or there is no room.
+        """
+        plan = self._plan_of(kind, number, camera)
+        if plan is None:
+            return None
+        taken = self._kept.take(kind)
+        if taken is None:
+            size = memory_of(plan, self.cache)
+            if not self._kept.reserve(size):
+                return None
+            taken = size, Desk(plan, self.cache)
+        taken[1].write_to(self._arrays)
+        return taken
+
+    def give_back(self, kind: tuple, size: int, desk: Desk) -> None:
+        """Take back what `take_desk` returned."""
+        self._kept.give_back(kind, size, desk)
+
+    def _plan_of(self, kind: tuple, number: int, camera: Camera) -> RenderPlan | None:
         """Return the plan of a kind of views, of which one is given; None: they share none."""
         with self._lock:
             if kind not in self._plans and len(self._plans) < MOST_KINDS:
                 size, quality, outputs, background, cull = self.options
-                plan = plan_views(
-                    size, quality, self._scene_of(number), camera, outputs, background, cull,
-                    False, None, self.cache,
-                ).plan  # fmt: skip
-                fits = kind_of(plan.facts.seen) == kind
-                fits = fits and memory_of(plan, self.cache) <= MOST_BYTES
-                fits = fits and can_share(plan, self.scene, self.cache)
-                self._plans[kind] = plan if fits else None
+                plan = self._kept.first
+                if plan is None or kind_of(plan.facts.seen) != kind:
+                    plan = plan_views(
+                        size, quality, self._scene_of(number), camera, outputs, background, cull,
+                        False, None, self.cache, self._kept.plan_of(kind),
+                    ).plan  # fmt: skip
+                fits = kind_of(plan.facts.seen) == kind and can_share(plan, self.scene, self.cache)
+                self._plans[kind] = self._kept.use(kind, plan) if fits else None
             return self._plans.get(kind)
 
-    def prepare(
-        self, numbers: Sequence[int], cameras: Sequence[Camera], places: Float64 | None
-    ) -> Prepared:
+    def prepare(self, cameras: Sequence[Camera], places: Float64 | None) -> Prepared:
         """Prepare some views, with the places of objects, (N, O, 4, 4), if these move."""
-        count = len(cameras)
-        known = self.cache.places if places is None else place_many(exact_last_rows(places))
-        if places is None:
+        known, extents = self.cache.places, self.cache.extents
+        if places is not None:
+            known = place_many(exact_last_rows(places))
+            extents = Extents(self.cache.shapes.boxes, known.world_from_model)
+        else:
             known = Places(*(part[np.newaxis] for part in known))
-        seen = list(cameras)
-        view = np.array([camera.view_matrix() for camera in seen])
-        is_plain, far = self._are_plain(seen, view, known, places is not None)
-        for n in np.flatnonzero(~is_plain).tolist():
-            camera = self._look(seen[n], numbers[n])
-            is_plain[n], seen[n] = camera is not None, camera or seen[n]
-        eyes = np.array([camera.eye_position() for camera in seen])
+        seen, cuts = list(cameras), {}
+        view = np.array([camera.view_matrix() for camera in seen], np.float64)
+        eyes = np.array([camera.eye_position() for camera in seen], np.float64)
         projection = np.array([self.projections.of(camera) for camera in seen])
         views = view_many(known.world_from_model, eyes, view, projection)
-        in_view, largest = find_in_view(self.cache.shapes.boxes, views)
+        measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+        # Put planes that are left open where they cut nothing in view.
+        is_sure, far = self._are_between(seen, view, known, places is not None)
+        moved = []
+        for n in self._find_crossed(seen, ~is_sure & views.is_finite, views, measures):
+            of_all = Measures(*(part[..., n, :] for part in measures))
+            relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
+            boxes = Boxes(self.cache.extents, eyes[n], relative, clip, of_all)
+            look = look_at_planes(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
+            if look.cut:
+                cuts[n] = notices.cuts_of(look)
+            if any(look.steps):
+                seen[n] = settled(seen[n], *look.steps)
+                projection[n] = self.projections.of(seen[n])
+                moved.append(n)
+        if moved:
+            views = view_many(known.world_from_model, eyes, view, projection)
+            measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+        # Decide which are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
         near = coefficients[:, 0]
         farthest = np.where(np.isinf(far), 0.0, transforms.LEAST_NEAR * far)
-        is_held = (near <= 0.0) | ((near >= LEAST_SHARE * largest) & (near >= farthest))
-        is_plain &= views.is_finite & is_held
+        is_held = (near >= LEAST_SHARE * measures.largest_w()) & (near >= farthest)
+        is_plain = views.is_finite & ((near <= 0.0) | is_held)
         kinds = [
-            self._kind(in_view[n]) if is_plain[n] and type(seen[n]) in KNOWN_CAMERAS else None
-            for n in range(count)
+            self._kind(in_view) if plain and type(camera) in KNOWN_CAMERAS else None
+            for in_view, plain, camera in zip(measures.in_view, is_plain, seen, strict=True)
         ]
         fields = self._fields(seen, known, views, view, eyes)
-        return Prepared(fields | {"coefficients": _words(coefficients)}, kinds)
+        return Prepared(fields | {"coefficients": _words(coefficients)}, kinds, cuts)
 
-    def _are_plain(
+    def _are_between(
         self, cameras: Sequence[Camera], view: Float64, places: Places, are_moved: bool
     ) -> tuple[NDArray[np.bool_], Float64]:
         """Tell of which cameras, (N,), no plane surely cuts anything, and where far planes are."""
@@ -266,30 +310,41 @@ class Together:
             far[n] = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
         own = far.copy()
         near[near <= 0.0] = -np.inf
-        low, high = self._whole
-        if are_moved:
-            low, high = boxes_around(self.cache.shapes.boxes, places.world_from_model)
+        low, high = (
+            boxes_around(self.cache.shapes.boxes, places.world_from_model)
+            if are_moved
+            else self._whole
+        )
         return are_between(low, high, view, near, far), own
 
-    def _look(self, camera: Camera, number: int) -> Camera | None:
-        """Return the camera of a view with its planes where they cut nothing; None: they may."""
-        scene, (size, quality, *_) = self._scene_of(number), self.options
-        cache = prepare(scene.nodes, self.cache, quality, scene.environment is not None)
-        try:
-            look = look_from(scene, camera, size, quality, cache)
-        except ValueError:
-            return None
-        return None if look.cut else settled(camera, *look.steps)
+    def _find_crossed(
+        self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_], views: ManyViews,
+        measures: Measures,
+    ) -> list[int]:  # fmt: skip
+        """Return the views, of those asked for, where an object may reach over a plane."""
+        asked = [
+            (n, margins.inside)
+            for n in np.flatnonzero(is_asked).tolist()
+            if (margins := margins_of(cameras[n], views.clip_from_relative[n])) is not None
+        ]
+        if not asked:
+            return []
+        numbers = [n for n, _ in asked]
+        near, far = np.array([inside for _, inside in asked]).T[..., np.newaxis]
+        some = Measures(*(part[..., numbers, :] for part in measures))
+        crossed = some.may_cross(near, far).any(axis=1)
+        return [n for n, is_crossed in zip(numbers, crossed, strict=True) if is_crossed]
 
     def _kind(self, in_view: NDArray[np.bool_]) -> tuple | None:
         """Return what the plan of a view follows from, given which objects are in view."""
-        key = in_view.tobytes()
-        if key not in self._kinds:
-            if len(self._kinds) >= MOST_SETS:
-                return None
-            contents = self.cache.tables.inventory.contents_of(in_view)
-            self._kinds[key] = kind_of(contents) if contents.objects else None
-        return self._kinds[key]
+        key, kinds = in_view.tobytes(), self._kept.kinds
+        if key in kinds:
+            return kinds[key]
+        contents = self.cache.tables.inventory.contents_of(in_view)
+        kind = kind_of(contents) if contents.objects else None
+        if len(kinds) < MOST_SETS:
+            kinds[key] = kind
+        return kind
 
     def _fields(
         self, cameras: Sequence[Camera], places: Places, views: ManyViews, view: Float64,
@@ -301,7 +356,7 @@ class Together:
         turn = views.screen_turn[:, np.newaxis]
         single = cache.tables.is_single_sided
         front_turns = -turn * places.mirrored
-        culled = cull_objects_of_many(self.options.cull, turn, places.mirrored, single)
+        culled = culled_turns(self.options.cull, turn, places.mirrored, single)
         relative, clip = views.relative_from_model, views.clip_from_relative
         with np.errstate(over="ignore"):
             fields = {
@@ -351,19 +406,19 @@ def kind_of(contents: Contents) -> tuple:
 def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     """Return how much memory a desk takes, about, bytes."""
     arrays, (width, height) = cache.shapes.arrays, plan.size
-    of_face, of_vertex, of_pixel = 24, 32 + 48, 64
+    _, new_vertices = room_to_cut(len(arrays.faces))
+    of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
     return (
-        of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_pixel * width * height
-    )
+        of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
+        + of_pixel * width * height
+    )  # fmt: skip
 
 
-def cull_objects_of_many(
-    cull: str, turn: NDArray[np.int64], mirrored: Float64, is_single_sided: NDArray[np.bool_]
-) -> NDArray[np.int8]:
-    """Return the turns that are dropped in each view, (N, O): `placement.cull_objects`."""
-    sign = {"none": 0, "back": 1, "front": -1}[cull]
-    signs = np.where(is_single_sided & (sign == 0), 1, sign) * turn
-    return (signs * mirrored).astype(np.int8)
+def room_to_cut(faces: int) -> tuple[int, int]:
+    """Return for how many faces that are cut, of so many, and new vertices a desk has room."""
+    cuts = min(faces, MOST_CUT + faces // 16)
+    # Mostly one plane cuts a face, and leaves three or four vertices.
+    return cuts, min(clipping.MOST_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
 
 
 def depth_way(camera: Any) -> tuple[int, float, float, float]:
@@ -421,19 +476,25 @@ class Desk:
     ----------
     plan : RenderPlan
         Of one of them.
-    shared : Together
+    cache : SceneCache
     """
 
-    def __init__(self, plan: RenderPlan, shared: Together) -> None:
-        self._plan, self._cache, self._kept = plan, shared.cache, []
-        arrays, (width, height) = shared.cache.shapes.arrays, plan.size
-        self._targets: dict[str, tuple[int, int]] = {}
+    def __init__(self, plan: RenderPlan, cache: SceneCache) -> None:
+        self._plan, self._cache, self._kept = plan, cache, []
+        arrays, (width, height) = cache.shapes.arrays, plan.size
+        self._places: list[tuple[str, int]] = []
+        self._targets: list[tuple[str, int, int]] = []
         self._find(arrays, width, height)
         self._calls: list[tuple[int, int, int, int]] = []
         if plan.facts.is_colored:
-            self._shade(shared.arrays)
-        self._fill(shared.arrays)
+            self._shade()
+        self._fill()
         self._table = np.array(self._calls, np.int64).reshape(-1, 4)
+
+    def write_to(self, outputs: Arrays) -> None:
+        """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
+        for name, place in self._places:
+            ctypes.c_int64.from_address(place).value = outputs[name].ctypes.data
 
     def draw(
         self, prepared: Prepared, chosen: NDArray[np.int64]
@@ -449,23 +510,24 @@ class Desk:
 
         Returns
         -------
-        totals : (n, 6) int64
+        totals : (n, 7) int64
             As ``pipeline/views.py`` counts.
         is_drawn : (n,) bool
             False for those that must be drawn alone.
         """
         loads = []
-        for name, (target, size) in self._targets.items():
+        for name, target, size in self._targets:
             words = prepared.fields[name]
             if words.shape[1] != size:
                 raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
             step = words.strides[0] if len(words) > 1 else 0
             loads.append((words.ctypes.data, step, target, size))
-        totals = np.zeros((len(chosen), 6), np.int64)
+        totals = np.zeros((len(chosen), drawing_views.TOTALS), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
         drawing_views.draw_views(
-            chosen, np.array(loads, np.int64), self._finding, self._lengths, self._listing,
-            self._tile_depths, self._face_id, self._table, totals, is_drawn,
+            chosen, np.array(loads, np.int64), self._finding, self._cutting,
+            self._lengths, self._listing, self._tile_depths, self._face_id, self._table, totals,
+            is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -474,7 +536,7 @@ class Desk:
         kind, count = np.dtype(dtype), int(np.prod(shape))
         words = -(-count * kind.itemsize // WORD)
         room = np.zeros(max(words, 1), np.int64)
-        self._targets[name] = room.ctypes.data, words
+        self._targets.append((name, room.ctypes.data, words))
         self._kept.append(room)
         return room.view(kind)[:count].reshape(shape)
 
@@ -490,35 +552,65 @@ class Desk:
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
         viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
-        screen = draw.screen_arrays(count + draw.SPARE_VERTICES, Memory())
-        no_clip_positions = np.empty((0, 4), np.float64)
+        number = len(arrays.faces)
+        cuts, room = room_to_cut(number)
+        screen = draw.screen_arrays(count + room, Memory())
+        clip_positions = np.empty((count, 4), np.float64)
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
+        owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
         transformed = self._bound(
-            projection.transform_vertices, (0, count), positions, (arrays.vertex_starts, relative),
-            clip, (0.0, 0.0, 0.0), viewport, screen, projection.scratch_memory(kind),
+            projection.transform_vertices, (0, count), positions, owned, clip, (0.0, 0.0, 0.0),
+            viewport, screen, scratch,
         )  # fmt: skip
-        self._targets["coefficients"] = transformed.place_of(4), 3
-        clipped = self._bound(
-            clipping.find_clipped_faces, arrays.faces, screen.codes[:count], np.empty(1, np.int32)
-        )
+        # What is cut.
+        faces = Faces(
+            arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32)
+        )  # fmt: skip
+        cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
+        vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
+        polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+        clipped = self._bound(clipping.find_clipped_faces, arrays.faces, screen.codes[:count], cut)
+        placed = self._bound(
+            projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
+            scratch,
+        )  # fmt: skip
+        counted = self._bound(
+            clipping.count_clipped_vertices, cut, arrays.faces, clip_positions, viewport,
+            vertex_counts, polygons,
+        )  # fmt: skip
+        in_pieces = self._bound(
+            clipping.clip_faces, cut, arrays.faces, clip_positions, viewport,
+            (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
+        )  # fmt: skip
+        projected = self._bound(
+            projection.project_clipped_vertices, (cut, arrays.faces, starts[0], clip_positions),
+            new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
+        )  # fmt: skip
+        self._targets += [
+            ("coefficients", transformed.place_of(4), 3), ("coefficients", projected.place_of(2), 3)
+        ]  # fmt: skip
+        # How many faces are cut is the length of their list.
+        told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
+        self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
+        self._kept += [cut, polygons]
         # Lists for the tiles.
-        faces = Faces(arrays.faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-        number = len(arrays.faces)
         turns = self._field("culled_turns", (objects,), np.int8)
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        room = min(tiles * number, 4 * number + 65536)
+        number += room
+        listed = min(tiles * number, 4 * number + 65536)
         triangles, boxes = np.empty(number, np.int32), np.empty((number, 4), np.uint8)
         counts, sums = np.zeros((1, tiles + 1), np.int32), np.zeros(5, np.int64)
         set_up = self._bound(
-            setup.set_up_triangles, (0, number), (0, 0), faces, Objects(arrays.face_starts, turns),
+            setup.set_up_triangles, (0, len(arrays.faces)), (0, 0), faces,
+            Objects(arrays.face_starts, turns),
             screen, viewport, (triangles, boxes), (columns, counts[0], sums),
             np.empty(setup.BATCH_SHAPE, np.int32),
         )  # fmt: skip
-        starts, cursors = np.empty(tiles + 1, np.int64), np.empty((1, tiles), np.int64)
-        started = self._bound(binning.start_lists, counts, starts, cursors)
-        binned = np.empty(room, np.int32)
+        list_starts, cursors = np.empty(tiles + 1, np.int64), np.empty((1, tiles), np.int64)
+        started = self._bound(binning.start_lists, counts, list_starts, cursors)
+        binned = np.empty(listed, np.int32)
         sorted_in = self._bound(
             binning.bin_triangles, triangles, boxes, columns, faces, screen, viewport, cursors[0],
             binned,
@@ -535,18 +627,21 @@ class Desk:
         drawer = nearest.tile_drawer(binned, faces, screen, np.float32)
         self._kept.append(drawer)
         drawn = self._bound(
-            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), starts, self._tile_depths,
+            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), list_starts, self._tile_depths,
             viewport, (self._depth, self._face_id), *drawer[:3],
         )  # fmt: skip
-        finding = transformed, clipped, set_up, started, sorted_in, raised, drawn
+        finding = (
+            transformed, clipped, placed, counted, in_pieces, projected, set_up, started, sorted_in,
+            raised, drawn,
+        )  # fmt: skip
         self._finding = np.array([one.words for one in finding], np.int64)
         # How many triangles were listed is the length of both of their arrays.
         self._lengths = np.array(
             [one.place_of(k) + WORD for one in (sorted_in, raised) for k in (0, 1)], np.int64
         )
-        self._listing = counts, sums, starts, room
+        self._listing = counts, sums, list_starts, listed, set_up.place_of(1) + WORD
         self._geometry = draw.geometry_of(
-            arrays.faces, screen, no_clip_positions, viewport, plan.is_affine
+            arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
         self._placement = Placement(
             arrays.face_starts,
@@ -558,7 +653,7 @@ class Desk:
             self._field("toward_viewer", (4,), np.float64),
         )
 
-    def _shade(self, outputs: Arrays) -> None:
+    def _shade(self) -> None:
         """Add the stages that make the colours."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
         viewer = self._field("viewer", (4,), np.float32)
@@ -596,9 +691,9 @@ class Desk:
         self._run(shading.listed(self._face_id, 0, height, None, linear, color), block)
         for name, picture in (("linear", linear), ("color", color)):
             if name in plan.outputs:
-                self._keep(picture, outputs[name])
+                self._keep(name, picture)
 
-    def _fill(self, outputs: Arrays) -> None:
+    def _fill(self) -> None:
         """Add the kernels that make the other outputs."""
         plan, shapes, (width, height) = self._plan, self._cache.shapes, self._plan.size
         geometry, placement = self._geometry, self._placement
@@ -609,16 +704,16 @@ class Desk:
             picture = np.empty((height, width, channels), np.float32)
             self._call(self._bound(kernel, *of_all, *arguments, picture))
             if name in plan.outputs:
-                self._keep(picture, outputs[name])
+                self._keep(name, picture)
             return picture
 
         if "face_id" in plan.outputs:
-            self._keep(self._face_id, outputs["face_id"])
+            self._keep("face_id", self._face_id)
         if "depth" in plan.outputs:
-            self._number(
-                drawing_views.measure_depths, self._field("depth_way", (1,), np.int64),
+            self._write(
+                "depth", drawing_views.measure_depths, self._field("depth_way", (1,), np.int64),
                 self._field("depth_factors", (3,), np.float64), self._depth, self._face_id,
-                outputs["depth"],
+                np.empty((0, height, width), np.float32),
             )  # fmt: skip
         for name in ("object_id", "instance_id", "material_id"):
             if name in plan.outputs:
@@ -630,7 +725,10 @@ class Desk:
                         else fill.material_numbers(shapes)
                     )
                     numbers = of_objects[numbers]
-                self._number(drawing_views.keep_numbers, self._face_id, numbers, outputs[name])
+                self._write(
+                    name, drawing_views.keep_numbers, self._face_id, numbers,
+                    np.empty((0, height, width), np.int32),
+                )  # fmt: skip
         if "barycentric" in plan.outputs:
             made("barycentric", 3, barycentric.fill_barycentric)
         if "uv" in plan.outputs:
@@ -647,9 +745,11 @@ class Desk:
             made("object_position", 3, positions, placement, own)
         if "distance" in plan.outputs:
             relative = made("", 3, positions, placement, placement.relative_from_model)
-            self._number(
-                drawing_views.measure_distances, self._field("is_parallel", (1,), np.int64),
-                self._field("distance_axis", (4,), np.float64), relative, outputs["distance"],
+            self._write(
+                "distance", drawing_views.measure_distances,
+                self._field("is_parallel", (1,), np.int64),
+                self._field("distance_axis", (4,), np.float64), relative,
+                np.empty((0, height, width), np.float32),
             )  # fmt: skip
         flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
         if "normal" in plan.outputs:
@@ -664,15 +764,16 @@ class Desk:
         address, state = bound.words.tolist()
         self._calls.append((address, state, 0, number))
 
-    def _number(self, kernel: Any, *arguments: Any) -> None:
-        """Call a kernel that takes the view's number first."""
+    def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
+        """Call a kernel that takes the view's number first, and last where all views are."""
         bound = self._bound(kernel, 0, *arguments)
         self._call(bound, bound.place_of(0))
+        self._places.append((name, bound.place_of(len(arguments))))
 
-    def _keep(self, picture: NDArray[Any], output: NDArray[Any]) -> None:
+    def _keep(self, name: str, picture: NDArray[Any]) -> None:
         """Copy a picture to its place among those of all views."""
-        rows = output.reshape(len(output), -1).view(np.uint32)
-        self._number(drawing_views.keep_picture, picture.reshape(-1).view(np.uint32), rows)
+        words = picture.reshape(-1).view(np.uint32)
+        self._write(name, drawing_views.keep_picture, words, np.empty((0, len(words)), np.uint32))
 
     def _run(self, stages: StageList, block: NDArray[np.int64]) -> None:
         """Run stages over an empty block."""
@@ -692,11 +793,17 @@ class Drawer:
 
     def __init__(self, shared: Together) -> None:
         self._shared = shared
-        self._desks: dict[tuple, Desk] = {}
+        self._desks: dict[tuple, tuple[int, Desk]] = {}
+
+    def close(self) -> None:
+        """Give back what it drew in."""
+        for kind, taken in self._desks.items():
+            self._shared.give_back(kind, *taken)
+        self._desks.clear()
 
     def draw(
         self, numbers: range, cameras: Sequence[Camera], places: Float64 | None
-    ) -> tuple[list[NDArray[np.int64]], list[int], dict[str, str]]:
+    ) -> tuple[list[NDArray[np.int64]], list[int], Told]:
         """
         Draw views; return the totals of those drawn, the numbers of the others, what to warn of.
 
@@ -709,26 +816,29 @@ class Drawer:
         places : (N, O, 4, 4) float64, or None
             Where the objects stand in each; None: as in the scene.
         """
-        shared = self._shared
-        prepared = shared.prepare(numbers, cameras, places)
-        left, totals, told = [], [], {}
-        of_kinds: dict[tuple, list[int]] = {}
+        prepared = self._shared.prepare(cameras, places)
+        left, totals, told = [], [], Told()
+        of_kinds: dict[tuple | None, list[int]] = {}
         for n, kind in enumerate(prepared.kinds):
-            if kind is None:
-                left.append(numbers[n])
-            else:
-                of_kinds.setdefault(kind, []).append(n)
+            of_kinds.setdefault(kind, []).append(n)
         for kind, chosen in of_kinds.items():
-            desk = self._desk(kind, numbers[chosen[0]], cameras[chosen[0]])
-            if desk is None:
-                left += [numbers[n] for n in chosen]
-                continue
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
+            desk = (
+                None if kind is None else self._desk(kind, numbers[chosen[0]], cameras[chosen[0]])
+            )
+            if desk is None:
+                left += pairs[:, 1].tolist()
+                continue
             counted, is_drawn = desk.draw(prepared, pairs)
             left += pairs[~is_drawn, 1].tolist()
             totals.append(counted[is_drawn])
-            if (counted[is_drawn, : drawing_views.COVERED].sum(axis=1) == self._faces).any():
-                told["view"] = NOTHING_IN_VIEW
+            # Note what there is to warn of.
+            is_empty = counted[:, : drawing_views.COVERED].sum(axis=1) == self._faces
+            for n, number in pairs[is_drawn & is_empty].tolist():
+                if n not in prepared.cuts:
+                    told.add(number, {"view": NOTHING_IN_VIEW})
+            for n, number in pairs[is_drawn].tolist() if prepared.cuts else ():
+                told.add(number, prepared.cuts.get(n, {}))
         return totals, sorted(left), told
 
     @property
@@ -736,13 +846,13 @@ class Drawer:
         return len(self._shared.cache.shapes.arrays.faces)
 
     def _desk(self, kind: tuple, number: int, camera: Camera) -> Desk | None:
-        """Return the memory for a kind of views, of which one is given; None: they share none."""
+        """Return the memory for a kind of views, of which one is given; None: there is none."""
         if kind not in self._desks:
-            plan = self._shared.plan_of(kind, number, camera)
-            if plan is None:
+            taken = self._shared.take_desk(kind, number, camera)
+            if taken is None:
                 return None
-            self._desks[kind] = Desk(plan, self._shared)
-        return self._desks[kind]
+            self._desks[kind] = taken
+        return self._desks[kind][1]
 
 
 def is_possible(options: Options) -> bool:

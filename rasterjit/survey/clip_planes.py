@@ -138,18 +138,12 @@ def look_at_planes(
     quality : Quality
         Its depth format says how near the near plane may come.
     """
-    planes = planes_of(camera)
-    # Planes that rendering has put somewhere cut what they must.
-    if planes is None or planes.near_steps is not None or planes.far_steps is not None:
+    margins = margins_of(camera, clip_from_relative)
+    if margins is None:
         return NO_LOOK
-    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
-    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
     # Look at the boxes of objects.
-    row, margins = _depths(camera, planes, clip_from_relative)
-    crosses = boxes.may_cross(
-        -math.inf if near <= 0.0 else margins[0] * (near / planes.near - 1.0),
-        -math.inf if far == math.inf else margins[1] * (1.0 - far / planes.far),
-    )
+    planes, row, (near, far) = margins.planes, margins.row, margins.ends
+    crosses = boxes.may_cross(*margins.inside)
     most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
     if crosses.any() and not isinstance(camera, OrthographicCamera):
         # Where the far plane is many times as far as the near one, w tells more than z.
@@ -180,6 +174,34 @@ def look_at_planes(
             if count and not is_open
         ),
     )
+
+
+class Margins(NamedTuple):
+    """Between which depths what is in view must lie for planes to cut nothing of it."""
+
+    planes: Planes
+    row: Float64
+    """(4,): times a point relative to the eye, its depth, scene units."""
+    ends: tuple[float, float]
+    """The least depth and the greatest."""
+    inside: tuple[float, float]
+    """How far inside of the near and the far plane they are, clip space; -inf -> anywhere."""
+
+
+def margins_of(camera: Camera, clip_from_relative: Float64) -> Margins | None:
+    """Return between which depths the planes of a camera cut nothing; ``None`` if none is asked."""
+    planes = planes_of(camera)
+    # Planes that rendering has put somewhere cut what they must.
+    if planes is None or planes.near_steps is not None or planes.far_steps is not None:
+        return None
+    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
+    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
+    row, distances = _depths(camera, planes, clip_from_relative)
+    inside = (
+        -math.inf if near <= 0.0 else distances[0] * (near / planes.near - 1.0),
+        -math.inf if far == math.inf else distances[1] * (1.0 - far / planes.far),
+    )
+    return Margins(planes, row, (near, far), inside)
 
 
 def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:

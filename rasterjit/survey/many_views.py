@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
 from rasterjit.survey.clip_planes import SURE
-from rasterjit.survey.placement import ROUNDING, Places, place_boxes, place_objects
+from rasterjit.survey.placement import Places, place_boxes, place_objects
 
 Float64 = NDArray[np.float64]
 
@@ -84,49 +84,6 @@ def _turns(rows: Float64) -> Float64:
         scaled = np.divide(rows, largest, out=np.zeros_like(rows), where=largest > 0.0)
         (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
         return np.sign(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
-
-
-def find_in_view(bounds: Float64, views: ManyViews) -> tuple[NDArray[np.bool_], Float64]:
-    """
-    Tell which objects each view may see: `placement.Boxes`.
-
-    Parameters
-    ----------
-    bounds : (O, 2, 3) float64
-        Low and high corner of each object, model space; NaN for one without a finite face.
-    views : ManyViews
-
-    Returns
-    -------
-    in_view : (N, O) bool
-    largest_w : (N,)
-        Nothing in view is beyond it.
-    """
-    low, high = bounds.transpose(1, 2, 0)
-    # Coordinates first, so that each entry is an array of all objects in all views.
-    m = views.relative_from_model[:, :, :3].transpose(2, 3, 0, 1)
-    matrix = views.clip_from_relative.transpose(1, 2, 0)[..., np.newaxis]
-    with np.errstate(invalid="ignore", over="ignore"):
-        middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
-        farthest = np.abs(middle) + half
-        sizes = np.abs(m[:, 0]) * farthest[0] + np.abs(m[:, 1]) * farthest[1]
-        sizes += np.abs(m[:, 2]) * farthest[2]
-        sizes += np.abs(m[:, 3])
-        beyond = np.zeros(m.shape[2:], np.bool_)
-        for k in range(3):
-            rows = np.abs(matrix[3]) + np.abs(matrix[k])
-            reach = (rows[0] * sizes[0] + rows[1] * sizes[1]) + rows[2] * sizes[2]
-            reach += rows[3]
-            for plane in (matrix[3] - matrix[k], matrix[3] + matrix[k]):
-                onto = (plane[0] * m[0] + plane[1] * m[1]) + plane[2] * m[2]
-                most = onto[3] + plane[3]
-                for axis in range(3):
-                    most += onto[axis] * middle[axis] + np.abs(onto[axis]) * half[axis]
-                beyond |= most < -ROUNDING * reach
-            if k == 0:
-                largest = reach
-    in_view = ~(np.isnan(low[0]) | beyond)
-    return in_view, np.where(in_view, largest, 0.0).max(axis=1, initial=0.0)
 
 
 def boxes_around(bounds: Float64, world_from_model: Float64) -> tuple[Float64, Float64]:

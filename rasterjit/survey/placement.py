@@ -50,7 +50,8 @@ class Extents:
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
     world_from_model : (O, 4, 4) float64
-        Or to anything else that is not turned or scaled against the world.
+        Or to anything else that is not turned or scaled against the world; (N, O, 4, 4) where
+        objects stand elsewhere in each of N views: then all below has N before the last O.
     """
 
     def __init__(self, bounds: Float64, world_from_model: Float64) -> None:
@@ -79,7 +80,7 @@ class Extents:
             middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
             x, y, z = self._columns.swapaxes(0, 1)
             middles = (x * middle[0] + y * middle[1]) + z * middle[2]
-            return middles, self._columns * half
+            return middles, self._columns * half.reshape(3, *(1,) * (x.ndim - 2), -1)
 
     @cached_property
     def reach(self) -> Float64:
@@ -93,7 +94,79 @@ class Extents:
     @cached_property
     def _columns(self) -> Float64:
         """Entries of the matrices but for the translation, (3, 3, O): row, column, object."""
-        return np.ascontiguousarray(self._world_from_model[:, :3, :3].transpose(1, 2, 0))
+        axes = self._world_from_model[..., :3, :3]
+        return np.ascontiguousarray(np.moveaxis(axes, (-2, -1), (0, 1)))
+
+
+class Measures(NamedTuple):
+    """How the boxes around objects lie to the planes of a view; (N, O) of N views for each (O,)."""
+
+    inside: Float64
+    """How far inside of each plane a box reaches, clip space: far at 2, near at 5, (6, O)."""
+    widths: Float64
+    """By how much the far and the near plane tell the ends of each axis apart, (2, 3, O)."""
+    reach: Float64
+    """What |w| plus each of |x|, |y| and |z| is at most in clip space, (3, O)."""
+    beside: NDArray[np.bool_]
+    """Which boxes are all beyond a side of the view, or of nothing, (O,)."""
+    in_view: NDArray[np.bool_]
+    """Which may be seen: not all beyond a plane of the view volume, (O,)."""
+
+    def may_cross(self, near: float | Float64, far: float | Float64) -> NDArray[np.bool_]:
+        """Tell which objects may cross a plane; takes what `Boxes.may_cross` does, or (N, 1)."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            at_far, at_near = self.inside[2::3] - 2.0 * np.add.reduce(self.widths, axis=1)
+            doubt = ROUNDING * self.reach[2]
+            stays = (at_far >= far + doubt) & (at_near >= near + doubt)
+        return ~(stays | self.beside)
+
+    def largest_w(self) -> Float64:
+        """Return a clip-space w that nothing in view is beyond, of each view."""
+        return np.where(self.in_view, self.reach[0], 0.0).max(axis=-1, initial=0.0)
+
+
+def measure_boxes(
+    extents: Extents, relative_from_model: Float64, clip_from_relative: Float64
+) -> Measures:
+    """
+    Hold the boxes around objects against the planes of a view, or of each of N.
+
+    Parameters
+    ----------
+    extents : Extents
+        Of the objects where they stand, in all views or in each.
+    relative_from_model : (O, 4, 4), or (N, O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4), or (N, 4, 4) float64
+    """
+    middles, axes = extents.middles_and_axes
+    reach = extents.reach
+    if relative_from_model.ndim == 3:
+        origins, matrix = relative_from_model[:, :3, 3].T, clip_from_relative[..., np.newaxis]
+    else:
+        # Coordinates first: each entry is an array of all objects in all views.
+        origins = relative_from_model[..., :3, 3].transpose(2, 0, 1)
+        matrix = clip_from_relative.transpose(1, 2, 0)[..., np.newaxis]
+        if middles.ndim == 2:
+            middles, reach = middles[:, np.newaxis], reach[:, np.newaxis]
+            axes = np.broadcast_to(axes[:, :, np.newaxis], (3, *origins.shape))
+    with np.errstate(invalid="ignore", over="ignore"):
+        points = np.concatenate((axes, (origins + middles)[:, np.newaxis]), axis=1)
+        # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
+        w = matrix[3]
+        planes = np.concatenate((w - matrix[:3], w + matrix[:3]))
+        # Measure the corner of each box that lies farthest inside.
+        onto = along(planes, points)
+        halves = np.abs(onto[:, :3])
+        inside = (onto[:, 3] + planes[:, 3]) + np.add.reduce(halves, axis=1)
+        # Of both rows: what is drawn compares them, and they may nearly cancel.
+        rows = np.abs(w) + np.abs(matrix[:3])
+        most = along(rows, np.abs(origins) + reach) + rows[:, 3]
+        # What is not a number is not sure.
+        beyond = inside.reshape(2, 3, *inside.shape[1:]) < -ROUNDING * most
+    across = np.logical_or.reduce(beyond, axis=0)
+    beside = extents.is_nothing | across[0] | across[1]
+    return Measures(inside, halves[2::3], most, beside, ~(beside | across[2]))
 
 
 class Boxes:
@@ -108,6 +181,8 @@ class Boxes:
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
     clip_from_relative : (4, 4) float64
+    measures : Measures, optional
+        Of these boxes, if they are known.
 
     Attributes
     ----------
@@ -118,43 +193,14 @@ class Boxes:
 
     def __init__(
         self, extents: Extents, eye: Float64, relative_from_model: Float64,
-        clip_from_relative: Float64,
+        clip_from_relative: Float64, measures: Measures | None = None,
     ) -> None:  # fmt: skip
         self.eye = eye
         self._bounds = extents.bounds
         self.relative_from_model = relative_from_model
-        self._reach: Float64
-        """What |w| plus each of |x|, |y| and |z| is at most in clip space, (3, O)."""
-        self._inside: Float64
-        """How far inside of each plane a box reaches, clip space: far at 2, near at 5, (6, O)."""
-        self._widths: Float64
-        """By how much the far and the near plane tell the ends of each axis apart, (2, 3, O)."""
-        self._beside: NDArray[np.bool_]
-        """Which boxes are all beyond a side of the view, or of nothing, (O,)."""
-        self.in_view = self._may_be_seen(extents, clip_from_relative)
-
-    def _may_be_seen(self, extents: Extents, matrix: Float64) -> NDArray[np.bool_]:
-        """Tell which boxes are not all beyond a plane of the view volume."""
-        origins = self.relative_from_model[:, :3, 3].T
-        middles, axes = extents.middles_and_axes
-        with np.errstate(invalid="ignore", over="ignore"):
-            points = np.concatenate((axes, (origins + middles)[:, np.newaxis]), axis=1)
-            # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
-            w = matrix[3]
-            planes = np.concatenate((w - matrix[:3], w + matrix[:3]))
-            # Measure the corner of each box that lies farthest inside.
-            onto = along(planes, points)
-            halves = np.abs(onto[:, :3])
-            self._inside = (onto[:, 3] + planes[:, 3:]) + np.add.reduce(halves, axis=1)
-            self._widths = halves[2::3]
-            # Of both rows: what is drawn compares them, and they may nearly cancel.
-            rows = np.abs(w) + np.abs(matrix[:3])
-            self._reach = along(rows, np.abs(origins) + extents.reach) + rows[:, 3:]
-            # What is not a number is not sure.
-            beyond = self._inside.reshape(2, 3, -1) < -ROUNDING * self._reach
-        across = np.logical_or.reduce(beyond, axis=0)
-        self._beside = extents.is_nothing | across[0] | across[1]
-        return ~(self._beside | across[2])
+        if measures is None:
+            measures = measure_boxes(extents, relative_from_model, clip_from_relative)
+        self._measures, self.in_view = measures, measures.in_view
 
     def may_cross(self, near: float, far: float) -> NDArray[np.bool_]:
         """
@@ -169,11 +215,7 @@ class Boxes:
         -------
         (O,) bool
         """
-        with np.errstate(invalid="ignore", over="ignore"):
-            at_far, at_near = self._inside[2::3] - 2.0 * np.add.reduce(self._widths, axis=1)
-            doubt = ROUNDING * self._reach[2]
-            stays = (at_far >= far + doubt) & (at_near >= near + doubt)
-        return ~(stays | self._beside)
+        return self._measures.may_cross(near, far)
 
     @cached_property
     def corners(self) -> Float64:
@@ -192,7 +234,7 @@ class Boxes:
 
     def largest_w(self) -> float:
         """Return a clip-space w that nothing in view is beyond."""
-        return float(self._reach[0, self.in_view].max(initial=0.0))
+        return float(self._measures.largest_w())
 
     def w_ranges(
         self, row: Float64, chosen: NDArray[np.bool_] | None = None
@@ -222,7 +264,7 @@ class Boxes:
             middle = along[:, :3] * (low / 2.0 + high / 2.0)
             half = np.abs(along[:, :3]) * (high / 2.0 - low / 2.0)
             center, reach = middle.sum(axis=1) + (along[:, 3] + row[3]), half.sum(axis=1)
-            doubt = ROUNDING * self._reach[0, chosen]
+            doubt = ROUNDING * self._measures.reach[0, chosen]
             above = center + (reach + doubt)
             return center - (reach + doubt), above, above - 2.0 * half.max(axis=1)
 
@@ -238,8 +280,14 @@ class Boxes:
 
 
 def along(planes: Float64, points: Float64) -> Float64:
-    """Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...)."""
-    a, b, c = planes[:, :3].T.reshape(3, -1, *(1,) * (points.ndim - 1))
+    """
+    Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...).
+
+    Planes (P, 4, *L) differ along the last axes of the coordinates, of lengths L or 1.
+    """
+    last = planes.shape[2:]
+    ones = (1,) * (points.ndim - 1 - len(last))
+    a, b, c = planes[:, :3].swapaxes(0, 1).reshape(3, -1, *ones, *last)
     return (a * points[0] + b * points[1]) + c * points[2]
 
 
@@ -355,7 +403,7 @@ def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> 
 
 def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
     """Return the matrices that take objects at their places to the screen."""
-    eye = camera.eye_position()
+    eye = finite_array("camera.eye_position()", camera.eye_position(), (3,))
     relative_from_model = places.world_from_model.copy()
     relative_from_model[:, :3, 3] -= eye
     return _view(relative_from_model, places.normal_matrices, places.mirrored, camera, size)
@@ -371,7 +419,7 @@ def _view(
     size: tuple[int, int],
 ) -> Views:  # fmt: skip
     """Return the matrices of objects, given those that the projection does not change."""
-    x, y, z = camera.eye_position().tolist()
+    x, y, z = finite_array("camera.eye_position()", camera.eye_position(), (3,)).tolist()
     world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
     view_from_world = finite_array("camera.view_matrix()", camera.view_matrix(), (4, 4)).tolist()
     view_from_relative = transforms.product_of(view_from_world, world_from_relative)
@@ -413,11 +461,22 @@ def _turn(rows: Sequence[Sequence[float]]) -> float:
 def cull_objects(
     cull: str, views: Views, face_starts: NDArray[np.int64], is_single_sided: NDArray[np.bool_]
 ) -> Objects:
-    """
-    Return which way the faces of each object turn that are dropped (+1: clockwise).
+    """Return which faces of each object are dropped; see `culled_turns`."""
+    return Objects(
+        face_starts, culled_turns(cull, views.screen_turn, views.mirrored, is_single_sided)
+    )
 
-    Single-sided objects lose their back faces, unless front faces are asked to be dropped.
+
+def culled_turns(
+    cull: str, screen_turn: int | NDArray[np.int64], mirrored: Float64,
+    is_single_sided: NDArray[np.bool_],
+) -> NDArray[np.int8]:  # fmt: skip
+    """
+    Return which way the faces of each object turn that are dropped (+1: clockwise), (O,).
+
+    Single-sided objects lose their back faces, unless front faces are asked to be dropped. Of N
+    views (N, O), if ``screen_turn`` is (N, 1).
     """
     sign = {"none": 0, "back": 1, "front": -1}[cull]
     signs = sign if sign else is_single_sided
-    return Objects(face_starts, (signs * (views.screen_turn * views.mirrored)).astype(np.int8))
+    return (signs * (screen_turn * mirrored)).astype(np.int8)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from batches import MODELS, around, check, mixed_scene
+from batches import MODELS, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
@@ -16,7 +16,7 @@ from rasterjit.rendering import batch, together
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
-from rasterjit.survey.many_views import find_in_view, place_many, view_many
+from rasterjit.survey.many_views import place_many, view_many
 
 
 @pytest.fixture
@@ -25,7 +25,6 @@ def scene():
     return mixed_scene()
 
 
-in_groups = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="needs machine code")
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
 SHADINGS = "unlit", "flat", "gouraud", "phong", "pbr"
 
@@ -121,6 +120,80 @@ def test_cameras_that_look_away_from_some_objects_are(scene, alone):
     ]
     check(scene, cameras, outputs=("color", "depth"))
     assert len(alone) < 4
+
+
+def robots(floor_faces=2):
+    """Return objects on a floor that reaches behind every eye, of so many faces."""
+    scene = mixed_scene()
+    side = math.isqrt(floor_faces // 2)
+    x, z = np.meshgrid(*(np.linspace(-30.0, 30.0, side + 1),) * 2)
+    corners = np.stack([x, np.full_like(x, -1.0), z], axis=-1).reshape(-1, 3)
+    first = (np.arange(side)[:, np.newaxis] * (side + 1) + np.arange(side)).reshape(-1, 1)
+    quads = first + (0, side + 1, side + 2, 1)
+    colors = np.random.default_rng(8).random((len(corners), 3))
+    texture = rj.Texture(np.random.default_rng(2).integers(0, 255, (16, 16, 3), np.uint8))
+    scene.add(
+        rj.Mesh(
+            corners, np.concatenate((quads[:, :3], quads[:, (0, 2, 3)])), colors=colors,
+            uv=corners[:, ::2], material=rj.Material("phong", base_color_texture=texture),
+        )
+    )  # fmt: skip
+    return scene
+
+
+@in_groups
+@pytest.mark.parametrize(("faces", "near"), [(2, None), (2, 0.5), (800, 0.5), (60_000, 0.5)])
+def test_faces_are_cut_in_groups(faces, near, alone):
+    scene = robots(faces)
+    cameras = [replace(camera, near=near) for camera in around(9, 3.0)]
+    outputs = tuple(together.BY_KERNEL)
+    batch = check_quietly(scene, cameras, outputs=outputs, size=(64, 48), threads=2)
+    assert batch.stats.clipped >= 5
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_faces_before_given_planes_are_cut_in_groups(scene, precision, alone):
+    cameras = [replace(camera, near=3.5, far=4.2) for camera in around(8)]
+    quality = rj.Quality(precision=precision)
+    batch = check_quietly(scene, cameras, outputs=ALL[:3], quality=quality)
+    assert batch.stats.clipped > 100
+    assert alone == []
+
+
+@in_groups
+def test_views_without_and_with_cuts_follow_each_other(alone):
+    scene = robots(800)
+    away = [replace(camera, target=(20.0, 40.0, 0.0)) for camera in around(4, 3.0)]
+    cameras = [
+        one for pair in zip(around(4, 3.0), around(4, 100.0), away, strict=True) for one in pair
+    ]
+    check_quietly(scene, cameras, outputs=("color", "uv", "depth"), threads=1)
+    rng = np.random.default_rng(4)
+    places = np.tile(np.eye(4), (12, 4, 1, 1))
+    places[..., :3, :] += rng.normal(0.0, 0.1, (12, 4, 3, 4))
+    check_quietly(scene, cameras, places, outputs=("color", "uv", "depth"), threads=1)
+    assert alone == []
+
+
+@in_groups
+def test_more_faces_to_cut_than_there_is_room_for_are_drawn_one_by_one(alone, monkeypatch):
+    monkeypatch.setattr(together, "room_to_cut", lambda faces: (1, 28))
+    cameras = [
+        replace(camera, near=near) for camera, near in zip(around(4), (0.1, 3.9) * 2, strict=True)
+    ]
+    check_quietly(mixed_scene(), cameras, outputs=("color",))
+    assert sorted(alone) == [1, 3]
+
+
+def test_planes_that_cut_name_the_first_view(scene):
+    cameras = [
+        replace(camera, near=near)
+        for camera, near in zip(around(4), (0.1, 0.1, 3.5, 3.6), strict=True)
+    ]
+    with pytest.warns(rj.ViewWarning, match=r"camera\.near = 3\.5 cuts .* \(cameras\[2\]\)"):
+        rj.render_batch(scene, cameras, size=(40, 28), threads=2)
 
 
 @in_groups
@@ -245,7 +318,11 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         np.array([camera.projection_matrix((40, 28)) for camera in cameras]),
     )  # fmt: skip
     bounds = placement.mesh_boxes([node.mesh for node in scene.nodes])
-    in_view, largest = find_in_view(bounds, views)
+    extents = placement.Extents(bounds, moved)
+    measures = placement.measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
+    largest = measures.largest_w()
+    near, far = rng.normal(0.0, 2.0, (2, 200, 1))
+    crosses = measures.may_cross(near, far)
     for n, camera in enumerate(cameras):
         own = placement.place_objects(list(moved[n]))
         wanted = placement.view_places(own, camera, (40, 28))
@@ -256,13 +333,15 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
         assert places.mirrored[n].tobytes() == wanted.mirrored.tobytes()
         extents = placement.Extents(bounds, moved[n])
         boxes = placement.Boxes(extents, camera.eye_position(), *wanted[:2])
-        assert in_view[n].tolist() == boxes.in_view.tolist()
-        assert largest[n] == pytest.approx(boxes.largest_w())
+        assert measures.in_view[n].tolist() == boxes.in_view.tolist()
+        assert largest[n] == boxes.largest_w()
+        assert crosses[n].tolist() == boxes.may_cross(near[n, 0], far[n, 0]).tolist()
         for cull in ("none", "back", "front"):
             single = np.array([False, True, False])
-            turns = together.cull_objects_of_many(
+            turns = placement.culled_turns(
                 cull, views.screen_turn[n : n + 1, np.newaxis], places.mirrored[n : n + 1], single
             )
             one = placement.cull_objects(cull, wanted, np.arange(4), single)
             assert turns[0].tolist() == one.culled_turns.tolist()
-    assert 0 < in_view.sum() < in_view.size
+    assert 0 < measures.in_view.sum() < measures.in_view.size
+    assert 0 < crosses.sum() < crosses.size
