@@ -182,8 +182,9 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
-        plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
-    )
+        plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
+        cache.tables.is_single_sided,
+    )  # fmt: skip
     vertices = draw.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,

@@ -54,6 +54,8 @@ def fill_buffers(
     """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
     shapes, face_id = cache.shapes, coverage.face_id
     result["face_id"] = face_id
+    if plan.facts.fills_nothing:
+        return
     if "depth" in plan.outputs:
         result["depth"] = metric_depth(
             plan.depth_format, plan.camera, coverage, plan.size, plan.corner

@@ -6,8 +6,6 @@ No other file of ``rendering`` names one. Materials and lights have rows among t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
 from rasterjit.effects.antialiasing import ANTIALIASING
 from rasterjit.effects.background_image import BACKGROUND_IMAGE
@@ -51,7 +49,8 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-NO_ANSWERS = (None,) * len(EFFECTS)
+BEYOND_FACTS = tuple(n for n, effect in enumerate(EFFECTS) if not effect.follows_facts)
+"""Numbers of those that are asked for each frame."""
 
 
 def effect_named(name: str) -> Effect:
@@ -60,19 +59,24 @@ def effect_named(name: str) -> Effect:
 
 
 def answer_effects(
-    facts: Facts, planning: Planning, known: Sequence[Planned | Absent] | None = None
+    facts: Facts, planning: Planning, known: tuple[Planned | Absent, ...] | None = None
 ) -> tuple[Planned | Absent, ...]:
     """
     Ask every effect once, in order, whether a frame needs it.
 
-    ``known`` are the answers of an earlier frame of the same facts.
+    ``known`` are the answers of an earlier frame of the same facts: they themselves are returned
+    where all still hold.
     """
-    return tuple(
-        [
-            effect.answer(facts, planning) if answer is None or not effect.follows_facts else answer
-            for effect, answer in zip(EFFECTS, known or NO_ANSWERS, strict=True)
-        ]
-    )
+    if known is None:
+        return tuple([effect.answer(facts, planning) for effect in EFFECTS])
+    changed = {}
+    for n in BEYOND_FACTS:
+        answer = EFFECTS[n].answer(facts, planning)
+        if answer.used or known[n].used:
+            changed[n] = answer
+    if not changed:
+        return known
+    return tuple([changed.get(n, answer) for n, answer in enumerate(known)])
 
 
 def prepare_effects(context: FrameContext) -> tuple[Active, ...]:

@@ -31,7 +31,7 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.records import AlphaTests, Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
-from rasterjit.runtime.threads import Memory, Workers
+from rasterjit.runtime.threads import Kept, Memory, Workers
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.effect import Active, Rows, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -63,11 +63,23 @@ class Shader(NamedTuple):
     shading: Shading | None = None
     """The stages, made by `ready` when nothing above changes any more."""
 
-    def ready(self) -> Shader:
-        """Return this shader with its stages made."""
-        shading = Shading(
-            self.geometry, self.placement, self.surface, self.lighting, self.effects,
-            encode.encoding_table(), self.background,
+    def ready(self, kept: Kept | None = None) -> Shader:
+        """Return this shader with its stages made, or with those of the picture before."""
+        read = self.geometry, self.placement, self.surface, self.lighting, self.effects
+        table, background = encode.encoding_table(), self.background
+        if kept is None or not kept.lasts:
+            return self._replace(shading=Shading(*read, table, background))
+        lighting, viewer = self.lighting, self.placement.toward_viewer
+        if lighting is not None:
+            # Lights lie relative to the eye.
+            lighting = lighting._replace(
+                lights=kept.copied("light rows", lighting.lights),
+                ambient=kept.copied("light from all around", lighting.ambient),
+            )
+        shading = kept.made(
+            "stages", Shading, *read[:3], lighting, self.effects, table,
+            kept.made("color behind", _color_of, background.tobytes()),
+            kept.copied("viewer", viewer, np.float32),
         )  # fmt: skip
         return self._replace(shading=shading)
 
@@ -146,6 +158,11 @@ class Shader(NamedTuple):
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
     """Return an empty array in place of linear colour that is not wanted, for pixels (..., W)."""
     return np.empty((*color.shape[:-1], 0, 4), np.float32)
+
+
+def _color_of(numbers: bytes) -> NDArray[np.float32]:
+    """Return a colour, (4,), given its bytes."""
+    return np.frombuffer(numbers, np.float32).copy()
 
 
 class Target(NamedTuple):

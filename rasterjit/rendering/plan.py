@@ -113,7 +113,7 @@ def plan_frame(
     # Ask each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
-    return RenderPlan(
+    plan = RenderPlan(
         size=size,
         camera=camera,
         background=_color_behind(behind, size),
@@ -128,6 +128,9 @@ def plan_frame(
         pictures=facts.pictures,
         look=beside,
     )
+    if answers is not None and effects is answers:
+        plan.follow(last)
+    return plan
 
 
 def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:

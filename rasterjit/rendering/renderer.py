@@ -6,6 +6,7 @@ See `draw_frame`; the stages themselves are in ``pipeline``, the effects in ``ef
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -19,6 +20,7 @@ from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
+from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
@@ -35,7 +37,7 @@ from rasterjit.rendering.views import (
     settle_together,
 )
 from rasterjit.runtime.ahead import beside
-from rasterjit.runtime.threads import Workers
+from rasterjit.runtime.threads import Kept, Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, MatrixCamera
@@ -46,12 +48,16 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, in_short, positive_number, thread_count
 from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
-from rasterjit.survey.arrays import placement_of
+from rasterjit.survey.arrays import SceneArrays, front_turns_of, placement_of
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
+
+MOST_KEPT = drawing.VERTICES_PER_TASK
+"""Most faces, and vertices, of a scene whose pictures leave anything for the next: beside the time
+that larger ones take, it is nothing to make it anew, and the memory is used for other things."""
 
 
 def render(
@@ -194,6 +200,7 @@ def draw_frame(
     accumulation: Accumulation | None = None,
     clock: StageClock | None = None,
     before_picture: Callable[[], None] | None = None,
+    kept: Kept | None = None,
     **options: bool,
 ) -> tuple[Frame, Seen]:
     """
@@ -209,6 +216,8 @@ def draw_frame(
         Started when the frame was planned.
     before_picture : callable, optional
         Called before the faces of each picture are found; what it raises ends the frame.
+    kept : Kept, optional
+        What the frame before left. Then what is seen lies there, and only until the next frame.
     **options
         What is kept of the visible faces, besides what the plan asks for: see `find_visible`.
 
@@ -221,18 +230,18 @@ def draw_frame(
     plan, cache, views, _ = planned
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
 
-    def find(picture: RenderPlan, views: Views | None = None, **options: bool) -> Seen:
+    def find(picture: RenderPlan, views: Views | None = None, **options: Any) -> Seen:
         if before_picture is not None:
             before_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
 
     with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
         # Project, clip, bin, draw.
-        seen = find(plan, views, **options)
+        seen = find(plan, views, kept=kept, **options)
         context = FrameContext(plan, cache, *seen[2:], workers)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
-            result = shade.shade_faces(context)
+            result = shade.shade_faces(context, kept)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         clock("shade, resolve")
@@ -269,6 +278,7 @@ def find_visible(
     workers: Workers,
     clock: Callable[[str], None],
     views: Views | None = None,
+    kept: Kept | None = None,
     **options: bool,
 ) -> Seen:
     """
@@ -283,23 +293,31 @@ def find_visible(
         Called with a stage's name when it ends.
     views : Views, optional
         Those of the plan's camera, where they are known.
+    kept : Kept, optional
+        What the picture before left: all that is returned, but for depth and face, lies there.
     **options
         What is kept besides what the plan asks for, as ``pipeline.visibility.draw`` takes it.
     """
     camera, arrays = plan.camera, cache.shapes.arrays
+    if kept is None or max(len(arrays.faces), len(arrays.positions)) > MOST_KEPT:
+        kept = Kept(workers.memory, lasts=False)
     if views is None:
         views = placing.view_places(cache.places, camera, plan.size)
     spacing = supersample.spacing_of(camera)
-    viewport = drawing.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region, spacing)
-    objects = placing.cull_objects(
-        plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
-    )
+    viewport = kept.made(
+        "viewport", drawing.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
+        spacing,
+    )  # fmt: skip
+    objects = kept.made(
+        "objects", placing.cull_objects, plan.cull, views.screen_turn, views.mirrored,
+        arrays.face_starts, cache.tables.is_single_sided,
+    )  # fmt: skip
     clock("plan")
     vertices = drawing.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
-    kept = {
+    wanted = {
         "keep_depth": plan.needs_depth,
         "find_faces": plan.facts.finds_faces,
         "keep_lists": plan.keeps_lists,
@@ -308,17 +326,32 @@ def find_visible(
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
         alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
-        is_affine=plan.is_affine, **(kept | options),
+        is_affine=plan.is_affine, kept=kept, **(wanted | options),
     )  # fmt: skip
-    geometry = drawing.geometry_of(
-        arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
-    )
+    geometry = kept.made(
+        "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
+        viewport, plan.is_affine,
+    )  # fmt: skip
     if plan.reads_depth:
         coverage = add_reversed_depth(plan.depth_format, camera, geometry, coverage, workers)
         if not plan.depth_format.is_standard:
             clock("reversed depth")
-    placement = placement_of(arrays, views)
+    placement = _placement(arrays, views, kept)
     return Seen(objects, camera.depth_coefficients(), geometry, placement, coverage)
+
+
+def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:
+    """Return where the objects stand, where that of the picture before lay."""
+    if not kept.lasts:
+        return placement_of(arrays, views)
+    front_turns = kept.made("turns", front_turns_of, views.screen_turn, views.mirrored)
+    return kept.made(
+        "placement", Placement, arrays.face_starts, arrays.positions,
+        kept.copied("relative_from_model", views.relative_from_model[:, :3, :]),
+        kept.copied("normal_matrices", views.normal_matrices),
+        kept.copied("mirrored", views.mirrored), kept.copied("front_turns", front_turns),
+        kept.copied("toward_viewer", views.toward_viewer),
+    )  # fmt: skip
 
 
 def compare(
@@ -424,6 +457,7 @@ class Renderer(Guarded):
         self._cache: SceneCache | None = None
         self._last: RenderPlan | None = None
         self._lensed: lenses.Lensed | None = None
+        self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
 
@@ -450,6 +484,7 @@ class Renderer(Guarded):
     def close(self) -> None:
         """Let the threads go; a later render starts them again."""
         self._workers.close()
+        self._kept.clear()
 
     def render(
         self,
@@ -642,7 +677,13 @@ class Renderer(Guarded):
     def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
         """Draw a frame."""
         options["before_picture"] = self.before_picture
-        return draw_frame(planned, self._workers, *arguments, **options)[0]
+        # Of frames that are drawn at once, one takes what is kept.
+        if not self._keeping.acquire(blocking=False):
+            return draw_frame(planned, self._workers, *arguments, **options)[0]
+        try:
+            return draw_frame(planned, self._workers, *arguments, kept=self._kept, **options)[0]
+        finally:
+            self._keeping.release()
 
     def _plan(self, quality: Quality, what: Any, *arguments: Any) -> PlannedFrame:
         """Check the arguments of a frame, and decide what it needs."""

@@ -24,7 +24,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.rendering import layers, srgb8, stage_list
 from rasterjit.rendering.effects import prepare_effects
-from rasterjit.runtime.threads import Workers, count_per_task, rows_per_task
+from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import Active, FrameContext, Rows, acting
 from rasterjit.survey.placement import unit_matrices
@@ -34,8 +34,8 @@ LEAST_LIT_VERTICES = 4096
 """Fewest vertices lit by one task."""
 
 
-def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
-    """Make the colour outputs of a picture, if there are any."""
+def shade_faces(context: FrameContext, kept: Kept | None = None) -> dict[str, NDArray[Any]]:
+    """Make the colour outputs of a picture, if there are any, with what the one before left."""
     plan, cache, geometry, placement, coverage, workers = context
     if not plan.facts.is_colored:
         return {}
@@ -52,7 +52,12 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
         starts = cache.shapes.arrays.vertex_starts
         return light_vertices(starts, placement, surface, lighting, effects, workers)
 
-    surface = light_surface(plan, find_surface(plan, cache.tables), plan.lighting, light)
+    kept = kept or Kept(workers.memory, lasts=False)
+    surface = kept.made(
+        "surface", lambda *_: find_surface(plan, cache.tables), plan.facts, plan.layers,
+        cache.tables,
+    )  # fmt: skip
+    surface = light_surface(plan, surface, plan.lighting, light)
     shader = layers.Shader(
         geometry, placement, surface, plan.lighting, plan.background, effects,
         find_alpha_tests(plan, cache),
@@ -62,7 +67,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
         shade = srgb8.shade if plan.layers.mixes_codes else layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
     elif plan.facts.draws_faces:
-        shade_in_bands(coverage.face_id, shader, linear, color, workers)
+        shade_in_bands(coverage.face_id, shader, linear, color, workers, kept)
     else:
         shade_nothing(shader, linear, color, workers)
     return {
@@ -171,6 +176,7 @@ def shade_in_bands(
     linear: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
     workers: Workers,
+    kept: Kept | None = None,
 ) -> None:
     """
     Shade and resolve the frame in bands of rows.
@@ -184,6 +190,8 @@ def shade_in_bands(
     color : (H, W, 4) uint8 or None
         Written, if the frame has it.
     workers : Workers
+    kept : Kept, optional
+        What the picture before left: its stages, if they read the same.
     """
     height = len(face_id)
     nothing = np.empty((height, 0), np.uint32)
@@ -191,7 +199,7 @@ def shade_in_bands(
     if linear is None:
         linear = np.empty((height, 0, 4), np.float32)
     per_task = rows_per_task(face_id.shape, workers)
-    shader = shader.ready()
+    shader = shader.ready(kept)
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))

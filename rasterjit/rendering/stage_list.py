@@ -7,6 +7,7 @@ the block of samples that they work on, and ``runtime/driver.py`` for what runs 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -414,6 +415,7 @@ class Shading:
         self._faces, self._face_starts = geometry.faces, placement.face_starts
         self._surface, self._effects, self._table = surface, tuple(effects), table
         self._painted = background, code_of(background)
+        self._spare: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
 
     def shade(
         self,
@@ -445,7 +447,18 @@ class Shading:
             faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
             linear = linear.reshape(count, linear.shape[2], 4)
         painted = self._painted if background is None else background
-        self.listed(faces, first_row, height, painted, linear, color).run(BLOCKS.block, BLOCK)
+        own = faces, first_row, height, painted, linear, color
+        # Each thread has a list of its own, which serves all rows that it shades.
+        spare = self._spare[bool(linear.shape[1]), bool(color.shape[1])]
+        try:
+            stages = spare.pop()
+            stages.renew(self._output(*own))
+        except IndexError:
+            stages = self.listed(*own)
+        stages.run(BLOCKS.block, BLOCK)
+        # The pictures are not for it to keep.
+        stages.let_go()
+        spare.append(stages)
 
     def listed(
         self,
@@ -458,9 +471,21 @@ class Shading:
     ) -> StageList:
         """Return the stages that `shade` runs, of images one below the other, each so high."""
         painted = painted or self._painted
+        return StageList(self._output(faces, first_row, height, painted, linear, color))
+
+    def _output(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int],
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> list[Step | StageList]:
+        """Return the stages from listing samples to writing colours, an empty block at hand."""
         steps = self._list(faces, first_row, height, painted, linear, color)
-        steps += output_steps(self._surface, self._shown, self._table, self._effects, linear, color)
-        return StageList(steps)
+        own = self._surface, self._shown, self._table, self._effects
+        return steps + output_steps(*own, linear, color)
 
     def mix(
         self,

@@ -273,7 +273,10 @@ class Together:
         for n in self._find_crossed(seen, ~is_sure & views.is_finite, views, measures):
             of_all = Measures(*(part[..., n, :] for part in measures))
             relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
-            boxes = Boxes(self.cache.extents, eyes[n], relative, clip, of_all)
+            own = self.cache.extents
+            if places is not None:
+                own = Extents(self.cache.shapes.boxes, known.world_from_model[n])
+            boxes = Boxes(own, eyes[n], relative, clip, of_all)
             look = look_at_planes(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
             if look.cut:
                 cuts[n] = notices.cuts_of(look)

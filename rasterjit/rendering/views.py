@@ -72,7 +72,7 @@ def plan_views(
         scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views,
         last,
     )  # fmt: skip
-    if _are_moved(camera, plan.camera):
+    if any(plan.look.steps) and _are_moved(camera, plan.camera):
         views = placing.view_again(views, plan.camera, size)
     earlier = find_earlier(previous, plan, scene, camera)
     if earlier is None:

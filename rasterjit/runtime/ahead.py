@@ -291,8 +291,10 @@ def beside(
         Do not wait until this process compiles something.
     """
     asking = threading.Lock()
-    is_shared = threads != 1 and available_processors() > 1
     progress: Progress | None = None
+
+    def is_shared() -> bool:
+        return threads != 1 and available_processors() > 1
 
     def ask() -> None:
         nonlocal progress
@@ -300,7 +302,7 @@ def beside(
         if asking.acquire(blocking=False):
             tasks, entries = _listed(list_tasks)
             progress = Progress(entries)
-            if is_shared and is_possible():
+            if is_shared() and is_possible():
                 _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
         # The frame that began last tells.
         if progress is not None and store.BEFORE_COMPILING[-1:] == [ask]:
@@ -308,7 +310,7 @@ def beside(
 
     store.BEFORE_COMPILING.append(ask)
     try:
-        if at_once and is_shared:
+        if at_once and is_shared():
             ask()
         yield
     finally:

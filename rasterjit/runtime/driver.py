@@ -75,15 +75,13 @@ class _Layout:
         self.plan = plan_of(kind)
         self.plan_address = ctypes.addressof(self.plan)
 
-    def pack(self, arguments: tuple[tuple[Any, ...], ...]) -> Any:
-        """Return a state block of the arguments of each stage; it does not keep them alive."""
-        state = self.block()
+    def pack(self, arguments: tuple[tuple[Any, ...], ...], state: Any) -> None:
+        """Fill a state block, ``block()``, by the arguments of all stages; it keeps none alive."""
         if jit.packer()(id(arguments), self.plan_address, ctypes.addressof(state)):
             words: list[int] = []
             for name, kind, own in zip(self.names, self.kinds, arguments, strict=True):
                 pack_slowly(kind, own, words, name)
             state[: len(words)] = words
-        return state
 
 
 @functools.lru_cache(512)
@@ -105,8 +103,10 @@ class StageList:
         if jit.DISABLED or jit.CHECKED:
             return
         own = [part for part in self.parts if isinstance(part, Step)]
-        layout = _layout_of(tuple([step.stage for step in own]))
-        self._state = layout.pack(tuple([step.arguments for step in own]))
+        self._layout = layout = _layout_of(tuple([step.stage for step in own]))
+        self._state = layout.block()
+        layout.pack(tuple([step.arguments for step in own]), self._state)
+        self._own_table: Any = None
         base, number = ctypes.addressof(self._state), 0
         self._words: list[int] = []
         for part in self.parts:
@@ -115,6 +115,18 @@ class StageList:
                 number += 1
             else:
                 self._words += part._words
+
+    def renew(self, parts: Sequence[Step | StageList]) -> None:
+        """Read other arguments, of the same stages; the lists that are parts of it stay as is."""
+        self.parts = tuple(parts)
+        if jit.DISABLED or jit.CHECKED:
+            return
+        own = [part.arguments for part in self.parts if isinstance(part, Step)]
+        self._layout.pack(tuple(own), self._state)
+
+    def let_go(self) -> None:
+        """Keep no arguments alive until `renew`: it cannot run before."""
+        self.parts = ()
 
     def steps(self) -> Iterator[Step]:
         """Yield its steps, in order."""
@@ -129,8 +141,7 @@ class StageList:
         if jit.DISABLED or jit.CHECKED:
             self._run_in_python(arrays_of_block(kind, block))
             return
-        table = self._table()
-        _runner()(ctypes.addressof(table), block.ctypes.data, 0)
+        _runner()(ctypes.addressof(self._table()), block.ctypes.data, 0)
 
     def bound(self, block: NDArray[np.int64]) -> BoundList:
         """Return how machine code runs the stages with a block of samples."""
@@ -139,8 +150,10 @@ class StageList:
         return BoundList(words, (self, table, block))
 
     def _table(self) -> Any:
-        words = self._words
-        return (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
+        if self._own_table is None:
+            words = self._words
+            self._own_table = (ctypes.c_int64 * (1 + len(words)))(len(words) // 2, *words)
+        return self._own_table
 
     def _run_in_python(self, block: Any) -> None:
         first, *others = self.steps()

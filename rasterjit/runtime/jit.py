@@ -97,6 +97,8 @@ class CompileClock:
 
     def read(self) -> float:
         """Return the seconds so far, with those of what is under way."""
+        if self._active == 0:
+            return self._seconds
         with self._lock:
             going_on = time.perf_counter() - self._since if self._active else 0.0
             return self._seconds + going_on

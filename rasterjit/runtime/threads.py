@@ -169,6 +169,86 @@ class Memory:
             self._shelves.clear()
 
 
+class Kept:
+    """
+    What one picture leaves for the next: arrays and other things, by name.
+
+    Of each name there is one thing, which is kept as long as all that it was made of is the same
+    (`are_same`). It is for one picture at a time: the next one writes to the same arrays.
+
+    Parameters
+    ----------
+    memory : Memory
+        Where new arrays come from.
+    lasts : bool
+        Whether anything is kept; else all is made anew.
+    """
+
+    def __init__(self, memory: Memory, lasts: bool = True) -> None:
+        self.memory = memory
+        self.lasts = lasts
+        self._made: dict[str, tuple[tuple[Any, ...], Any]] = {}
+
+    def made(self, name: str, make: Callable[..., Any], *parts: Any) -> Any:
+        """Return ``make(*parts)``, or what it returned before, of the same parts."""
+        found = self._made.get(name)
+        if found is not None and are_same(found[0], parts):
+            return found[1]
+        return self._keep(name, parts, make(*parts))
+
+    def empty(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array of any contents: the one of before, if shape and type are the same."""
+        found = self._made.get(name)
+        if found is not None and found[0] == (shape, dtype):
+            return found[1]
+        return self._keep(name, (shape, dtype), self.memory.empty(shape, dtype))
+
+    def at_least(self, name: str, count: int, dtype: Any) -> NDArray[Any]:
+        """Return an array of ``count`` numbers or more: the one of before, if it is that long."""
+        found = self._made.get(name)
+        if found is not None and found[0] == (dtype,) and len(found[1]) >= count:
+            return found[1]
+        # The next one may be a little longer.
+        room = count + count // 4 if self.lasts else count
+        return self._keep(name, (dtype,), self.memory.empty((room,), dtype))
+
+    def copied(self, name: str, values: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
+        """Return a copy of an array, C-contiguous: at the place of the one before, if alike."""
+        array = self.empty(name, values.shape, values.dtype if dtype is None else dtype)
+        array[...] = values
+        return array
+
+    def _keep(self, name: str, parts: tuple[Any, ...], thing: Any) -> Any:
+        if self.lasts:
+            self._made[name] = parts, thing
+        return thing
+
+    def clear(self) -> None:
+        """Let go of everything."""
+        self._made.clear()
+
+
+PLAIN = frozenset((bool, int, str, bytes, np.int64))
+"""Types of things that are the same if they are equal."""
+
+
+def are_same(one: Any, other: Any) -> bool:
+    """
+    Tell whether two things are one, or plain and equal; or tuples of such things.
+
+    Two arrays of the same numbers are not: one may be written to.
+    """
+    if one is other:
+        return True
+    kind = type(one)
+    if kind is not type(other):
+        return False
+    if issubclass(kind, tuple):
+        return len(one) == len(other) and all(map(are_same, one, other))
+    # Zeros have signs.
+    return one == other if kind in PLAIN else kind is float and one == other != 0.0
+
+
 def _block_size(size: int) -> int:
     """Return the next of the sizes that blocks have, bytes."""
     step = max((1 << (size - 1).bit_length()) // (2 * SIZE_STEPS), 1)

@@ -192,6 +192,8 @@ def triple(name: str, value: ArrayLike) -> tuple[float, float, float]:
 
 def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
+    if type(value) is str and value in choices:
+        return value
     # A value of another type may equal a choice (True, 8.0), or not compare at all (an array).
     alike = [
         choice
@@ -277,6 +279,10 @@ def image_size(name: str, value: Any) -> tuple[int, int]:
 
 def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
     """Return two whole numbers of pixels, each in 1..largest, or raise ``ValueError``."""
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
+        width, height = value
+        if 1 <= width <= largest and 1 <= height <= largest:
+            return value
     try:
         width, height = value
         if _hides_number(width) or _hides_number(height):

@@ -369,6 +369,11 @@ def _transform_row(texture: Texture | None) -> tuple[float, ...]:
     return UNMOVED if texture is None else texture.transform or UNMOVED
 
 
+def front_turns_of(screen_turn: int, mirrored: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sign of the edge function of each object's front faces on the screen, (O,)."""
+    return -screen_turn * mirrored
+
+
 def placement_of(arrays: SceneArrays, views: Views) -> Placement:
     """Return the record of where the objects stand."""
     return Placement(
@@ -377,6 +382,6 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
         np.ascontiguousarray(views.relative_from_model[:, :3, :]),
         views.normal_matrices,
         views.mirrored,
-        -views.screen_turn * views.mirrored,
+        front_turns_of(views.screen_turn, views.mirrored),
         views.toward_viewer,
     )

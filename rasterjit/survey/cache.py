@@ -240,15 +240,27 @@ def prepare(
     look = look_of(quality, has_environment)
     if look not in all_tables or not _are_same(all_tables[look].materials, materials):
         all_tables[look] = MaterialTables(shapes, materials, quality, has_environment)
-    if known is None or not _are_same(known.matrices, matrices):
+    places = None if known is None else _moved(known, matrices)
+    if places is None:
         places = placement.place_objects(matrices)
-    else:
-        places = known.places
     if known is not None and places is known.places and shapes is known.shapes:
         extents = known.extents
     else:
         extents = Extents(shapes.boxes, places.world_from_model)
     return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables)
+
+
+def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:
+    """Return where objects stand, given what is known of them before; None where that is little."""
+    if _are_same(known.matrices, matrices):
+        return known.places
+    if len(known.matrices) != len(matrices):
+        return None
+    pairs = zip(known.matrices, matrices, strict=True)
+    moved = [n for n, (old, new) in enumerate(pairs) if old is not new]
+    if len(moved) > placement.FEW:
+        return None
+    return placement.move_objects(known.places, matrices, moved)
 
 
 def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

@@ -27,7 +27,7 @@ from rasterjit.scene.scene import Node
 from rasterjit.survey.arrays import writable
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
 from rasterjit.survey.effect import Rows
-from rasterjit.survey.placement import Boxes, along
+from rasterjit.survey.placement import Boxes, along, is_between
 
 Float64 = NDArray[np.float64]
 
@@ -141,10 +141,14 @@ def look_at_planes(
     margins = margins_of(camera, clip_from_relative)
     if margins is None:
         return NO_LOOK
-    # Look at the boxes of objects.
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
-    crosses = boxes.may_cross(*margins.inside)
     most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
+    # Look at the box around all objects.
+    depths = np.negative(camera.view_matrix()[2]).tolist()
+    if boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
+        return Look(most_near_steps=most_steps)
+    # Look at those of each.
+    crosses = boxes.may_cross(*margins.inside)
     if crosses.any() and not isinstance(camera, OrthographicCamera):
         # Where the far plane is many times as far as the near one, w tells more than z.
         lows, highs, _ = boxes.w_ranges(row, crosses)
@@ -209,17 +213,10 @@ def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:
     planes = planes_of(camera)
     if planes is None or not (planes.is_near_open or planes.is_far_open):
         return True
-    *row, rest = (-camera.view_matrix()[2]).tolist()
-    nearest = farthest = rest
-    terms = abs(rest)
-    for share, least, most in zip(row, low.tolist(), high.tolist(), strict=True):
-        ends = share * least, share * most
-        nearest, farthest = nearest + min(ends), farthest + max(ends)
-        terms += max(map(abs, ends))
     near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else -math.inf
     far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else math.inf
-    # What is not a number is not sure.
-    return nearest >= near + SURE * terms and farthest <= far - SURE * terms
+    depths = np.negative(camera.view_matrix()[2]).tolist()
+    return is_between(low.tolist(), high.tolist(), depths, near, far)
 
 
 def _depths(

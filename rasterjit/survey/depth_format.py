@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -150,7 +151,9 @@ def check_near(
     has_planes = isinstance(camera, PerspectiveCamera)
     far = camera.far if has_planes else math.inf
     least = transforms.LEAST_NEAR * far if far < math.inf else 0.0
-    if not near > 0.0 or (near >= least and near >= held * boxes.largest_w()):
+    if not near > 0.0:
+        return
+    if near >= least and (near >= held * boxes.most_w() or near >= held * boxes.largest_w()):
         return
     for nearest, farthest in _spans(boxes, nodes, clip_from_relative[3]):
         if nearest == math.inf:
@@ -171,6 +174,7 @@ def check_near(
     )
 
 
+@cache
 def least_held(name: str, precision: str) -> float:
     """Return the least depth, 1 on the near plane and 0 far away, that is held, by a precision."""
     if name in REVERSED_TYPES:

@@ -86,6 +86,11 @@ class Facts:
         return "color" in self.outputs or "linear" in self.outputs
 
     @cached_property
+    def fills_nothing(self) -> bool:
+        """Whether no output is a buffer of its own, beside the faces."""
+        return {"color", "linear", "coverage", "face_id"}.issuperset(self.outputs)
+
+    @cached_property
     def draws_faces(self) -> bool:
         """Whether faces are drawn, and not the edges alone."""
         return self.wireframe is None or self.wireframe.mode == "overlay"
@@ -303,12 +308,16 @@ def look(
                 if output.startswith(ATTRIBUTE)
             },
         )
-    transparency = find_transparency(
-        scene.nodes, facts.colors_faces, facts.contents.blended > 0, inventory.is_see_through,
-        in_view,
-    )  # fmt: skip
+    transparency = facts.transparency
+    if facts is not last or facts.contents.blended > 0:
+        transparency = find_transparency(
+            scene.nodes, facts.colors_faces, facts.contents.blended > 0, inventory.is_see_through,
+            in_view,
+        )  # fmt: skip
     lights = NO_LIGHTS
-    if facts.is_lit and scene.lights:
+    if facts.is_lit and scene.lights and facts.lights.are_all_of(scene.lights):
+        lights = facts.lights
+    elif facts.is_lit and scene.lights:
         casts = ~inventory.is_see_through
         is_wall = inventory.is_wall & (cull == "none")
         meshes = [node.mesh for node in scene.nodes]
@@ -316,7 +325,8 @@ def look(
             meshes, is_wall, views.relative_from_model, views.clip_from_relative
         )
         lights = plan_lights(lights_under(scene.lights, quality), boxes, casts, enclosures)
-    if transparency.same(facts.transparency) and lights == facts.lights:
+    is_same = transparency is facts.transparency or transparency.same(facts.transparency)
+    if is_same and (lights is facts.lights or lights == facts.lights):
         return facts
     return replace(facts, transparency=transparency, lights=lights)
 

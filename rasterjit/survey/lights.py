@@ -10,6 +10,7 @@ known what is seen.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, cached_property
@@ -90,6 +91,21 @@ class PlannedLights(NamedTuple):
     def have_shadows(self) -> bool:
         """Whether any of them casts shadows."""
         return any(getattr(light, "shadow", None) is not None for light in self.lights)
+
+    def are_all_of(self, lights: Sequence[Light]) -> bool:
+        """Tell whether these are some lights, none left out, and reach all whatever is seen."""
+        return (
+            len(self.lights) == len(lights)
+            and all(map(operator.is_, self.lights, lights))
+            and not any(map(_depends_on_view, lights))
+        )
+
+
+def _depends_on_view(light: Any) -> bool:
+    """Tell whether what a light reaches, and its shadows, depend on what is seen."""
+    if isinstance(light, SpotLight) or getattr(light, "range", None) is not None:
+        return True
+    return getattr(light, "shadow", None) is not None
 
 
 NO_LIGHTS = PlannedLights((), (), (), ())

@@ -10,16 +10,18 @@ not sure counts as in view.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.geometry.seen_depths import SURE
 from rasterjit.pipeline.records import Objects
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.validation import finite_array
@@ -33,8 +35,14 @@ more than float64 rounds them by. Snapping moves no vertex over the border of th
 CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """Which end of its box each corner lies at, by axis."""
 
+KNOWN_CAMERAS = frozenset((PerspectiveCamera, OrthographicCamera, MatrixCamera))
+"""Those whose poses are checked when they are made; not cameras that are made of them."""
+
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 """Of an affine matrix."""
+
+FEW = 8
+"""Objects of which each is looked at by itself at first, in plain numbers: NumPy takes longer."""
 
 EVENNESS = 2.0**-12
 """Share by which the squared lengths of an object's axes may differ, and their cosines: light on
@@ -81,6 +89,42 @@ class Extents:
             x, y, z = self._columns.swapaxes(0, 1)
             middles = (x * middle[0] + y * middle[1]) + z * middle[2]
             return middles, self._columns * half.reshape(3, *(1,) * (x.ndim - 2), -1)
+
+    @cached_property
+    def around(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Low and high corner of a box around all, (3,) each, world space, but for rounding."""
+        if len(self.bounds) > FEW:
+            low, high = box_around(self.bounds, self._world_from_model)
+            return low.tolist(), high.tolist()
+        lows, highs = [(math.inf,) * 3], [(-math.inf,) * 3]
+        for middle, half, origin in self.boxes:
+            # What is in no face has no box.
+            if middle[0] == middle[0]:
+                places = list(map(operator.add, origin, middle))
+                lows.append(tuple(map(operator.sub, places, half)))
+                highs.append(tuple(map(operator.add, places, half)))
+        return list(map(min, *lows)), list(map(max, *highs))
+
+    @cached_property
+    def boxes(self) -> list[tuple[list[float], list[float], list[float]]]:
+        """
+        Of each object the middle of its box, half the size of one around it, and its origin.
+
+        World axes; middles from the origin. For few objects: NumPy does many faster.
+        """
+        found = []
+        columns = self._world_from_model[:, :3].tolist()
+        for (low, high), rows in zip(self.bounds.tolist(), columns, strict=True):
+            (p, a), (q, b), (r, c) = [
+                (least / 2.0 + most / 2.0, most / 2.0 - least / 2.0)
+                for least, most in zip(low, high, strict=True)
+            ]
+            found.append((
+                [(x * p + y * q) + z * r for x, y, z, _ in rows],
+                [abs(x) * a + abs(y) * b + abs(z) * c for x, y, z, _ in rows],
+                [origin for *_, origin in rows],
+            ))  # fmt: skip
+        return found
 
     @cached_property
     def reach(self) -> Float64:
@@ -187,8 +231,6 @@ class Boxes:
     Attributes
     ----------
     eye : (3,) float64, world space
-    in_view : (O,) bool
-        Which objects the camera may see.
     """
 
     def __init__(
@@ -196,11 +238,50 @@ class Boxes:
         clip_from_relative: Float64, measures: Measures | None = None,
     ) -> None:  # fmt: skip
         self.eye = eye
-        self._bounds = extents.bounds
+        self._extents, self._bounds = extents, extents.bounds
         self.relative_from_model = relative_from_model
-        if measures is None:
-            measures = measure_boxes(extents, relative_from_model, clip_from_relative)
-        self._measures, self.in_view = measures, measures.in_view
+        self._clip_from_relative, self._given = clip_from_relative, measures
+
+    @cached_property
+    def in_view(self) -> NDArray[np.bool_]:
+        """Which objects the camera may see, (O,): those not all beyond a plane."""
+        if self._given is None and self._are_middles_in_view():
+            return np.ones(len(self._bounds), np.bool_)
+        return self._measures.in_view
+
+    def _are_middles_in_view(self) -> bool:
+        """Tell whether there are few boxes, and the middles of all are inside of every plane."""
+        if len(self._bounds) > FEW:
+            return False
+        rows = self._clip_from_relative.tolist()
+        origins = self.relative_from_model[:, :3, 3].tolist()
+        for (middle, *_), origin in zip(self._extents.boxes, origins, strict=True):
+            x, y, z = map(operator.add, middle, origin)
+            p, q, r, w = (a * x + b * y + c * z + d for a, b, c, d in rows)
+            # What is not a number is not inside.
+            if not (-w <= p <= w and -w <= q <= w and -w <= r <= w):
+                return False
+        return True
+
+    def most_w(self) -> float:
+        """Return a clip-space w that nothing is beyond, found fast; NaN or inf: any."""
+        a, b, c, d = self._clip_from_relative[3].tolist()
+        (left, bottom, back), (right, top, front) = self._extents.around
+        x, y, z = self.eye.tolist()
+        across, up = abs(a) * max(x - left, right - x), abs(b) * max(y - bottom, top - y)
+        away = abs(c) * max(z - back, front - z)
+        return (across + up + away + abs(d)) * (1.0 + ROUNDING)
+
+    def are_between(self, row: Sequence[float], near: float, far: float) -> bool:
+        """Tell whether all boxes lie between two planes, as the one around them surely does."""
+        return is_between(*self._extents.around, row, near, far)
+
+    @cached_property
+    def _measures(self) -> Measures:
+        """How the boxes lie to the planes of the view."""
+        if self._given is not None:
+            return self._given
+        return measure_boxes(self._extents, self.relative_from_model, self._clip_from_relative)
 
     def may_cross(self, near: float, far: float) -> NDArray[np.bool_]:
         """
@@ -234,7 +315,7 @@ class Boxes:
 
     def largest_w(self) -> float:
         """Return a clip-space w that nothing in view is beyond."""
-        return float(self._measures.largest_w())
+        return float(self._measures.reach[0, self.in_view].max(initial=0.0))
 
     def w_ranges(
         self, row: Float64, chosen: NDArray[np.bool_] | None = None
@@ -277,6 +358,33 @@ class Boxes:
         # A box that is not finite may reach any distance.
         squares = np.where(np.isfinite(squares), squares, np.inf)
         return float(np.sqrt(squares.max(initial=0.0)))
+
+
+def is_between(
+    low: Sequence[float], high: Sequence[float], row: Sequence[float], near: float, far: float
+) -> bool:
+    """
+    Tell whether a box surely lies between two planes.
+
+    Parameters
+    ----------
+    low, high : (3,)
+        Its corners, world space.
+    row : (4,)
+        Times a point in world space and 1: its depth.
+    near, far : float
+        Depths of the planes.
+    """
+    a, b, c, d = row
+    (left, bottom, back), (right, top, front) = low, high
+    # Of each axis the end that is near.
+    near_x, far_x = (a * left, a * right) if a > 0.0 else (a * right, a * left)
+    near_y, far_y = (b * bottom, b * top) if b > 0.0 else (b * top, b * bottom)
+    near_z, far_z = (c * back, c * front) if c > 0.0 else (c * front, c * back)
+    doubt = abs(near_x) + abs(far_x) + abs(near_y) + abs(far_y) + abs(near_z) + abs(far_z) + abs(d)
+    doubt *= SURE
+    # What is not a number is not sure.
+    return near_x + near_y + near_z + d >= near + doubt and far_x + far_y + far_z + d <= far - doubt
 
 
 def along(planes: Float64, points: Float64) -> Float64:
@@ -361,6 +469,34 @@ def place_objects(matrices: Sequence[NDArray[np.float64]]) -> Places:
     return Places(world_from_model, normals, _mirrored(world_from_model[:, :3, :3]))
 
 
+def move_objects(
+    known: Places, matrices: Sequence[NDArray[np.float64]], moved: Sequence[int]
+) -> Places:
+    """
+    Return what `place_objects` does, given what it returned before a few objects moved.
+
+    Parameters
+    ----------
+    known : Places
+        Left as they are.
+    matrices : sequence of (4, 4) float64
+        ``world_from_model`` of all objects.
+    moved : sequence of int
+        The numbers of those that moved.
+    """
+    places = Places(*(part.copy() for part in known))
+    for n in moved:
+        places.world_from_model[n] = matrices[n]
+        rows = matrices[n].tolist()
+        normals = transforms.normal_rows(rows)
+        largest = max(abs(entry) for row in normals for entry in row)
+        if largest > 0.0:
+            normals = [[entry / largest for entry in row] for row in normals]
+        places.normal_matrices[n] = normals
+        places.mirrored[n] = -1.0 if _turn([row[:3] for row in rows[:3]]) < 0.0 else 1.0
+    return places
+
+
 def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
     largest = np.abs(matrices).max(axis=2, keepdims=True)
@@ -421,20 +557,27 @@ def _view(
     """Return the matrices of objects, given those that the projection does not change."""
     x, y, z = finite_array("camera.eye_position()", camera.eye_position(), (3,)).tolist()
     world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
-    view_from_world = finite_array("camera.view_matrix()", camera.view_matrix(), (4, 4)).tolist()
+    view_from_world, is_known = camera.view_matrix(), type(camera) in KNOWN_CAMERAS
+    if not is_known:
+        view_from_world = finite_array("camera.view_matrix()", view_from_world, (4, 4))
+    view_from_world = view_from_world.tolist()
     view_from_relative = transforms.product_of(view_from_world, world_from_relative)
-    projection = camera.projection_matrix(size)
-    clip_from_view = finite_array("camera.projection_matrix()", projection, (4, 4)).tolist()
-    view_axes = [row[:3] for row in view_from_relative[:3]]
-    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
+    if type(camera) is PerspectiveCamera:
+        lens = camera.fov_y, camera.near, camera.far, camera.min_aspect
+        clip_from_view, screen_turn = _usual_projection(lens, size)
+    else:
+        clip_from_view, screen_turn = _projection(camera, size)
     toward_viewer = np.array(LAST_ROW)
-    if not any(away):
+    if not any(clip_from_view[3][:3]):
         # A parallel projection: depth grows with z in clip space; the viewer is the other way.
-        away = depth_row
-        a, b, c = depth_row
-        toward_viewer[:3] = [-((a * x + b * y) + c * z) for x, y, z in zip(*view_axes, strict=True)]
+        a, b, c, _ = clip_from_view[2]
+        columns = zip(*view_from_relative[:3], strict=True)
+        toward_viewer[:3] = [-((a * x + b * y) + c * z) for x, y, z in columns][:3]
         toward_viewer[3] = 0.0
-    handedness = _turn([*screen_axes, away]) * _turn(view_axes)
+    handedness = screen_turn
+    # Poses of known cameras do not mirror.
+    if not is_known:
+        handedness *= _turn([row[:3] for row in view_from_relative[:3]])
     return Views(
         relative_from_model,
         np.array(transforms.product_of(clip_from_view, view_from_relative)),
@@ -443,6 +586,26 @@ def _view(
         toward_viewer,
         1 if handedness < 0.0 else -1,
     )
+
+
+def _projection(camera: Camera, size: tuple[int, int]) -> tuple[list[list[float]], float]:
+    """Return ``clip_from_view`` as rows, and the sign of the turn from its axes to the screen's."""
+    projection = camera.projection_matrix(size)
+    clip_from_view = finite_array("camera.projection_matrix()", projection, (4, 4)).tolist()
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
+    return clip_from_view, _turn([*screen_axes, away if any(away) else depth_row])
+
+
+@lru_cache(256)
+def _usual_projection(
+    lens: tuple[float, ...], size: tuple[int, int]
+) -> tuple[list[list[float]], float]:
+    """Return that of perspective cameras of a lens, which many have: it is for reading alone."""
+    fov_y, near, far, min_aspect = lens
+    camera = PerspectiveCamera(
+        (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), fov_y, near, far, min_aspect
+    )
+    return _projection(camera, size)
 
 
 def _turn(rows: Sequence[Sequence[float]]) -> float:
@@ -459,12 +622,11 @@ def _turn(rows: Sequence[Sequence[float]]) -> float:
 
 
 def cull_objects(
-    cull: str, views: Views, face_starts: NDArray[np.int64], is_single_sided: NDArray[np.bool_]
-) -> Objects:
+    cull: str, screen_turn: int, mirrored: Float64, face_starts: NDArray[np.int64],
+    is_single_sided: NDArray[np.bool_],
+) -> Objects:  # fmt: skip
     """Return which faces of each object are dropped; see `culled_turns`."""
-    return Objects(
-        face_starts, culled_turns(cull, views.screen_turn, views.mirrored, is_single_sided)
-    )
+    return Objects(face_starts, culled_turns(cull, screen_turn, mirrored, is_single_sided))
 
 
 def culled_turns(

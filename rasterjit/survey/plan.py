@@ -25,6 +25,10 @@ GEOMETRY = ("depth_format", "precision", "interpolation")
 """Settings of the way from vertices to weights that a plan names where they are not standard."""
 
 
+FOLLOWING = ("planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions")
+"""What plans of whole frames say by their effects and facts alone."""
+
+
 @dataclass(frozen=True)
 class RenderPlan:
     """
@@ -102,6 +106,13 @@ class RenderPlan:
             )
         return replace(self, **changes)
 
+    def follow(self, last: RenderPlan) -> None:
+        """Take what follows from effects and facts alone from a plan that has the same."""
+        own, known = self.__dict__, last.__dict__
+        for name in FOLLOWING:
+            if name in known:
+                own[name] = known[name]
+
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of what the frame is to hold."""
@@ -145,24 +156,24 @@ class RenderPlan:
         """Column and row, in the whole picture, of the first pixel that is drawn."""
         return (0, 0) if self.region is None else self.region[:2]
 
-    @property
+    @cached_property
     def needs_depth(self) -> bool:
         """Whether the depth of the whole frame is kept."""
         return "depth" in self.outputs or self.reads_depth or self.facts.diagnose
 
-    @property
+    @cached_property
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
         done = {} if self.drawn is None else self.drawn[0]
         return any(one.effect.reads_depth(self) for one in self.planned if one.name not in done)
 
-    @property
+    @cached_property
     def keeps_lists(self) -> bool:
         """Whether a pass that follows visibility draws the tiles once more."""
         draws_again = self.layers is not None or "coverage" in self.outputs
         return self.facts.diagnose or draws_again or self.surfaces is not None
 
-    @property
+    @cached_property
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
         return self.facts.diagnose or any(one.effect.reads_clip_positions for one in self.planned)

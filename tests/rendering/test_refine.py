@@ -66,9 +66,9 @@ def test_no_picture_and_no_shadow_map_is_drawn_twice(monkeypatch):
     pictures, maps = [], []
     shade, draw = shade_passes.shade_faces, shadow_maps.draw_shadows
 
-    def watch(context):
+    def watch(context, *kept):
         pictures.append(getattr(context.plan.camera, "offset", None))
-        return shade(context)
+        return shade(context, *kept)
 
     def watch_maps(*arguments):
         maps.append(arguments)

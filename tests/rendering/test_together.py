@@ -341,7 +341,8 @@ def test_matrices_of_many_views_have_the_bits_of_each(scene):
             turns = placement.culled_turns(
                 cull, views.screen_turn[n : n + 1, np.newaxis], places.mirrored[n : n + 1], single
             )
-            one = placement.cull_objects(cull, wanted, np.arange(4), single)
+            turned = wanted.screen_turn, wanted.mirrored
+            one = placement.cull_objects(cull, *turned, np.arange(4), single)
             assert turns[0].tolist() == one.culled_turns.tolist()
     assert 0 < measures.in_view.sum() < measures.in_view.size
     assert 0 < crosses.sum() < crosses.size

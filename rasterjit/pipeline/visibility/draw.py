@@ -26,7 +26,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.runtime.threads import Memory, Workers, count_per_task
+from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
 """Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
@@ -151,6 +151,8 @@ def transform(
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
     """Return matrices in the type of the vertices that they take elsewhere."""
+    if kind == np.float64:
+        return np.ascontiguousarray(matrices)
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(matrices, kind)
 
@@ -190,6 +192,7 @@ def transform_and_project(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
     workers: Workers,
+    kept: Kept | None = None,
 ) -> tuple[ScreenVertices, int]:
     """
     Take all vertices from model space to the screen.
@@ -202,6 +205,8 @@ def transform_and_project(
     depth_coefficients : (float, float, float)
     viewport : Viewport
     workers : Workers
+    kept : Kept, optional
+        What the picture before left.
 
     Returns
     -------
@@ -214,18 +219,24 @@ def transform_and_project(
     objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
     matrix = _rounded(vertices.clip_from_relative, kind)
     arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
-    return _to_screen(projection.transform_vertices, count, arguments, workers, kind)
+    return _to_screen(projection.transform_vertices, count, arguments, workers, kind, kept)
 
 
 def _to_screen(
-    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any
-) -> tuple[ScreenVertices, int]:
+    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
+    kept: Kept | None = None,
+) -> tuple[ScreenVertices, int]:  # fmt: skip
     """Call a kernel that fills the screen vertices for all of them."""
-    screen = screen_arrays(count + SPARE_VERTICES, workers.memory)
+    kept = kept or Kept(workers.memory, lasts=False)
+    screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
 
     def fill_some(first: int) -> int:
         some = first, min(first + VERTICES_PER_TASK, count)
-        return kernel(some, *arguments, screen, projection.scratch_memory(precision))
+        if count <= VERTICES_PER_TASK:
+            scratch = kept.made("projecting", projection.scratch_memory, precision)
+        else:
+            scratch = projection.scratch_memory(precision)
+        return kernel(some, *arguments, screen, scratch)
 
     seen = 0
     for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
@@ -314,6 +325,7 @@ def find_visible(
     depth_type: Any = np.float32,
     precision: Any = np.float64,
     is_affine: bool = False,
+    kept: Kept | None = None,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -351,10 +363,14 @@ def find_visible(
         own.
     is_affine : bool
         Whether holes lie where interpolation on the screen puts them.
+    kept : Kept, optional
+        What the picture before left: all that is returned, but for depth and face, lies there.
+        Default: nothing.
     """
+    kept = kept or Kept(workers.memory, lasts=False)
     if isinstance(vertices, ModelVertices):
-        screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
-        clip_positions = np.empty((0, 4), np.float64)
+        screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers, kept)
+        clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
         if keep_clip_positions or seen & setup.CLIPPED:
             clip_positions = transform(*vertices, workers)
     else:
@@ -362,7 +378,7 @@ def find_visible(
         screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
     clock("transform")
     clipped = 0
-    all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    all_faces = kept.made("faces", whole_faces, faces)
     if seen & setup.CLIPPED:
         all_faces, screen, clipped = clip(
             clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
@@ -374,24 +390,27 @@ def find_visible(
     lists = None
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type
+            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept
         )
         if keep_lists:
-            lists = TileLists(starts, binned, all_faces, objects)
+            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects)
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers).sums
+        sums = set_up(all_faces, objects, screen, viewport, workers, kept).sums
     clock("set up, bin")
     if depth is None:
         depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
     face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
     if find_faces:
         frame = depth, face_id
-        draw(starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests)
+        draw(
+            starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
+            kept,
+        )  # fmt: skip
     else:
         depth.fill(nearest.empty_depth(depth_type))
         face_id.fill(nearest.NOTHING)
     clock("visibility")
-    outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
+    outside, degenerate, culled, unsampled, invalid = sums.tolist()
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
     return Coverage(depth, face_id, screen, clip_positions, totals, lists, alpha_tests)
@@ -472,9 +491,11 @@ class SetUp(NamedTuple):
 
 
 def set_up(
-    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
-) -> SetUp:
+    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers,
+    kept: Kept | None = None,
+) -> SetUp:  # fmt: skip
     """Cull faces, and find the tiles of those that may be seen."""
+    kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     edges = [*range(0, face_count, FACES_PER_TASK), face_count]
@@ -482,23 +503,24 @@ def set_up(
     piece_edges = (
         faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
     )
-    triangles = workers.memory.empty((face_count + piece_count,), np.int32)
-    boxes = workers.memory.empty((face_count + piece_count, 4), np.uint8)
+    triangles = kept.empty("triangles", (face_count + piece_count,), np.int32)
+    boxes = kept.empty("boxes", (face_count + piece_count, 4), np.uint8)
     counts = np.zeros((chunks, tiles + 1), np.int32)
     sums = np.zeros((chunks, 5), np.int64)
+    batches = [kept.empty("batch", setup.BATCH_SHAPE, np.int32)]
+    batches += [np.empty(setup.BATCH_SHAPE, np.int32) for _ in range(1, chunks)]
     ends = workers.run(
         setup.set_up_triangles,
         [
             (
                 (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
-                screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]),
-                np.empty(setup.BATCH_SHAPE, np.int32),
+                screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]), batches[n],
             )
             for n in range(chunks)
         ],
     )  # fmt: skip
     parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
-    return SetUp(triangles, boxes, parts, counts, sums.sum(axis=0))
+    return SetUp(triangles, boxes, parts, counts, sums[0] if chunks == 1 else sums.sum(axis=0))
 
 
 def set_up_and_bin(
@@ -509,13 +531,20 @@ def set_up_and_bin(
     workers: Workers,
     alpha_tests: AlphaTests | None = None,
     depth_type: Any = np.float32,
+    kept: Kept | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
-    """Return each tile's start in the list of triangles, that list, tile depths, and totals."""
-    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers)
+    """
+    Return each tile's start in the list of triangles, that list, tile depths, and totals.
+
+    The list may be longer than what is written of it, which ends at the last start.
+    """
+    kept = kept or Kept(workers.memory, lasts=False)
+    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers, kept)
     columns, tiles = _tiles_of(viewport)
-    starts, cursors = np.empty(tiles + 1, np.int64), np.empty((len(parts), tiles), np.int64)
+    starts = kept.empty("starts", (tiles + 1,), np.int64)
+    cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
-    binned = workers.memory.empty((int(starts[-1]),), np.int32)
+    binned = kept.at_least("binned", int(starts[-1]), np.int32)
     workers.run(
         binning.bin_triangles,
         [
@@ -524,8 +553,10 @@ def set_up_and_bin(
         ],
     )
     # What covers the centres of a tile need not cover all samples.
-    with_large = [] if viewport.reach != 0 else counts[:, tiles].nonzero()[0].tolist()
-    tile_depths = np.full((len(with_large) + 1, tiles), nearest.empty_depth(depth_type))
+    with_large = [n for n in range(len(parts)) if viewport.reach == 0 and counts[n, tiles] != 0]
+    if not with_large:
+        return starts, binned, kept.made("depths", _empty_depths, tiles, depth_type), sums
+    tile_depths = np.full((len(with_large), tiles), nearest.empty_depth(depth_type))
     holes = np.empty(0, np.int64), np.empty(0, np.float32)
     if alpha_tests is not None:
         holes = alpha_tests.face_starts, alpha_tests.cutoffs
@@ -558,16 +589,45 @@ def draw(
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
     alpha_tests: AlphaTests | None = None,
+    kept: Kept | None = None,
 ) -> None:
     """Draw all tiles, each by one thread."""
-    tiles = np.arange(len(starts) - 1, dtype=np.int32)
+    kept = kept or Kept(workers.memory, lasts=False)
+    tiles = kept.made("tiles", _count, len(starts) - 1)
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
+    kind = frame[0].dtype
+    # A drawer for each thread.
+    drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, alpha_tests)
+        try:
+            drawer = drawers.pop()
+        except IndexError:
+            drawer = nearest.tile_drawer(binned, faces, screen, kind, alpha_tests)
         nearest.draw_tiles(some, starts, tile_depths, viewport, frame, *drawer[:3])
+        drawers.append(drawer)
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
+
+
+def whole_faces(faces: NDArray[np.int32]) -> Faces:
+    """Return faces of which none was cut."""
+    return Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+
+
+def _empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
+    """Return the depth where nothing is, of each tile."""
+    return np.full(tiles, nearest.empty_depth(depth_type))
+
+
+def _no_drawers(*_: Any) -> list[Any]:
+    """Return none: each thread makes one when it finds none."""
+    return []
+
+
+def _count(count: int) -> NDArray[np.int32]:
+    """Return the first whole numbers."""
+    return np.arange(count, dtype=np.int32)
 
 
 def screen_arrays(count: int, memory: Memory) -> ScreenVertices:

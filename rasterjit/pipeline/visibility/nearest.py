@@ -45,6 +45,7 @@ keeps their order, so that what bounds depths before bounds them after as well.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -503,6 +504,7 @@ def clear_tile(depths, numbers, empty):
             numbers[row, column] = NOTHING
 
 
+@cache
 def empty_depth(depth_type: Any) -> Any:
     """Return the depth where nothing is, of a type of depths: below all that is stored."""
     kind = np.dtype(depth_type)

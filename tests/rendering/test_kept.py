@@ -1,0 +1,473 @@
+"""What one frame of a renderer leaves for the next: it is found again, and never out of date."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.rendering import layers
+from rasterjit.runtime.threads import Kept, Memory, are_same
+from rasterjit.scene.camera import planes_of
+from rasterjit.survey import clip_planes, placement
+
+SIZE = (80, 72)
+"""Two rows and columns of tiles."""
+
+FAR_OFF = (0.0, 0.0, 500.0)
+
+
+def made(cube, sphere):
+    """A cube, a ball in colours, a cube with holes, lit by a lamp and the sun."""
+    scene = rj.Scene()
+    scene.add(cube, name="box")
+    colors = np.linspace(0.0, 1.0, 3 * len(sphere.vertices)).reshape(-1, 3)
+    scene.add(
+        rj.Mesh(sphere.vertices, sphere.faces, colors=colors),
+        rj.transforms.translate((-0.6, 0.8, 1.4)),
+    )
+    holed = rj.Mesh(cube.vertices, cube.faces, colors=np.linspace(0, 1, 32).reshape(8, 4))
+    holed.material = rj.Material("gouraud", alpha_mode="mask")
+    scene.add(holed, rj.transforms.translate((0.5, -1.0, -2.0)), "holed")
+    scene.lights = [
+        rj.PointLight((4.0, 5.0, 6.0), intensity=30.0),
+        rj.DirectionalLight((-0.2, -1.0, -0.3)),
+    ]
+    return scene
+
+
+@pytest.fixture
+def scene(cube, sphere):
+    return made(cube, sphere)
+
+
+def around(number):
+    """Return a camera of a walk around the scene, which comes near and goes away."""
+    angle = 0.7 * number
+    eye = 4.0 + 2.0 * np.sin(1.3 * number)
+    return rj.PerspectiveCamera((eye * np.sin(angle), 1.0, eye * np.cos(angle)), (0.0, 0.2, 0.0))
+
+
+def bits(frame):
+    return {name: array.tobytes() for name, array in frame.arrays().items()}
+
+
+def told(frame):
+    return bits(frame), str(frame.plan), dataclasses.replace(frame.stats, seconds={}, face_id=0)
+
+
+def alone(renderer, scene, camera, **options):
+    return rj.render(
+        scene, camera, size=renderer.size, quality=renderer.quality, threads=1, **options
+    )
+
+
+class Asked:
+    """What is asked of frames, beside the scene and the camera."""
+
+    def __init__(self, renderer):
+        self.renderer, self.options = renderer, {"outputs": ("color", "object_id")}
+
+    def quality(self, **changes):
+        self.renderer.quality = dataclasses.replace(self.renderer.quality, **changes)
+
+
+def material(scene, number, **changes):
+    mesh = scene.nodes[number].mesh
+    mesh.material = dataclasses.replace(mesh.material, **changes)
+
+
+def placed(node, matrix):
+    node.world_from_model = matrix
+
+
+CHANGES = {
+    "move": lambda s, a: placed(s.nodes[1], rj.transforms.translate((0.3, 0.1, 0.9))),
+    "mirror": lambda s, a: placed(s.nodes[0], rj.transforms.scale((-1.0, 1.0, 1.0))),
+    "flatten": lambda s, a: placed(s.nodes[0], np.diag((1.0, 0.0, 1.0, 1.0))),
+    "out of view": lambda s, a: placed(s.nodes[1], rj.transforms.translate(FAR_OFF)),
+    "all out of view": lambda s, a: [
+        placed(node, rj.transforms.translate(FAR_OFF)) for node in s.nodes
+    ],
+    "mesh": lambda s, a: setattr(s.nodes[1], "mesh", s.nodes[0].mesh),
+    "add": lambda s, a: s.add(s.nodes[1].mesh, rj.transforms.translate((0.0, 1.2, 0.0))),
+    "remove": lambda s, a: s.remove(s.nodes[0]),
+    "reverse": lambda s, a: s.nodes.reverse(),
+    "no holes": lambda s, a: material(s, 2, alpha_mode="opaque"),
+    "other holes": lambda s, a: material(s, 2, alpha_cutoff=0.9),
+    "glass": lambda s, a: material(s, 0, alpha_mode="blend", base_color=(1.0, 1.0, 1.0, 0.3)),
+    "colour": lambda s, a: material(s, 1, base_color=(1.0, 0.0, 0.5)),
+    "unlit": lambda s, a: [material(s, n, shading="unlit") for n in range(len(s.nodes))],
+    "facets": lambda s, a: material(s, 0, shading="pbr"),
+    "emission": lambda s, a: material(s, 0, emissive=(0.5, 0.0, 0.0)),
+    "single-sided": lambda s, a: material(s, 0, double_sided=False),
+    "brighter": lambda s, a: s.lights.__setitem__(
+        0, dataclasses.replace(s.lights[0], intensity=44.0)
+    ),
+    "range": lambda s, a: s.lights.__setitem__(0, dataclasses.replace(s.lights[0], range=0.1)),
+    "cone": lambda s, a: s.lights.append(rj.SpotLight((0.0, 3.0, 3.0), (0.0, -1.0, -1.0))),
+    "shadow": lambda s, a: s.lights.__setitem__(
+        1, dataclasses.replace(s.lights[1], shadow=rj.Shadow(size=64))
+    ),
+    "black": lambda s, a: s.lights.__setitem__(1, dataclasses.replace(s.lights[1], intensity=0.0)),
+    "ambient": lambda s, a: s.lights.append(rj.AmbientLight(intensity=0.3)),
+    "no lights": lambda s, a: s.lights.clear(),
+    "fog": lambda s, a: setattr(s, "fog", rj.Fog(mode="exp", density=0.2)),
+    "tone map": lambda s, a: setattr(s, "tone_map", rj.ToneMap("aces")),
+    "environment": lambda s, a: setattr(s, "environment", rj.Environment.constant()),
+    "outline": lambda s, a: setattr(s, "outline", rj.Outline()),
+    "background": lambda s, a: a.options.update(background="red"),
+    "picture": lambda s, a: a.options.update(background=np.full((72, 80, 3), 9, np.uint8)),
+    "cull": lambda s, a: a.options.update(cull="back"),
+    "diagnose": lambda s, a: a.options.update(diagnose=True),
+    "outputs": lambda s, a: a.options.update(outputs=("linear", "position", "face_id")),
+    "coverage": lambda s, a: a.options.update(outputs=("coverage", "color")),
+    "size": lambda s, a: setattr(a.renderer, "size", (72, 80)),
+    "small": lambda s, a: setattr(a.renderer, "size", (40, 30)),
+    "samples": lambda s, a: a.quality(samples=4),
+    "bits": lambda s, a: a.quality(subpixel_bits=4),
+    "depth format": lambda s, a: a.quality(depth_format="float64"),
+    "precision": lambda s, a: a.quality(precision="float32"),
+    "affine": lambda s, a: a.quality(interpolation="affine"),
+    "lengths": lambda s, a: a.quality(renormalize=False),
+}
+"""Each changes a scene, or what is asked of frames."""
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_changes_is_seen(scene, name):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        asked = Asked(renderer)
+        for number in range(2):
+            before = renderer.render(scene, around(number), **asked.options)
+        kept = told(before)
+        CHANGES[name](scene, asked)
+        # With the same camera, then with others.
+        for number in (1, 2, 3):
+            frame = renderer.render(scene, around(number), **asked.options)
+            assert told(frame) == told(alone(renderer, scene, around(number), **asked.options))
+            assert number > 1 or told(frame) != kept
+        assert told(before) == kept
+
+
+def test_every_order_of_changes_and_cameras_is_seen(cube, sphere):
+    rng = np.random.default_rng(6)
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for _ in range(8):
+            scene, asked = made(cube, sphere), Asked(renderer)
+            renderer.size, renderer.quality = SIZE, rj.Quality.standard()
+            for name in rng.choice([*CHANGES], 4, replace=False).tolist():
+                try:
+                    CHANGES[name](scene, asked)
+                    wanted = alone(renderer, scene, around(1), **asked.options)
+                except (IndexError, ValueError):
+                    # Nothing is left to change, or it does not go with what was changed before.
+                    break
+                for camera in (around(int(rng.integers(9))), around(1)):
+                    frame = renderer.render(scene, camera, **asked.options)
+                assert told(frame) == told(wanted)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        rj.PerspectiveCamera((0.0, 0.0, 1.1), (0.0, 0.0, 0.0)),
+        rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), near=3.5, far=4.5),
+        rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 9.0)),
+        rj.OrthographicCamera((0.0, 3.0, 4.0), (0.0, 0.0, 0.0), height=5.0),
+        rj.MatrixCamera.from_intrinsics(80, 90, 30, 40, SIZE, view_from_world=np.eye(4)),
+    ],
+    ids=["inside", "cut", "away", "parallel", "calibrated"],
+)
+def test_cameras_of_all_kinds_see_the_same(scene, camera):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.told = None
+        for each in (around(1), camera, around(2), camera, camera):
+            frame = renderer.render(scene, each)
+            assert told(frame) == told(alone(renderer, scene, each))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_frames_stay_as_they_are(scene, threads):
+    outputs = ("color", "linear", "depth", "face_id", "position", "normal")
+    with rj.Renderer(SIZE, threads=threads) as renderer:
+        frames = [renderer.render(scene, around(n), outputs=outputs) for n in range(6)]
+        for number, frame in enumerate(frames):
+            one = alone(renderer, scene, around(number), outputs=outputs)
+            assert told(frame) == told(one)
+            for own, other in zip(frame.plan.lighting[:2], one.plan.lighting[:2], strict=True):
+                assert own.tobytes() == other.tobytes()
+
+
+def test_a_frame_within_a_frame_is_its_own(scene):
+    inner = []
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.render(scene, around(0))
+
+        def draw_another():
+            renderer.before_picture = None
+            inner.append(renderer.render(scene, around(3)))
+
+        renderer.before_picture = draw_another
+        outer = renderer.render(scene, around(2))
+        assert bits(outer) == bits(alone(renderer, scene, around(2)))
+        assert bits(inner[0]) == bits(alone(renderer, scene, around(3)))
+
+
+def test_frames_of_several_threads_are_their_own(scene):
+    found = {}
+    with rj.Renderer(SIZE, threads=1) as renderer:
+
+        def draw_some(first):
+            for number in range(first, first + 8):
+                found[number] = bits(renderer.render(scene, around(number)))
+
+        drawing = [threading.Thread(target=draw_some, args=(first,)) for first in (0, 8, 16)]
+        for one in drawing:
+            one.start()
+        for one in drawing:
+            one.join()
+        for number in range(24):
+            assert found[number] == bits(alone(renderer, scene, around(number)))
+
+
+def counted(monkeypatch, module, name):
+    """Count the calls of a function."""
+    original, calls = getattr(module, name), []
+
+    def count(*arguments, **options):
+        calls.append(1)
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(module, name, count)
+    return calls
+
+
+def test_stages_and_drawers_are_made_once_for_many_cameras(cube, sphere, monkeypatch):
+    scene = made(cube, sphere)
+    # Light on vertices is found anew for each camera.
+    material(scene, 2, shading="phong", alpha_mode="opaque")
+    shadings = counted(monkeypatch, layers, "Shading")
+    drawers = counted(monkeypatch, nearest, "tile_drawer")
+    screens = counted(monkeypatch, draw, "screen_arrays")
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for number in range(5):
+            # All is in view, and no face is cut.
+            eye = 7.0 * np.sin(number), 1.0, 7.0 * np.cos(number)
+            renderer.render(scene, rj.PerspectiveCamera(eye, (0.0, 0.0, 0.0)))
+            placed(scene.nodes[0], rj.transforms.translate((0.01 * number, 0.0, 0.0)))
+        assert len(shadings) == len(screens) == 1
+        # Another one if a list of triangles is longer than those before.
+        assert len(drawers) <= 3
+        material(scene, 0, base_color=(0.0, 1.0, 0.0))
+        renderer.render(scene, rj.PerspectiveCamera(eye, (0.0, 0.0, 0.0)))
+        assert len(shadings) == 2
+        assert len(screens) == 1
+
+
+def test_large_scenes_leave_nothing(scene, monkeypatch):
+    monkeypatch.setattr("rasterjit.rendering.renderer.MOST_KEPT", 10)
+    screens = counted(monkeypatch, draw, "screen_arrays")
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for number in range(3):
+            frame = renderer.render(scene, around(number))
+            assert bits(frame) == bits(alone(renderer, scene, around(number)))
+    assert len(screens) == 6
+
+
+def test_close_lets_go_of_what_is_kept(scene):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        first = renderer.render(scene, around(1))
+        assert renderer._kept._made
+        renderer.close()
+        assert not renderer._kept._made
+        assert bits(renderer.render(scene, around(1))) == bits(first)
+
+
+# --- the parts ------------------------------------------------------------------------------------
+
+
+def test_things_are_the_same_if_they_are_one_or_plain_and_equal():
+    one, other = np.zeros(2), np.zeros(2)
+    record = draw.Region(1, 2, 3, 4)
+    assert are_same((one, 1, "a", (one, None)), (one, 1, "a", (one, None)))
+    assert are_same(record, draw.Region(1, 2, 3, 4))
+    assert are_same(0.5, 0.5)
+    assert not are_same(one, other)
+    assert not are_same((one,), (one, one))
+    assert not are_same((1,), (True,))
+    assert not are_same(0.0, -0.0)
+    assert not are_same(record, (1, 2, 3, 4))
+    assert not are_same([1], [1])
+
+
+def test_what_is_made_is_kept_as_long_as_its_parts():
+    kept, calls = Kept(Memory()), []
+    part = np.zeros(3)
+
+    def make(*parts):
+        calls.append(parts)
+        return [*parts]
+
+    first = kept.made("a", make, part, 1)
+    assert kept.made("a", make, part, 1) is first
+    assert kept.made("a", make, part, 2) is not first
+    assert kept.made("b", make, part, 2) is not kept.made("a", make, part, 2)
+    assert len(calls) == 3
+    kept.clear()
+    kept.made("a", make, part, 2)
+    assert len(calls) == 4
+
+
+def test_arrays_are_kept_at_their_places():
+    kept = Kept(Memory())
+    array = kept.empty("a", (3, 4), np.int32)
+    assert kept.empty("a", (3, 4), np.int32) is array
+    assert kept.empty("a", (4, 3), np.int32).shape == (4, 3)
+    assert kept.empty("a", (4, 3), np.float32).dtype == np.float32
+    long = kept.at_least("b", 10, np.int32)
+    assert kept.at_least("b", 4, np.int32) is long
+    assert len(kept.at_least("b", 11, np.int32)) >= 11
+    values = np.arange(12.0).reshape(3, 4)[:, ::2]
+    copy = kept.copied("c", values)
+    assert copy.flags.c_contiguous
+    assert kept.copied("c", values + 1.0) is copy
+    assert np.array_equal(copy, values + 1.0)
+    assert kept.copied("c", values, np.float32).dtype == np.float32
+
+
+def test_nothing_is_kept_where_nothing_lasts():
+    kept = Kept(Memory(), lasts=False)
+    assert kept.empty("a", (3,), np.int32) is not kept.empty("a", (3,), np.int32)
+    assert kept.made("b", list) is not kept.made("b", list)
+    assert kept.copied("c", np.ones(2)) is not kept.copied("c", np.ones(2))
+
+
+def random_matrix(rng):
+    matrix = np.eye(4)
+    matrix[:3] = rng.normal(size=(3, 4)) * 10.0 ** rng.integers(-20, 20)
+    if rng.integers(4) == 0:
+        matrix[:3, :3] *= rng.integers(0, 2, (3, 3))
+    return matrix
+
+
+def test_a_few_moved_objects_have_the_bits_of_all_placed_anew():
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        count = int(rng.integers(1, 6))
+        before, after = ([random_matrix(rng) for _ in range(count)] for _ in range(2))
+        moved = np.flatnonzero(rng.integers(2, size=count)).tolist()
+        mixed = [after[n] if n in moved else before[n] for n in range(count)]
+        known = placement.place_objects(before)
+        was = [part.tobytes() for part in known]
+        found = placement.move_objects(known, mixed, moved)
+        for own, wanted in zip(found, placement.place_objects(mixed), strict=True):
+            assert own.tobytes() == wanted.tobytes()
+        assert [part.tobytes() for part in known] == was
+
+
+def random_boxes(rng):
+    """Return boxes around some objects, some of them around nothing, and the camera's views."""
+    count = int(rng.integers(1, placement.FEW + 1))
+    bounds = np.sort(rng.normal(size=(count, 2, 3)), axis=1)
+    bounds[rng.integers(6, size=count) == 0] = np.nan
+    matrices = [np.eye(4) for _ in range(count)]
+    for matrix in matrices:
+        matrix[:3] = rng.normal(size=(3, 4))
+        matrix[:3, 3] *= 3.0
+    camera = rj.PerspectiveCamera(rng.normal(size=3) * 9.0, rng.normal(size=3))
+    if rng.integers(2):
+        camera = rj.OrthographicCamera(camera.eye, camera.target, height=8.0, near=-3.0)
+    places = placement.place_objects(matrices)
+    views = placement.view_places(places, camera, SIZE)
+
+    def boxes():
+        extents = placement.Extents(bounds, places.world_from_model)
+        return placement.Boxes(
+            extents, camera.eye_position(), views.relative_from_model, views.clip_from_relative
+        )
+
+    return camera, views, boxes
+
+
+def test_what_is_found_fast_of_few_objects_is_what_numpy_finds_of_many(monkeypatch):
+    rng, fast = np.random.default_rng(5), 0
+    for _ in range(300):
+        _, _, boxes = random_boxes(rng)
+        few = boxes()
+        fast += few._are_middles_in_view()
+        monkeypatch.setattr(placement, "FEW", 0)
+        many = boxes()
+        assert not many._are_middles_in_view()
+        assert few.in_view.tolist() == many.in_view.tolist()
+        ends = [np.array(each._extents.around) for each in (few, many)]
+        assert np.allclose(*ends, rtol=1e-12, atol=1e-12)
+        monkeypatch.undo()
+    assert 30 < fast < 270
+
+
+def test_no_corner_in_view_is_beyond_what_is_found_fast():
+    rng, sure = np.random.default_rng(7), 0
+    for _ in range(300):
+        camera, views, boxes = random_boxes(rng)
+        own = boxes()
+        corners = own.corners[own.is_known].reshape(-1, 3)
+        if not len(corners):
+            continue
+        w = corners @ views.clip_from_relative[3, :3] + views.clip_from_relative[3, 3]
+        assert np.abs(w).max() <= own.most_w()
+        row = (-camera.view_matrix()[2]).tolist()
+        depths = (corners + camera.eye_position()) @ row[:3] + row[3]
+        middle, half = (depths.max() + depths.min()) / 2.0, np.ptp(depths) / 2.0
+        for wider in (0.0, 0.9, 1.0 + 1e-6, 4.0):
+            near, far = middle - wider * half, middle + wider * half
+            if own.are_between(row, near, far):
+                assert near <= depths.min() <= depths.max() <= far
+                sure += 1
+    assert sure > 200
+
+
+def test_planes_are_looked_at_with_the_same_result_at_once_or_box_by_box(scene, monkeypatch):
+    rng, found = np.random.default_rng(9), []
+    cache = placement.place_objects([node.world_from_model for node in scene.nodes])
+    bounds = placement.mesh_boxes([node.mesh for node in scene.nodes])
+    for _ in range(150):
+        camera = rj.PerspectiveCamera(rng.normal(size=3) * 4.0, rng.normal(size=3))
+        if rng.integers(3) == 0:
+            near, far = np.sort(rng.uniform(0.1, 12.0, 2)).tolist()
+            camera = dataclasses.replace(camera, near=near, far=far + 1.0)
+        views = placement.view_places(cache, camera, SIZE)
+        boxes = placement.Boxes(
+            placement.Extents(bounds, cache.world_from_model), camera.eye_position(),
+            views.relative_from_model, views.clip_from_relative,
+        )  # fmt: skip
+        known = boxes, scene.nodes, views.clip_from_relative, rj.Quality.standard()
+        at_once = clip_planes.look_at_planes(camera, *known)
+        monkeypatch.setattr(placement.Boxes, "are_between", lambda *_: False)
+        assert clip_planes.look_at_planes(camera, *known) == at_once
+        monkeypatch.undo()
+        planes = planes_of(camera)
+        row = (-camera.view_matrix()[2]).tolist()
+        found.append(boxes.are_between(row, planes.near, planes.far))
+    assert 20 < sum(found) < 130
+
+
+def test_projections_that_are_remembered_are_those_of_the_camera():
+    rng = np.random.default_rng(2)
+    places = placement.place_objects([np.eye(4)])
+    for _ in range(40):
+        camera = rj.PerspectiveCamera(
+            rng.normal(size=3), rng.normal(size=3), fov_y=float(rng.choice([20.0, 45.0, 90.0])),
+            near=rng.choice([None, 0.1, 0.5]), far=float(rng.choice([np.inf, 9.0])),
+            min_aspect=float(rng.choice([0.0, 1.0, 2.0])),
+        )  # fmt: skip
+        size = (int(rng.integers(1, 4)) * 20, 30)
+        # What is known by its matrices alone is worked out each time.
+        plain = rj.MatrixCamera(camera.view_matrix(), camera.projection_matrix(size))
+        views, wanted = (placement.view_places(places, each, size) for each in (camera, plain))
+        assert views.screen_turn == wanted.screen_turn
+        assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)
