@@ -7,7 +7,9 @@ import panda3d.core as panda
 
 view = json.loads(sys.argv[1])
 panda.load_prc_file_data(
-    "", "audio-library-name null\nnotify-level fatal\nload-file-type p3assimp\n"
+    "",
+    "audio-library-name null\nnotify-level fatal\nload-file-type p3assimp\n"
+    "coordinate-system yup-right\n",
 )
 pipe = panda.GraphicsPipeSelection.get_global_ptr().make_module_pipe("p3tinydisplay")
 engine = panda.GraphicsEngine()
@@ -25,11 +27,10 @@ root = panda.NodePath("root")
 model = panda.Filename.from_os_specific(view["model"])
 model = root.attach_new_node(panda.Loader.get_global_ptr().load_sync(model))
 lens = panda.PerspectiveLens()
-lens.set_coordinate_system(panda.CS_yup_right)
 lens.set_aspect_ratio(view["size"][0] / view["size"][1])
 lens.set_min_fov(view["fov_y"])
 camera = root.attach_new_node(panda.Camera("camera", lens))
-camera.set_pos(panda.CS_yup_right, panda.LPoint3(*view["eye"]))
+camera.set_pos(panda.LPoint3(*view["eye"]))
 camera.look_at(root, panda.LPoint3(*view["target"]), panda.LVector3(0.0, 1.0, 0.0))
 sun = camera.attach_new_node(panda.DirectionalLight("sun"))
 root.set_light(sun)
