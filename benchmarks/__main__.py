@@ -15,6 +15,7 @@ from benchmarks.compare import compare
 from benchmarks.contestants import contestant
 from benchmarks.costs import FRAMES_LAST, FRAMES_MOST
 from benchmarks.rows import FAILED, Row, folded, is_wrong
+from benchmarks.starting import startup
 from benchmarks.suite import FULL, OTHERS, QUICK, marks
 
 progress = Console(stderr=True)
@@ -59,6 +60,7 @@ def measure_part(name: str, part: Callable[[Options], list[Row]], options: Optio
 
 
 main.add_command(compare)
+main.add_command(startup)
 
 
 def finish(rows: Sequence[Row], rounds: int) -> None:

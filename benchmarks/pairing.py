@@ -144,6 +144,7 @@ class Worker:
         if line:
             return json.loads(line)
         if late.is_set():
+            self._process.wait()
             raise WorkerError(f"took longer than {seconds:g} s")
         raise WorkerError(f"ended with status {self._process.wait()}: {self._last_error()}")
 
@@ -151,6 +152,11 @@ class Worker:
         """Return the last line that the process wrote to standard error."""
         lines = self._errors.read_text(errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "no message")
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the process has not ended."""
+        return self._process.poll() is None
 
     def close(self) -> None:
         """End the process."""

@@ -2,8 +2,10 @@
 Measure what accuracy costs, for the README: ``python models/make_accuracy.py [FOLDER]``.
 
 Studies one scene to which nearly all settings matter, with ``rasterjit[accuracy]`` installed, for
-about five minutes. Writes the Pareto front into ``models/pictures/accuracy.png`` and the sentences
-into the README, between its marks, or both, as ``accuracy.png`` and ``accuracy.md``, into a folder.
+about five minutes; then ``interpolation_precision`` alone, for a minute, in four scenes of one
+kind of colour each, for which the precision is chosen one by one. Writes the Pareto front into
+``models/pictures/accuracy.png`` and the sentences into the README, between its marks, or both, as
+``accuracy.png`` and ``accuracy.md``, into a folder.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ BEGIN, END = "<!-- accuracy: models/make_accuracy.py -->\n", "<!-- end of accura
 """What the sentences stand between in the README."""
 
 SIZE = (640, 480)
-SECONDS = 300.0
+SECONDS, PRECISION_SECONDS = 300.0, 15.0
+PRECISION = "interpolation_precision"
 
 
 def make_scene() -> tuple[rj.Scene, rj.PerspectiveCamera]:
@@ -50,10 +53,69 @@ def make_scene() -> tuple[rj.Scene, rj.PerspectiveCamera]:
     return scene, camera
 
 
+def precision_scenes() -> dict[str, rj.Scene]:
+    """Return a knot in each kind of colour whose precision is chosen, by what to call it."""
+    knot = rj.load(MODELS / "torus_knot.obj").nodes[0].mesh
+    shares = (knot.vertices - knot.vertices.min(axis=0)) / np.ptp(knot.vertices, axis=0)
+    tiles = np.full((64, 64, 3), (225, 220, 210), np.uint8)
+    tiles[:32, :32] = tiles[32:, 32:] = (90, 100, 120)
+    picture = rj.Texture(tiles, filter="bilinear")
+    looks = {
+        "unlit colours of vertices": (rj.Material("unlit"), {"colors": shares}),
+        "lit, Phong": (rj.Material("phong", "#3d7ea6", specular=0.0), {}),
+        "lit, Phong with a highlight": (
+            rj.Material("phong", "#3d7ea6", specular=0.7, shininess=90), {},
+        ),
+        "unlit, a bilinear texture": (
+            rj.Material("unlit", base_color_texture=picture), {"uv": 4.0 * shares[:, :2]},
+        ),
+    }  # fmt: skip
+    scenes = {}
+    for name, (material, more) in looks.items():
+        scenes[name] = rj.Scene()
+        mesh = rj.Mesh(knot.vertices, knot.faces, material=material, **more)
+        scenes[name].add(mesh, name="knot")
+    return scenes
+
+
+def precision_sentence(name: str, scene: rj.Scene, size: tuple[int, int], seconds: float) -> str:
+    """Return what ``interpolation_precision`` costs in a scene, and how far it moves the colour."""
+    camera = rj.fit_camera(scene, rj.orbit_direction(30.0, 20.0), aspect=size[0] / size[1])
+    found = rj.accuracy.study(
+        scene, camera, size=size, budget=seconds, knobs=(PRECISION,), name=name
+    )
+    text = rj.accuracy.sentences(found).get(PRECISION, "There was no time to measure it.")
+    sentence = f"{name[0].upper()}{name[1:]}: {text[0].lower()}{text[1:]}"
+    if PRECISION in found.without_effect:
+        return sentence
+    usual, exact = (
+        rj.render(
+            scene, camera, size=size, quality=rj.Quality(interpolation_precision=level),
+            outputs=("color", "linear"),
+        )
+        for level in ("adaptive", "float64")
+    )  # fmt: skip
+    codes = np.abs(usual.color.astype(np.int16) - exact.color)[:, :, :3]
+    light = np.abs(usual.linear - exact.linear)[:, :, :3].max()
+    moved = (
+        f"{np.count_nonzero(codes):,} of {codes.size:,} codes move, by {codes.max()} at most"
+        if codes.any()
+        else "no code moves"
+    )
+    return f"{sentence} From one to the other {moved}, and linear light by {light:.1g}."
+
+
 def main(folder: Path | None) -> None:
     """Measure and write."""
     found = rj.accuracy.study(*make_scene(), size=SIZE, budget=SECONDS, name="a teapot in the sun")
-    text = "".join(f"- {sentence}\n" for sentence in rj.accuracy.sentences(found).values())
+    said = [
+        *rj.accuracy.sentences(found).values(),
+        *(
+            precision_sentence(name, scene, SIZE, PRECISION_SECONDS)
+            for name, scene in precision_scenes().items()
+        ),
+    ]
+    text = "".join(f"- {sentence}\n" for sentence in said)
     if folder is not None:
         save_front(found, folder / "accuracy.png")
         (folder / "accuracy.md").write_text(text)

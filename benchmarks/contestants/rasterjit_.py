@@ -46,13 +46,11 @@ def draws(scene: Scene) -> str | None:
 
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw, its kernels compiled or loaded by a first picture."""
-    ready: Prepared
-    if isinstance(scene, LineScene):
-        ready = Lines(scene, threads)
-    elif needs(scene) == ["triangles", "faces"]:
-        ready = Visibility(scene, threads)
-    else:
-        ready = Pictures(scene, threads)
+    if not isinstance(scene, LineScene) and needs(scene) != ["triangles", "faces"]:
+        pictures = Pictures(scene, threads)
+        pictures.draw_view(0)
+        return pictures
+    ready = Lines(scene, threads) if isinstance(scene, LineScene) else Visibility(scene, threads)
     ready.draw()
     return ready
 
@@ -168,11 +166,12 @@ class Pictures:
         return {self._output: self._picture}
 
     def picture(self) -> dict[str, NDArray[Any]]:
-        """Return what is compared; colours decoded from sRGB."""
+        """Return what is compared: colours decoded from sRGB and, among ourselves, as they are."""
         if self._output == "face_id":
             return {"covered": self._picture >= 0, "face_id": self._picture}
         return {
             "covered": self._picture[:, :, 3] > 0,
+            "color": self._picture,
             "color_linear": decode_srgb(self._picture[:, :, :3]),
         }
 

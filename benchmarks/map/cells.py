@@ -52,6 +52,11 @@ class Run:
     check: str = ""
     """How the picture compares with the reference."""
 
+    @property
+    def seat(self) -> tuple[str, int, str]:
+        """Who it is."""
+        return self.contestant, self.threads, self.instructions
+
 
 @dataclass
 class Measured:
@@ -70,15 +75,19 @@ class Measured:
 
     def add(self, more: Measured) -> None:
         """Add the rounds of the same cell measured again; what failed then is missing now."""
-        for run, again in zip(self.runs, more.runs, strict=True):
-            run.missing = run.missing or again.missing
-            if run.missing is None:
-                share = len(again.ms) / (len(run.ms) + len(again.ms))
-                for name, ms in again.stages.items():
-                    run.stages[name] = (1.0 - share) * run.stages.get(name, 0.0) + share * ms
-                run.ms += again.ms
-                run.cpu_ms += again.cpu_ms
-                run.batch_ms += again.batch_ms
+        for again in more.runs:
+            run = next((each for each in self.runs if each.seat == again.seat), None)
+            if run is None or run.missing is not None:
+                continue
+            if again.missing is not None:
+                run.missing = again.missing
+                continue
+            share = len(again.ms) / (len(run.ms) + len(again.ms))
+            for name, ms in again.stages.items():
+                run.stages[name] = (1.0 - share) * run.stages.get(name, 0.0) + share * ms
+            run.ms += again.ms
+            run.cpu_ms += again.cpu_ms
+            run.batch_ms += again.batch_ms
 
 
 def choose(

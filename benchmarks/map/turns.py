@@ -3,16 +3,22 @@ Time all contestants in each cell, in turns, by processes that stay from cell to
 
 In a round each draws the same views, cameras that change from picture to picture, and reads each
 picture back. Who begins changes from round to round. One that takes little time draws a view more
-before its clock starts, for what slept or was pushed out of the caches is slow.
+before its clock starts, for what slept or was pushed out of the caches is slow. There are as many
+rounds as there is time for.
+
+A process that ends, or is ended because it gave no answer, loses the cell that it was in and is
+started anew for the next.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,24 +33,30 @@ from benchmarks.pairing import (
     DRAW_SECONDS,
     PREPARE_SECONDS,
     Worker,
+    WorkerError,
     package_environment,
     reported,
 )
 from benchmarks.pictures import EXACT, agreement, differs, needed, text_of
 from benchmarks.rows import DIFFERS
 
-LEAST_ROUNDS, MOST_ROUNDS = 3, 15
+LEAST_ROUNDS, FEWEST_ROUNDS, MOST_ROUNDS = 3, 1, 15
+"""Three in any case, unless the time of the cell is up, one then."""
 TURN_SECONDS = 0.02
 """What the slowest draws in a turn at least, unless its first picture takes longer."""
 WARM_SECONDS = 0.05
 """Who needs longer for a picture is not warmed up."""
-BATCH_VIEWS, BATCH_ROUNDS = 128, 5
-"""Of ``render_batch``: views drawn together, and in how many rounds at most."""
+SLOW_SECONDS = 0.2
+"""Who took longer for a picture, as all prepared theirs, is not asked alone how long it takes."""
+BATCH_VIEWS = 128
+"""Of ``render_batch``: views drawn together in a round."""
 COMPARED_VIEW = 1
 SMALL_MS = 1.0
 """A cell whose faster peer takes less is judged by overhead, and by many views together."""
 NEARLY = 1.3
 """How far from that a first picture may be, for views to be drawn together as well."""
+MOST_STARTS = 12
+"""How often a process that ends is started, before it is left out of all that follows."""
 
 
 @dataclass(frozen=True)
@@ -68,27 +80,39 @@ def seats(threads: Sequence[int], instructions: Sequence[str]) -> list[Seat]:
 
 
 class Participant:
-    """A seat with its process."""
+    """A seat with its process, which is started when it is first told something, and again."""
 
     def __init__(self, seat: Seat, folder: Path, number: int) -> None:
-        self.seat, self._path = seat, folder / f"{number}.npz"
+        self.seat = seat
+        self._path, self._log = folder / f"{number}.npz", folder / f"{number}.log"
+        self._starts = 0
+        self._worker: Worker | None = None
+
+    def _start(self) -> Worker:
+        """Start the process; raise `WorkerError` if it has ended too often."""
+        if self._starts == MOST_STARTS:
+            raise WorkerError(f"ended {MOST_STARTS} times")
+        self._starts += 1
         environment = package_environment(
             {
-                **contestant(seat.contestant).environment(seat.threads),
-                **sets.environment(seat.instructions or sets.NATIVE),
+                **contestant(self.seat.contestant).environment(self.seat.threads),
+                **sets.environment(self.seat.instructions or sets.NATIVE),
             }
         )
-        names = (seat.contestant, str(seat.threads), str(self._path))
-        self._worker = Worker(
-            ("-m", "benchmarks.map.worker", *names), environment, folder / f"{number}.log"
-        )
+        names = (self.seat.contestant, str(self.seat.threads), str(self._path))
+        return Worker(("-m", "benchmarks.map.worker", *names), environment, self._log)
 
     def tell(self, task: str, asked: Any) -> None:
-        """Give the process something to do."""
+        """Give the process something to do; a new one, if it has ended, to prepare a scene."""
+        if self._worker is None or (task == "prepare" and not self._worker.is_alive):
+            self.close()
+            self._worker = self._start()
         self._worker.tell(json.dumps({task: asked}))
 
     def answer(self, seconds: float = DRAW_SECONDS) -> dict[str, Any]:
         """Wait for what came out."""
+        if self._worker is None:
+            raise WorkerError("was told nothing")
         return self._worker.answer(seconds)
 
     def ask(self, task: str, asked: Any) -> dict[str, Any]:
@@ -96,15 +120,17 @@ class Participant:
         self.tell(task, asked)
         return self.answer()
 
-    def picture(self, view: int) -> dict[str, Any]:
-        """Return what a view shows."""
-        self.ask("picture", view)
+    def picture(self) -> dict[str, Any]:
+        """Wait until a view is saved, as it was told, and return what it shows."""
+        self.answer()
         with np.load(self._path) as saved:
             return dict(saved)
 
     def close(self) -> None:
         """End the process."""
-        self._worker.close()
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
 
 
 @contextlib.contextmanager
@@ -122,42 +148,65 @@ def participants(wanted: Sequence[Seat], say: Callable[[str], None]) -> Iterator
         yield found
 
 
-def measure(cell: Cell, present: Sequence[Participant], seconds: float) -> Measured:
-    """Time a cell for about so many seconds, three rounds at least, and compare the pictures."""
+def measure(
+    cell: Cell, present: Sequence[Participant], seconds: float, end: float = math.inf
+) -> Measured:
+    """
+    Time a cell and compare the pictures.
+
+    Rounds are drawn for about so many seconds, three at least; but none begins, except for the
+    first, after ``time.monotonic()`` has reached the end.
+    """
     runs = [Run(who.seat.contestant, who.seat.threads, who.seat.instructions) for who in present]
     pairs = list(zip(runs, present, strict=True))
-    for _, who in pairs:
-        who.tell("prepare", [*cell[:3], list(cell.size)])
     for run, who in pairs:
         with reported(run):
-            run.missing = who.answer(PREPARE_SECONDS).get("unable")
+            who.tell("prepare", [*cell[:3], list(cell.size)])
     firsts: dict[int, float] = {}
     for number, (run, who) in enumerate(pairs):
         with reported(run):
             if run.missing is None:
+                answer = who.answer(PREPARE_SECONDS)
+                run.missing = answer.get("unable")
+                firsts[number] = answer.get("seconds", 0.0)
+    for number, (run, who) in enumerate(pairs):
+        with reported(run):
+            if run.missing is None and firsts[number] < SLOW_SECONDS:
                 firsts[number] = who.ask("draw", [0, 1, False])["seconds"][0]
+    firsts = {number: first for number, first in firsts.items() if pairs[number][0].missing is None}
     if firsts:
-        take_turns(pairs, firsts, seconds)
+        take_turns(pairs, firsts, seconds, end)
     check_pictures(cell, pairs)
     return Measured(cell, runs)
 
 
-def plan(firsts: dict[int, float], seconds: float) -> tuple[int, int]:
-    """Return the rounds, and the views of a turn, given the seconds of each one's first picture."""
-    count = max(1, min(VIEWS, int(TURN_SECONDS / max(firsts.values()))))
-    each = sum((count + (first < WARM_SECONDS)) * first for first in firsts.values())
-    return max(LEAST_ROUNDS, min(MOST_ROUNDS, int(seconds / each))), count
+def measure_safely(
+    cell: Cell, present: Sequence[Participant], seconds: float, end: float = math.inf
+) -> Measured:
+    """Do the same; whatever goes wrong here is noted in all runs, and all start anew after it."""
+    try:
+        return measure(cell, present, seconds, end)
+    except Exception as error:
+        for who in present:
+            who.close()
+        reason = f"failed: {type(error).__name__}: {error}"
+        return Measured(cell, [Run(*astuple(who.seat), missing=reason) for who in present])
 
 
 def take_turns(
-    pairs: Sequence[tuple[Run, Participant]], firsts: dict[int, float], seconds: float
+    pairs: Sequence[tuple[Run, Participant]],
+    firsts: dict[int, float],
+    seconds: float,
+    end: float,
 ) -> None:
-    """Draw round after round; note the milliseconds of a picture in the runs."""
-    rounds, count = plan(firsts, seconds)
+    """Draw round after round, as long as told; note the milliseconds of a picture in the runs."""
+    count = max(1, min(VIEWS, int(TURN_SECONDS / max(firsts.values()))))
     peers = [first for n, first in firsts.items() if pairs[n][0].contestant != OWN]
     is_small = bool(peers) and 1e3 * min(peers) < NEARLY * SMALL_MS
-    order, views = list(firsts), 0
-    for turn in range(rounds):
+    order, turn, took = list(firsts), 0, 0.0
+    usual_end = min(time.monotonic() + seconds, end)
+    while needs_round(turn, took, usual_end, end):
+        began = time.monotonic()
         for number in order[turn % len(order) :] + order[: turn % len(order)]:
             run, who = pairs[number]
             if run.missing is not None:
@@ -168,22 +217,35 @@ def take_turns(
                 run.cpu_ms.append(1e3 * done["processor"] / count)
                 for name, value in done["stages"].items():
                     run.stages[name] = run.stages.get(name, 0.0) + 1e3 * value
-                if is_small and run.contestant == OWN and turn < BATCH_ROUNDS:
+                if is_small and run.contestant == OWN:
                     together = who.ask("batch", BATCH_VIEWS)
                     if together:
                         run.batch_ms.append(1e3 * together["seconds"] / BATCH_VIEWS)
-        views += count
+        turn, took = turn + 1, time.monotonic() - began
     for run, _ in pairs:
-        run.stages = {name: value / views for name, value in run.stages.items()}
+        run.stages = {name: value / (turn * count) for name, value in run.stages.items()}
 
 
-def shown_by(run: Run, who: Participant) -> dict[str, Any] | None:
-    """Return the view that is compared, or ``None`` of a run without times."""
-    shown = None
-    if run.missing is None:
+def needs_round(turn: int, took: float, usual_end: float, end: float) -> bool:
+    """Tell whether one more round is drawn, after so many, the last of which took some seconds."""
+    if turn < LEAST_ROUNDS:
+        return turn < FEWEST_ROUNDS or time.monotonic() < end
+    return turn < MOST_ROUNDS and time.monotonic() + took <= usual_end
+
+
+def shown_by(pairs: Sequence[tuple[Run, Participant]]) -> list[dict[str, Any] | None]:
+    """Return the view that is compared of all, at the same time; ``None`` of runs without times."""
+    for run, who in pairs:
         with reported(run):
-            shown = who.picture(COMPARED_VIEW)
-    return shown
+            if run.missing is None:
+                who.tell("picture", COMPARED_VIEW)
+    pictures: list[dict[str, Any] | None] = []
+    for run, who in pairs:
+        pictures.append(None)
+        with reported(run):
+            if run.missing is None:
+                pictures[-1] = who.picture()
+    return pictures
 
 
 def check_pictures(cell: Cell, pairs: Sequence[tuple[Run, Participant]]) -> None:
@@ -193,7 +255,7 @@ def check_pictures(cell: Cell, pairs: Sequence[tuple[Run, Participant]]) -> None
     RasterJIT's own must be the same bits with any threads and instructions. If OpenGL's differs,
     RasterJIT's times go as well, for nobody knows who is right.
     """
-    pictures = [shown_by(run, who) for run, who in pairs]
+    pictures = shown_by(pairs)
     own = [shown for (run, _), shown in zip(pairs, pictures, strict=True) if run.contestant == OWN]
     reference = next((shown for shown in own if shown is not None), None)
     if reference is None:

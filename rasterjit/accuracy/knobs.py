@@ -11,7 +11,7 @@ from rasterjit.accuracy.results import COMBINATIONS
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
-from rasterjit.survey.facts import unlit_reason
+from rasterjit.survey.facts import float64_reason, unlit_reason
 
 TRIED_PRESETS = ("draft", "high")
 """Presets that are tried besides the standard and the reference, which are drawn anyway."""
@@ -174,14 +174,9 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
 
 def _not_in_float32(plan: RenderPlan) -> str | None:
     """Say why colours are interpolated in float64 whatever is asked for."""
-    contents = plan.facts.contents
     if not plan.facts.shades:
         return _unasked(plan, "interpolation_precision")
-    if contents.vertex_colored == 0:
-        return "no mesh has colours of its vertices"
-    if contents.unlit < contents.objects or contents.blended or contents.has_textures:
-        return "an object is lit, textured or blended: colours are interpolated in float64"
-    return None
+    return float64_reason(plan.facts)
 
 
 def _not_blended(plan: RenderPlan) -> str | None:

@@ -344,6 +344,28 @@ def unlit_reason(facts: Facts) -> str:
     return "no object is in view" if facts.colors_faces else "nothing is shaded"
 
 
+UNKNOWN_REASON = "not all that is drawn allows float32"
+
+
+def float64_reason(facts: Facts) -> str | None:
+    """Say why colours are interpolated in float64; None where they are in float32."""
+    quality, contents = facts.quality, facts.contents
+    if facts.interpolates_in_float32:
+        return None
+    reasons = (
+        (
+            quality.interpolation_precision == "float64",
+            "quality.interpolation_precision is 'float64'",
+        ),
+        (quality.samples not in (1, *SUPERSAMPLED), f"quality.samples is {quality.samples!r}"),
+        (contents.blended > 0, "an object is blended"),
+        (contents.unlit < contents.objects, "an object is lit"),
+        (contents.has_textures, "an object has a texture"),
+        (contents.vertex_colored == 0, "no mesh has colours of its vertices"),
+    )
+    return next((reason for is_so, reason in reasons if is_so), UNKNOWN_REASON)
+
+
 def settings_asked(facts: Facts, *names: str) -> str:
     """Say which of some settings the quality changes from the standard, and to what."""
     values = {name: getattr(facts.quality, name) for name in names}

@@ -18,7 +18,13 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.survey.contents import SMOOTH, Contents, in_words
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning
-from rasterjit.survey.facts import NORMAL_OUTPUTS, Facts, settings_asked, unlit_reason
+from rasterjit.survey.facts import (
+    NORMAL_OUTPUTS,
+    Facts,
+    float64_reason,
+    settings_asked,
+    unlit_reason,
+)
 
 
 class MaterialRow(Effect):
@@ -57,8 +63,9 @@ class Shading(MaterialRow):
         shadings = ", ".join(sorted(facts.seen.shadings))
         if not shadings:
             return "no object is in view"
-        colors = "; colours of vertices in float32" if facts.interpolates_in_float32 else ""
-        return shadings + settings_asked(facts, "shading") + colors
+        why = float64_reason(facts)
+        colors = "colours in float32" if why is None else f"colours in float64: {why}"
+        return f"{shadings}{settings_asked(facts, 'shading')}; {colors}"
 
 
 class Lights(MaterialRow):

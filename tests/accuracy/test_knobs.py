@@ -113,7 +113,7 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("renormalize", one("gouraud"), "no normals are interpolated"),
         ("renormalize", one("unlit"), "every material in view is unlit"),
         ("interpolation_precision", one("unlit"), "no mesh has colours of its vertices"),
-        ("interpolation_precision", colored("phong"), "an object is lit, textured or blended"),
+        ("interpolation_precision", colored("phong"), "an object is lit"),
     ],
 )
 def test_a_setting_without_effect_has_its_reason(setting, scene, words):

@@ -24,6 +24,7 @@ marks = importlib.import_module("benchmarks.map.marks")
 pairing = importlib.import_module("benchmarks.pairing")
 picture = importlib.import_module("benchmarks.map.picture")
 report = importlib.import_module("benchmarks.report")
+schedule = importlib.import_module("benchmarks.map.schedule")
 screen = importlib.import_module("benchmarks.contestants.screen")
 turns = importlib.import_module("benchmarks.map.turns")
 worker = importlib.import_module("benchmarks.map.worker")
@@ -69,9 +70,71 @@ def test_cells_of_one_mesh_follow_each_other():
 
 
 def test_a_part_of_the_map_is_what_is_asked_for():
-    found = command.choose(("64", "32x16"), (200,), ("phong",), ("boxes",))
+    found = command.choose(((64, 64), (32, 16), (64, 64)), (200,), ("phong",), ("boxes",))
     assert found == [Cell("boxes", 200, "phong", size) for size in ((64, 64), (32, 16))]
-    assert command.choose(("64",), (200,), ("phong",), ("slivers",)) == [cells.SLIVERS]
+    assert command.choose(((64, 64),), (200,), ("phong",), ("slivers",)) == [cells.SLIVERS]
+
+
+@pytest.mark.parametrize(("text", "size"), [("64", (64, 64)), (" 1280X720", (1280, 720))])
+def test_a_size_is_a_side_or_two(text, size):
+    assert command.Size().convert(text, None, None) == size
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--sizes", "large"], ["--sizes", "'large' is no size", "1280x720"]),
+        (["--sizes", "1x2x3"], ["--sizes", "'1x2x3' is no size"]),
+        (["--sizes", "64.5"], ["--sizes", "'64.5' is no size"]),
+        (["--sizes", "-64"], ["--sizes", "'-64' is no size"]),
+        (["--sizes", "0x64"], ["--sizes", "'0x64' is out of range", "1 to 8192"]),
+        (["--sizes", "64x8193"], ["--sizes", "'64x8193' is out of range", "1 to 8192"]),
+        (["--faces", "11"], ["--faces", "11", "12<=x<="]),
+        (["--faces", "100000000000"], ["--faces", "12<=x<="]),
+        (["--looks", "pbr"], ["--looks", "'pbr'", "phong"]),
+        (["--families", "cubes"], ["--families", "'cubes'", "slivers"]),
+        (["--threads", "0"], ["--threads", "0"]),
+        (["--instructions", "sse"], ["--instructions", "'sse'", "avx2"]),
+        (["--seconds", "0"], ["--seconds", "0"]),
+        (["--seconds", "nan"], ["--seconds", "nan"]),
+        (["--minutes", "-1"], ["--minutes", "-1"]),
+        (["--draw", "--sizes", "64"], ["--draw measures nothing", "--sizes"]),
+        (["--draw", "--resume"], ["--draw measures nothing", "--resume"]),
+        (["--results", "."], ["--results", "directory"]),
+        (["64"], ["64"]),
+    ],
+)
+def test_wrong_options_are_refused_by_name_before_anything_is_measured(
+    monkeypatch, arguments, words
+):
+    monkeypatch.setattr(command, "measure_all", lambda *given: pytest.fail("it measured"))
+    done = CliRunner().invoke(command.main, arguments)
+    assert done.exit_code == 2, done.output
+    assert all(word in done.output for word in words), done.output
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"cells": [{"family": "knot"}]}', "{", "\x00"])
+def test_a_file_that_is_no_file_of_results_is_named(tmp_path, text):
+    path = tmp_path / "map.json"
+    path.write_text(text)
+    done = CliRunner().invoke(command.main, ["--draw", "--results", str(path)])
+    assert done.exit_code == 1
+    assert "map.json is no file of results" in done.output.replace("\n", "")
+
+
+def test_options_reach_what_is_measured(monkeypatch, tmp_path):
+    given = []
+    monkeypatch.setattr(command, "measure_all", lambda *all_: given.extend(all_) or {"cells": []})
+    monkeypatch.setattr(command, "show", lambda content, folder: None)
+    path = str(tmp_path / "map.json")
+    arguments = ["--sizes", "64", "--faces", "200", "--looks", "phong", "--families", "boxes"]
+    arguments += ["--threads", "2", "--threads", "1", "--instructions", "avx2", "--seconds", "3"]
+    done = CliRunner().invoke(
+        command.main, [*arguments, "--minutes", "0.5", "--results", path, "--resume"]
+    )
+    assert done.exit_code == 0, done.output
+    cell = Cell("boxes", 200, "phong", (64, 64))
+    assert given == [[cell], [1, 2], ["avx2"], 3.0, 30.0, Path(path), True]
 
 
 def test_tinydisplay_takes_part_once_and_the_others_with_all_threads_and_instructions():
@@ -149,13 +212,15 @@ class FakeParticipant:
     def __init__(self, key, seconds, threads=1, shown=None, unable=None):
         self.seat = turns.Seat(key, threads, "native")
         self.asked, self._seconds, self._unable = [], seconds, unable
-        self._shown = np.eye(8, dtype=bool) if shown is None else shown
+        self._shown = {"covered": np.eye(8, dtype=bool)} if shown is None else shown
 
     def tell(self, task, asked):
         pass
 
     def answer(self, seconds):
-        return {"seconds": self._seconds} if self._unable is None else {"unable": self._unable}
+        return (
+            {"seconds": self._seconds or 0.0} if self._unable is None else {"unable": self._unable}
+        )
 
     def ask(self, task, asked):
         if self._seconds is None:
@@ -169,8 +234,11 @@ class FakeParticipant:
             "stages": {"plan": self._seconds * asked[1]},
         }
 
-    def picture(self, view):
-        return {"covered": self._shown}
+    def picture(self):
+        return self._shown
+
+    def close(self):
+        pass
 
 
 def test_all_draw_the_same_views_in_turns_and_times_are_those_of_a_picture():
@@ -188,15 +256,89 @@ def test_all_draw_the_same_views_in_turns_and_times_are_those_of_a_picture():
 def test_where_the_faster_peer_is_quick_views_are_drawn_together_as_well():
     own, peer = FakeParticipant("rasterjit", 0.002), FakeParticipant("opengl", 0.0005)
     run, _ = turns.measure(cell_of(), [own, peer], 1.0).runs
-    assert run.batch_ms == [pytest.approx(0.5)] * turns.BATCH_ROUNDS
+    assert run.batch_ms == [pytest.approx(0.5)] * len(run.ms)
 
 
-@pytest.mark.parametrize("seconds", [1e-5, 1e-2, 10.0])
-def test_rounds_are_bounded_below_and_above(seconds):
-    rounds, count = turns.plan({0: seconds, 1: seconds / 3.0}, 2.0)
-    assert turns.LEAST_ROUNDS <= rounds <= turns.MOST_ROUNDS
-    assert 1 <= count <= families.VIEWS
-    assert (count > 1) == (seconds < turns.TURN_SECONDS)
+@pytest.mark.parametrize(
+    ("took", "seconds", "end", "rounds"),
+    [
+        (0.125, 0.625, 9.0, 5),
+        (0.125, 9.0, 0.625, 5),
+        (0.125, 9.0, 9.0, turns.MOST_ROUNDS),
+        (2.0, 0.5, 99.0, turns.LEAST_ROUNDS),
+        (2.0, 0.5, 3.0, 2),
+        (2.0, 9.0, 0.0, turns.FEWEST_ROUNDS),
+    ],
+)
+def test_there_are_as_many_rounds_as_fit_three_unless_the_cells_time_is_up(
+    monkeypatch, took, seconds, end, rounds
+):
+    now = [0.0]
+    present = [FakeParticipant("rasterjit", 1.0), FakeParticipant("opengl", 1.0)]
+    draw = FakeParticipant.ask
+
+    def ask(who, task, asked):
+        now[0] += took / 2.0
+        return draw(who, task, asked)
+
+    monkeypatch.setattr(turns.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(FakeParticipant, "ask", ask)
+    found = turns.measure(cell_of(), present, seconds, end)
+    assert [len(run.ms) for run in found.runs] == [rounds, rounds]
+
+
+def test_who_ends_in_a_cell_is_started_anew_for_the_next(tmp_path):
+    """Each process stays from cell to cell, so that what ends one must not cost all that follow."""
+    who = turns.Participant(turns.Seat("rasterjit", 1, "native"), tmp_path, 0)
+    small = Cell("boxes", 200, "colors", (32, 32))
+    try:
+        lost = turns.measure(Cell("nothing", 200, "colors", (32, 32)), [who], 0.01)
+        assert "nothing" in lost.runs[0].missing
+        assert turns.measure(small, [who], 0.01).runs[0].ms
+        who.tell("draw", ["no number", 1, False])
+        with pytest.raises(pairing.WorkerError):
+            who.answer()
+        assert turns.measure(small, [who], 0.01).runs[0].ms
+    finally:
+        who.close()
+
+
+def test_who_ends_again_and_again_is_left_out(monkeypatch, tmp_path):
+    started = []
+
+    class Ends:
+        is_alive = False
+
+        def __init__(self, *given):
+            started.append(given)
+
+        def tell(self, line):
+            pass
+
+        def answer(self, seconds):
+            raise pairing.WorkerError("ended with status 1")
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(turns, "Worker", Ends)
+    who = turns.Participant(turns.Seat("opengl", 1, "native"), tmp_path, 0)
+    found = [turns.measure(cell_of(), [who], 1.0).runs[0] for _ in range(turns.MOST_STARTS + 5)]
+    assert len(started) == turns.MOST_STARTS
+    assert found[0].missing == "failed: ended with status 1"
+    assert found[-1].missing == f"failed: ended {turns.MOST_STARTS} times"
+
+
+def test_what_goes_wrong_in_a_cell_costs_that_cell_alone(monkeypatch):
+    present, closed = [FakeParticipant("rasterjit", 0.01), FakeParticipant("opengl", 0.01)], []
+    monkeypatch.setattr(FakeParticipant, "close", lambda who: closed.append(who))
+    monkeypatch.setattr(FakeParticipant, "picture", lambda who: 1 // 0)
+    found = turns.measure_safely(cell_of(), present, 0.01)
+    assert {run.missing for run in found.runs} == {
+        "failed: ZeroDivisionError: integer division or modulo by zero"
+    }
+    assert [run.seat for run in found.runs] == [("rasterjit", 1, "native"), ("opengl", 1, "native")]
+    assert closed == present
 
 
 def test_who_cannot_draw_or_fails_leaves_the_others_their_times():
@@ -221,7 +363,7 @@ def test_who_cannot_draw_or_fails_leaves_the_others_their_times():
     ],
 )
 def test_a_wrong_picture_costs_its_times_and_if_opengls_those_of_rasterjit(key, threads, lost):
-    wrong = np.zeros((8, 8), bool)
+    wrong = {"covered": np.zeros((8, 8), bool)}
     places = [("rasterjit", 1), ("opengl", 1), ("tinydisplay", 1), ("rasterjit", 2)]
     present = [
         FakeParticipant(name, 0.01, count, wrong if (name, count) == (key, threads) else None)
@@ -230,6 +372,32 @@ def test_a_wrong_picture_costs_its_times_and_if_opengls_those_of_rasterjit(key, 
     found = turns.measure(cell_of(), present, 0.1)
     assert [run.missing is not None for run in found.runs] == lost
     assert len(command.pictures_that_differ([found])) == sum(lost)
+
+
+def test_rasterjits_pictures_must_have_the_same_bits_and_others_nearly_the_same_colours():
+    pictures = []
+    for code in (100, 100, 101):
+        codes = np.full((8, 8, 4), code, np.uint8)
+        pictures.append({"covered": np.ones((8, 8), bool), "color": codes})
+        pictures[-1]["color_linear"] = codes[:, :, :3]
+    present = [
+        FakeParticipant("rasterjit", 0.01, 1, pictures[0]),
+        FakeParticipant("rasterjit", 0.01, 2, pictures[1]),
+        FakeParticipant("rasterjit", 0.01, 3, pictures[2]),
+        FakeParticipant("opengl", 0.01, 1, dict(list(pictures[2].items())[::2])),
+    ]
+    runs = turns.measure(cell_of(), present, 0.01).runs
+    assert [run.missing is None for run in runs] == [True, True, False, True]
+    assert "bits 0.000%" in runs[2].missing
+
+
+def test_bits_of_pictures_are_compared_between_threads(tmp_path):
+    prepared = contestants.contestant("rasterjit").prepare(
+        families.make_scene("boxes", 200, "colors", (32, 32)), 1
+    )
+    shown = prepared.picture()
+    assert shown["color"].shape == (32, 32, 4)
+    prepared.close()
 
 
 def test_the_process_draws_scene_after_scene_and_reads_views_back(tmp_path):
@@ -367,11 +535,162 @@ def test_rounds_of_a_cell_measured_again_count_with_those_before():
     assert marks.judge(found, 1, "native") is None
 
 
+def test_who_is_not_there_when_a_cell_is_measured_again_keeps_its_rounds():
+    found, again = measured(cell_of(), 2.0, 6.0, 3.0), measured(cell_of(), 1.0, 9.0, 3.0)
+    del again.runs[1]
+    found.add(again)
+    assert [len(run.ms) for run in found.runs] == [6, 3, 6]
+
+
 def test_the_lowest_cells_of_each_panel_are_measured_again(monkeypatch):
     monkeypatch.setattr(command, "AGAIN", 2)
     found = [measured(cell_of(count), 1.0, 1.0 + count) for count in (5, 1, 4, 2, 3)]
     panels = [("AVX-512, 1 thread", 1, "native"), ("AVX2, 1 thread", 1, "avx2")]
     assert [each.cell.faces for each in command.lowest(found, panels)] == [1, 2]
+
+
+class Clock:
+    """Seconds that pass when told to."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_time_is_shared_out_by_what_cells_need_and_what_one_leaves_goes_to_the_others():
+    small, large = cell_of(200, (64, 64)), cell_of(1_000_000, (1920, 1080))
+    clock = Clock()
+    plan = schedule.Schedule([small, large, small], 100.0, clock)
+    ends = []
+    for cell in (small, large, small):
+        ends.append(plan.next_end(cell) - clock.now)
+        clock.now += ends[-1]
+    first = 100.0 * (1.0 - schedule.AGAIN_SHARE)
+    assert sum(ends) == pytest.approx(first)
+    assert ends[0] == pytest.approx(ends[2])
+    assert ends[1] > 5.0 * ends[0]
+    assert plan.is_over
+    assert plan.has(100.0 - first)
+    assert not plan.has(101.0 - first)
+
+    clock = Clock()
+    plan = schedule.Schedule([small, small], 100.0, clock)
+    plan.next_end(small)
+    assert plan.next_end(small) == pytest.approx(clock.now + first)
+    clock.now += 200.0
+    assert plan.is_over
+    assert plan.passed == 200.0
+
+
+def test_the_whole_map_gets_what_it_needs_of_its_minutes():
+    """The smallest cell can be drawn some rounds, the largest one three, on two quiet cores."""
+    wanted = command.choose((), (), (), ())
+    plan = schedule.Schedule(wanted, 60.0 * command.MINUTES, Clock())
+    first = 60.0 * command.MINUTES * (1.0 - schedule.AGAIN_SHARE)
+    unit = first / sum(map(schedule.weight, wanted))
+    assert plan.next_end(wanted[0]) - 100.0 == pytest.approx(unit * schedule.weight(wanted[0]))
+    assert unit > 0.9
+    assert unit * schedule.weight(cell_of(1_000_000, (1920, 1080))) > 6.0
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Measure nothing, in no time; return the cells that were asked for."""
+    asked = []
+
+    def measure(cell, present, seconds, end):
+        asked.append(cell)
+        return measured(cell, 2.0, 6.0)
+
+    monkeypatch.setattr(command, "participants", lambda seats, say: contextlib.nullcontext(seats))
+    monkeypatch.setattr(command, "measure_safely", measure)
+    monkeypatch.setattr(command, "warm_up", lambda names: None)
+    monkeypatch.setattr(report, "machine", lambda: {"processor": "a processor"})
+    monkeypatch.setattr(command, "commit", lambda: "1234567890")
+    monkeypatch.setattr(command, "AGAIN", 0)
+    return asked
+
+
+def test_cells_that_no_time_is_left_for_are_named_and_a_resumed_run_measures_them(
+    monkeypatch, quick, tmp_path
+):
+    wanted = [cell_of(count) for count in (200, 1_000, 5_000)]
+    path = tmp_path / "map.json"
+    overs = iter([False, True])
+    monkeypatch.setattr(
+        schedule.Schedule, "is_over", property(lambda plan: next(overs, False)), raising=True
+    )
+    content = command.measure_all(wanted, [1], ["native"], 1.0, 60.0, path)
+    assert quick == wanted[:1]
+    assert content["not_reached"] == list(map(str, wanted[1:]))
+    assert json.loads(path.read_text()) == content
+    content = command.measure_all(wanted, [1], ["native"], 1.0, 60.0, path, resume=True)
+    assert quick == wanted
+    assert content["not_reached"] == []
+    assert [each.cell for each in command.read(content)] == wanted
+
+
+def test_a_run_that_is_cut_off_leaves_what_it_measured(monkeypatch, quick, tmp_path):
+    wanted, path = [cell_of(count) for count in (200, 1_000)], tmp_path / "map.json"
+    done = command.measure_safely
+
+    def cut_off(cell, *given):
+        if quick:
+            raise KeyboardInterrupt
+        return done(cell, *given)
+
+    monkeypatch.setattr(command, "measure_safely", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        command.measure_all(wanted, [1], ["native"], 1.0, 60.0, path)
+    assert [each.cell for each in command.read(json.loads(path.read_text()))] == wanted[:1]
+
+
+def test_cells_in_which_something_failed_are_measured_by_a_resumed_run(
+    monkeypatch, quick, tmp_path
+):
+    path = tmp_path / "map.json"
+    wanted = [cell_of(200), cell_of(1_000)]
+    content = command.measure_all(wanted, [1], ["native"], 1.0, 60.0, path)
+    content["cells"][0]["runs"][1]["missing"] = "failed: ended with status 1"
+    path.write_text(json.dumps(content))
+    command.measure_all(wanted, [1], ["native"], 1.0, 60.0, path, resume=True)
+    assert quick == [*wanted, wanted[0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("commit", "0987654321"), ("threads", [1, 2]), ("processor", "another")]
+)
+def test_a_run_does_not_go_on_with_what_is_of_another_commit_or_machine(
+    quick, tmp_path, name, value
+):
+    path = tmp_path / "map.json"
+    content = command.measure_all([cell_of()], [1], ["native"], 1.0, 60.0, path)
+    content["machine" if name == "processor" else name] = (
+        {"processor": value} if name == "processor" else value
+    )
+    path.write_text(json.dumps(content))
+    with pytest.raises(command.click.ClickException, match=f"--resume.*{name}"):
+        command.measure_all([cell_of()], [1], ["native"], 1.0, 60.0, path, resume=True)
+
+
+def test_kernels_are_compiled_for_each_set_of_instructions_before_the_clock(monkeypatch):
+    ran = []
+
+    class Done:
+        returncode, stderr = 1, "no folder can keep kernels"
+
+    monkeypatch.setattr(
+        command.subprocess, "run", lambda line, env, **more: ran.append((line, env)) or Done
+    )
+    said = []
+    monkeypatch.setattr(command, "say", said.append)
+    monkeypatch.setattr(instructions, "environment", lambda name: {"NUMBA_CPU_NAME": name})
+    command.warm_up(["native", "avx2"])
+    assert [env["NUMBA_CPU_NAME"] for _, env in ran] == ["native", "avx2"]
+    assert all("warmup" in line for line, _ in ran)
+    assert "no folder can keep kernels" in said[0]
 
 
 def test_a_cell_of_the_picture_shows_its_worst_and_median_family():
@@ -398,7 +717,10 @@ def test_maps_are_drawn_and_marks_printed_from_a_file(tmp_path, monkeypatch):
         "machine": {"processor": "a processor", "processors": "2"},
         "instructions": {"native": "AVX2"},
         "left_out": {"avx2": "this CPU has no AVX-512"},
+        "commit": "1234567890",
         "threads": [1],
+        "minutes": 20.0,
+        "not_reached": ["5 k knot colors 64²", "5 k knot colors 128²"],
         "cells": [
             command.written(measured(cell_of(), 2.0, 6.0, 3.0)),
             command.written(measured(cell_of(look="phong"), 2.0, 6.0)),
@@ -410,6 +732,7 @@ def test_maps_are_drawn_and_marks_printed_from_a_file(tmp_path, monkeypatch):
     done = CliRunner().invoke(command.main, arguments)
     assert done.exit_code == 0, done.output
     assert "this CPU has no AVX-512" in done.output
+    assert "2 cells were not reached in 20 minutes, from 5 k knot colors 64²" in done.output
     assert "median, to llvmpipe" in done.output
     assert sorted(found.name for found in tmp_path.glob("*.png")) == [
         "map_colors.png", "map_phong.png",
@@ -425,16 +748,12 @@ def test_maps_are_drawn_and_marks_printed_from_a_file(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("has_avx512", [True, False])
 def test_a_machine_without_avx512_leaves_the_other_map_out_and_says_so(
-    monkeypatch, tmp_path, has_avx512
+    monkeypatch, quick, tmp_path, has_avx512
 ):
     features = {"avx2": True, "avx512f": has_avx512}
     monkeypatch.setattr(instructions, "features", lambda: features)
-    monkeypatch.setattr(command, "participants", lambda seats, say: contextlib.nullcontext(seats))
-    monkeypatch.setattr(command, "measure", lambda cell, present, seconds: measured(cell, 2.0, 6.0))
-    monkeypatch.setattr(report, "machine", dict)
-    monkeypatch.setattr(command, "AGAIN", 0)
     path = tmp_path / "map.json"
-    content = command.measure_all([cell_of()], [1], instructions.SETS, 1.0, path)
+    content = command.measure_all([cell_of()], [1], instructions.SETS, 1.0, 60.0, path)
     assert json.loads(path.read_text()) == content
     if has_avx512:
         assert content["instructions"] == {"native": "AVX-512", "avx2": "AVX2"}

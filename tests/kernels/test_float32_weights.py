@@ -33,6 +33,7 @@ from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import float32
+from rasterjit.survey.facts import UNKNOWN_REASON, float64_reason
 
 BOUND = Fraction(float32_weights.WEIGHT_ERROR)
 FLOAT64 = rj.Quality(interpolation_precision="float64")
@@ -306,15 +307,55 @@ def test_what_is_out_of_view_decides_as_well():
     assert not is_quick(scene)
 
 
+def plain():
+    scene, mesh = rj.Scene(), hills().nodes[0].mesh
+    scene.add(rj.Mesh(mesh.vertices, mesh.faces, material=rj.Material(shading="unlit")))
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("scene", "quality", "words"),
+    [
+        (hills(), FLOAT64, "quality.interpolation_precision is 'float64'"),
+        (hills(), rj.Quality(samples=4), "quality.samples is 4"),
+        (hills(), rj.Quality(samples="area"), "quality.samples is 'area'"),
+        (hills(alpha_mode="blend"), None, "an object is blended"),
+        (plain(), None, "no mesh has colours of its vertices"),
+    ],
+)
+def test_explain_says_in_its_line_why_colours_stay_float64(scene, quality, words):
+    plan = rj.explain(scene, CAMERAS[1], quality, size=(64, 48))
+    (shading,) = (effect for effect in plan.effects if effect.name == "shading")
+    assert shading.reason.endswith(f"; colours in float64: {words}")
+    assert float64_reason(plan.facts) == words
+
+
+@pytest.mark.parametrize("quality", [None, FLOAT64, rj.Quality(samples=4), rj.Quality(samples=64)])
+@pytest.mark.parametrize("shading", ["unlit", "flat", "gouraud", "phong", "pbr"])
+@pytest.mark.parametrize("alpha_mode", ["opaque", "blend"])
+@pytest.mark.parametrize("picture", [None, rj.Texture(np.zeros((2, 2, 3), np.uint8))])
+def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
+    quality, shading, alpha_mode, picture
+):
+    scene, mesh = rj.Scene(), hills().nodes[0].mesh
+    material = rj.Material(shading, alpha_mode=alpha_mode, base_color_texture=picture)
+    uv = mesh.vertices[:, :2]
+    colors = mesh.vertex_colors[:, :3]
+    scene.add(rj.Mesh(mesh.vertices, mesh.faces, colors=colors, uv=uv, material=material))
+    facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
+    assert (float64_reason(facts) is None) == facts.interpolates_in_float32
+    assert float64_reason(facts) != UNKNOWN_REASON
+
+
 def test_explain_names_it_and_the_stages():
     plan = rj.explain(hills(), CAMERAS[1], size=(64, 48))
-    assert "colours of vertices in float32" in str(plan)
+    assert "colours in float32" in str(plan)
     names = [told.name for told in list_stages(plan)]
     assert "float32_weights.find_float32_weights" in names
     assert f"attributes.{multiply_vertex_colors_in_float32.__name__}" in names
     assert not {"weights.find_weights", "attributes.multiply_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
-    assert "in float32" not in str(plan)
+    assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
     assert {"weights.find_weights", "attributes.multiply_vertex_colors"} <= {
         told.name for told in list_stages(plan)
     }

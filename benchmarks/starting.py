@@ -1,0 +1,376 @@
+"""
+``python -m benchmarks startup``: how long it is to an import, and to a first picture.
+
+Each figure is a fresh process, from starting it to its end. RasterJIT runs from this clone, from a
+platform wheel and from another version, if these are given; F3D, PyVista, moderngl and Panda3D by
+the programs in ``starters/``. All draw the same teapot from the same place, in turns.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from PIL import Image
+from rich.console import Console
+
+from benchmarks import report
+from benchmarks.checkouts import RevisionError, checkouts
+from benchmarks.pairing import CACHES, ROOT, package_environment
+from benchmarks.scenes import TEAPOT
+from benchmarks.startup import SIZE, children_seconds
+
+STARTERS = Path(__file__).parent / "starters"
+RESULT = report.RESULTS / "startup.json"
+VIEW = {
+    "model": str(TEAPOT), "size": SIZE, "eye": (4.0, 5.0, 9.0), "target": (0.0, 1.5, 0.0),
+    "fov_y": 40.0,
+}  # fmt: skip
+
+IMPORT, API, COMMAND = "import", "API", "command"
+PARTS = (IMPORT, API, COMMAND)
+
+MESA_CACHE = "MESA_SHADER_CACHE_DIR"
+"""Where OpenGL keeps compiled shaders."""
+LONGEST_SECONDS = 300.0
+ALIKE = 0.97
+"""Share of pixels that programs with the same camera cover or leave empty alike."""
+SHOWN = (0.02, 0.9)
+"""Shares of a command's picture, whose camera may be its own, that show something."""
+
+COLUMNS = (
+    "who", "import, s", "API, s", "command, s", "first API, s", "first command, s", "remarks",
+)  # fmt: skip
+
+progress = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class Starter:
+    """Who starts, and how."""
+
+    name: str
+    python: str
+    """The interpreter of the environment that it is installed in."""
+    module: str
+    """What it imports; empty: nothing."""
+    program: Path | None = None
+    """Draws by the API."""
+    command: Callable[[str, str], list[str] | None] | None = None
+    """Given the interpreter and the picture, the command line that draws; None: it has none."""
+    environment: dict[str, str] = field(default_factory=dict)
+    has_camera: bool = False
+    """Whether the command line is told the camera."""
+
+    def line(self, part: str, picture: Path) -> list[str] | None:
+        """Return the command line of a part; ``None`` if there is none."""
+        if part == IMPORT:
+            return [self.python, "-c", f"import {self.module}" if self.module else "pass"]
+        if part == API:
+            view = json.dumps({**VIEW, "picture": str(picture)})
+            return self.program and [self.python, str(self.program), view]
+        return self.command and self.command(self.python, str(picture))
+
+
+@dataclass
+class Found:
+    """What was measured of a starter."""
+
+    name: str
+    first: dict[str, float] = field(default_factory=dict)
+    """Seconds of the very first process, which found no compiled code, by part."""
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    """Of those after it."""
+    processor: dict[str, list[float]] = field(default_factory=dict)
+    remarks: dict[str, str] = field(default_factory=dict)
+    """Why a part has no times."""
+
+    def median(self, part: str) -> str:
+        """Return the seconds of a part as text."""
+        return f"{statistics.median(self.seconds[part]):.2f}" if self.seconds.get(part) else ""
+
+
+def render_line(python: str, picture: str) -> list[str]:
+    """Return RasterJIT's command line."""
+    eye, target = (",".join(map(str, VIEW[name])) for name in ("eye", "target"))
+    return [
+        python, "-m", "rasterjit", "render", str(TEAPOT), "-o", picture,
+        "--size", "x".join(map(str, SIZE)), f"--position={eye}", f"--target={target}",
+        f"--fov={VIEW['fov_y']}",
+    ]  # fmt: skip
+
+
+def f3d_line(python: str, picture: str) -> list[str] | None:
+    """Return F3D's command line; its package has none, other ways to install it have."""
+    program = shutil.which("f3d", path=beside(python))
+    eye, target = (",".join(map(str, VIEW[name])) for name in ("eye", "target"))
+    return program and [
+        program, str(TEAPOT), "--output", picture, "--no-config",
+        "--resolution", ",".join(map(str, SIZE)), f"--camera-position={eye}",
+        f"--camera-focal-point={target}", f"--camera-view-angle={VIEW['fov_y']}",
+    ]  # fmt: skip
+
+
+def pyvista_line(python: str, picture: str) -> list[str] | None:
+    """Return PyVista's command line, whose camera is its own."""
+    program = shutil.which("pyvista", path=beside(python))
+    return program and [
+        program, "plot", str(TEAPOT), "--off-screen", "--screenshot", picture,
+        "--window-size", *map(str, SIZE),
+    ]  # fmt: skip
+
+
+def beside(python: str) -> str:
+    """Return where programs of an interpreter's environment are looked for."""
+    return os.pathsep.join([str(Path(python).parent), os.environ.get("PATH", os.defpath)])
+
+
+PEERS: dict[str, tuple[str, str, Callable[[str, str], list[str] | None] | None, bool]] = {
+    "f3d": ("F3D", "f3d", f3d_line, True),
+    "pyvista": ("PyVista", "pyvista", pyvista_line, False),
+    "moderngl": ("moderngl", "moderngl", None, False),
+    "panda3d": ("Panda3D tinydisplay", "panda3d.core", None, False),
+}
+"""By key, also of ``--python`` and of the file in ``starters/``: name, module, command, camera."""
+
+
+class Environment(click.ParamType):
+    """A peer and the interpreter of the environment that it is installed in."""
+
+    name = "peer"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, str]:
+        """Return both."""
+        key, _, python = str(value).partition("=")
+        if key not in PEERS:
+            self.fail(f"{key!r} is no peer; possible are {', '.join(PEERS)}", param, ctx)
+        if not os.access(python, os.X_OK) or Path(python).is_dir():
+            self.fail(
+                f"{python!r} is no program; expected {key}=ENVIRONMENT/bin/python", param, ctx
+            )
+        return key, python
+
+
+@click.command()
+@click.option(
+    "--rounds", default=5, show_default=True, type=click.IntRange(1, 1000),
+    help="Processes of each, after the first.",
+)  # fmt: skip
+@click.option(
+    "--python", "pythons", multiple=True, type=Environment(), metavar="PEER=PROGRAM",
+    help="The interpreter of the environment that a peer is installed in, such as "
+    "f3d=env/bin/python; may be repeated.  [default: this one]",
+)  # fmt: skip
+@click.option(
+    "--wheel", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="A wheel, which is installed by pip in a new environment.  [default: the newest platform "
+    "wheel in dist/, if any]",
+)  # fmt: skip
+@click.option("--against", metavar="COMMIT", help="A commit, which is measured as well.")
+@click.option(
+    "--results", default=RESULT, show_default=False, help="The file of results.",
+    type=click.Path(dir_okay=False, path_type=Path),
+)  # fmt: skip
+def startup(
+    rounds: int, pythons: tuple[tuple[str, str], ...], wheel: Path | None, against: str | None,
+    results: Path,
+) -> None:  # fmt: skip
+    """Measure fresh processes: an import, and a first picture by API and by command line."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        try:
+            starters, left_out = entrants(folder, stack, dict(pythons), wheel, against)
+        except RevisionError as error:
+            raise click.BadParameter(str(error), param_hint="--against") from error
+        found = measure(starters, rounds, folder)
+    rows = [row_of(each) for each in found]
+    report.print_table("From starting a process to its end", COLUMNS, rows)
+    for name, reason in left_out.items():
+        progress.print(f"left out: {name}: {reason}", markup=False)
+    content = {
+        "machine": report.machine(), "left_out": left_out, "found": list(map(asdict, found)),
+    }  # fmt: skip
+    report.write_text(results, json.dumps(content, indent=2) + "\n")
+    wrong = [each for each in found if "RasterJIT" in each.name and each.remarks]
+    wrong += [each for each in found if any("picture" in one for one in each.remarks.values())]
+    if wrong:
+        sys.exit(1)
+
+
+def entrants(
+    folder: Path, stack: ExitStack, pythons: dict[str, str], wheel: Path | None, against: str | None
+) -> tuple[list[Starter], dict[str, str]]:
+    """Return who starts, and why others are left out; raise `RevisionError` for no commit."""
+    here = package_environment({})
+    own = STARTERS / "rasterjit_.py"
+    found = [
+        Starter("Python alone", sys.executable, ""),
+        Starter("NumPy alone", sys.executable, "numpy"),
+        Starter(
+            "RasterJIT, clone", sys.executable, "rasterjit", own, render_line, here, True
+        ),
+    ]  # fmt: skip
+    left_out = {}
+    if against is not None:
+        ((name, place),) = stack.enter_context(checkouts([against], folder))
+        there = package_environment({}, place)
+        found.append(
+            Starter(
+                f"RasterJIT, {name}", sys.executable, "rasterjit", own, render_line, there, True
+            )
+        )
+    wheel = wheel or newest_wheel(ROOT / "dist")
+    if wheel is None:
+        left_out["RasterJIT, wheel"] = "no platform wheel in dist/, and no --wheel"
+    else:
+        try:
+            python = installed(wheel, folder / "wheel")
+        except subprocess.CalledProcessError as error:
+            left_out["RasterJIT, wheel"] = f"pip failed: {last_line(error.stderr)}"
+        else:
+            name = f"RasterJIT, {wheel.name}"
+            found.append(Starter(name, python, "rasterjit", own, render_line, {}, True))
+    for key, (name, module, command, has_camera) in PEERS.items():
+        python = pythons.get(key, sys.executable)
+        if not is_installed(python, module):
+            left_out[name] = (
+                f"the package {key} is not installed: pip install {key}, or in another "
+                f"environment, with --python {key}=ENVIRONMENT/bin/python"
+            )
+            continue
+        software = {"LIBGL_ALWAYS_SOFTWARE": "true"}
+        program = STARTERS / f"{key}_.py"
+        found.append(Starter(name, python, module, program, command, software, has_camera))
+    return found, left_out
+
+
+def newest_wheel(folder: Path) -> Path | None:
+    """Return the newest wheel with machine code in a folder, if there is one."""
+    wheels = [path for path in folder.glob("rasterjit-*.whl") if not path.stem.endswith("-any")]
+    return max(wheels, key=lambda path: path.stat().st_mtime, default=None)
+
+
+def installed(wheel: Path, place: Path) -> str:
+    """Install a wheel in a new environment, as users do; return its interpreter."""
+    progress.print(f"installing {wheel.name} ...")
+    python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    for line in (
+        [sys.executable, "-m", "venv", str(place)],
+        [str(python), "-m", "pip", "install", "-q", str(wheel)],
+    ):
+        subprocess.run(line, check=True, capture_output=True, text=True)
+    return str(python)
+
+
+def is_installed(python: str, module: str) -> bool:
+    """Tell whether an environment has a module; it is not imported, its package may be."""
+    code = f"import importlib.util as u, sys; sys.exit(u.find_spec({module!r}) is None)"
+    return subprocess.run([python, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def measure(starters: Sequence[Starter], rounds: int, folder: Path) -> list[Found]:
+    """
+    Start all of them in turns, each part with folders of its own for compiled code.
+
+    A part that fails, or whose picture is wrong, is left out of the rounds that follow.
+    """
+    found = [Found(starter.name) for starter in starters]
+    reference: list[Any] = []
+    for number in range(rounds + 1):
+        progress.print(f"round {number} of {rounds}" if number else "first processes")
+        for place, (starter, each) in enumerate(zip(starters, found, strict=True)):
+            for part in PARTS:
+                picture = folder / f"{place}-{part}.png"
+                line = starter.line(part, picture)
+                if line is None or part in each.remarks:
+                    continue
+                try:
+                    wall, processor = time_line(line, starter, folder / f"{place}-{part}")
+                    if part != IMPORT and number == 0:
+                        check(picture, reference, part == API or starter.has_camera)
+                except (OSError, subprocess.SubprocessError, ValueError) as error:
+                    each.remarks[part] = why(error)
+                    each.seconds.pop(part, None)
+                    continue
+                if number == 0:
+                    each.first[part] = wall
+                else:
+                    each.seconds.setdefault(part, []).append(wall)
+                    each.processor.setdefault(part, []).append(processor)
+    return found
+
+
+def time_line(line: Sequence[str], starter: Starter, cache: Path) -> tuple[float, float]:
+    """Run a command; return its seconds by the wall clock, and of the processor."""
+    cache.mkdir(exist_ok=True)
+    caches = dict.fromkeys((*CACHES, MESA_CACHE), str(cache))
+    environment = {**os.environ, **starter.environment, **caches}
+    if not starter.environment.get("PYTHONPATH"):
+        environment.pop("PYTHONPATH", None)
+    started, processor = time.perf_counter(), children_seconds()
+    subprocess.run(
+        line, check=True, capture_output=True, text=True, cwd=cache, env=environment,
+        timeout=LONGEST_SECONDS,
+    )  # fmt: skip
+    return time.perf_counter() - started, children_seconds() - processor
+
+
+def check(picture: Path, reference: list[Any], has_camera: bool) -> None:
+    """
+    Raise ``ValueError`` for a picture that is no teapot.
+
+    The first one, of RasterJIT, becomes the reference. Whose camera is its own shows something.
+    """
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(np.int16)
+    if pixels.shape != (SIZE[1], SIZE[0], 3):
+        raise ValueError(f"the picture is {pixels.shape[1]}x{pixels.shape[0]}")
+    # Backgrounds may have a gradient, from row to row.
+    covered = (np.abs(pixels - pixels[:, :1]) > 2).any(axis=2)
+    if not SHOWN[0] < covered.mean() < SHOWN[1]:
+        raise ValueError(f"the picture shows something at {covered.mean():.1%} of its pixels")
+    if not reference:
+        reference.append(covered)
+    share = float((covered == reference[0]).mean())
+    if has_camera and share < ALIKE:
+        raise ValueError(f"the picture differs: covered {share:.1%}")
+
+
+def why(error: Exception) -> str:
+    """Return why a part has no times, in a line."""
+    if isinstance(error, subprocess.CalledProcessError):
+        return f"failed: {last_line(error.stderr)}"
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"failed: it took longer than {error.timeout:g} s"
+    return str(error)
+
+
+def last_line(text: str) -> str:
+    """Return the last line that says something."""
+    return next(
+        (line.strip() for line in reversed(text.splitlines()) if line.strip()), "no message"
+    )
+
+
+def row_of(found: Found) -> list[str]:
+    """Return a starter's row of the table."""
+    return [
+        found.name, *map(found.median, PARTS),
+        *(f"{found.first[part]:.2f}" if part in found.first else "" for part in (API, COMMAND)),
+        "; ".join(f"{part}: {remark}" for part, remark in found.remarks.items()),
+    ]  # fmt: skip
