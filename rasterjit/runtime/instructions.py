@@ -345,10 +345,6 @@ def fill_rows(
             count = builder.sub(end, column)
             counts = _all(builder, count, lanes)
             place = builder.add(values[0], builder.sext(column, values[0].type))
-            groups = builder.ashr(builder.add(count, LANE(lanes - 1)), LANE(lanes.bit_length() - 1))
-            # One group at least: which rows are empty is hard to predict
-            is_some = builder.icmp_signed(">", groups, LANE(1))
-            groups = builder.select(is_some, groups, LANE(1))
 
             def draw_group(_: Any, values: list[Any]) -> list[Any]:
                 place, here = values
@@ -359,7 +355,17 @@ def fill_rows(
                 following = builder.add(here, ir.Constant(here.type, [lanes] * lanes))
                 return [builder.add(place, place.type(lanes)), following]
 
-            _repeat(builder, groups, [place, numbers], draw_group)
+            if lanes < LANES:
+                # No row is longer
+                draw_group(None, [place, numbers])
+            else:
+                groups = builder.ashr(
+                    builder.add(count, LANE(lanes - 1)), LANE(lanes.bit_length() - 1)
+                )
+                # One group at least: which rows are empty is hard to predict
+                is_some = builder.icmp_signed(">", groups, LANE(1))
+                groups = builder.select(is_some, groups, LANE(1))
+                _repeat(builder, groups, [place, numbers], draw_group)
             return [builder.add(values[0], stride)]
 
         _repeat(builder, rows, [first], draw_row)
