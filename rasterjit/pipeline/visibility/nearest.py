@@ -502,6 +502,19 @@ def clear_tile(depths, numbers, empty):
             numbers[row, column] = NOTHING
 
 
+@helper
+def leave_empty(frame, window, empty):
+    """Write to the frame that nothing is in the window of a tile."""
+    depth, face_id = frame
+    for row in range(window[1], window[3] + 1):
+        depths = depth[row, window[0] : window[2] + 1]
+        numbers = face_id[row, window[0] : window[2] + 1]
+        for column in range(depths.shape[0]):
+            depths[column] = empty
+        for column in range(numbers.shape[0]):
+            numbers[column] = NOTHING
+
+
 def empty_depth(depth_type: Any) -> Any:
     """Return the depth where nothing is, of a type of depths: below all that is stored."""
     kind = np.dtype(depth_type)
@@ -613,14 +626,18 @@ def draw_tiles(
         Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
     """
     depth, face_id = frame
-    depths, numbers = scratch[0], scratch[1]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
         window = tile_window(number, columns, viewport)
-        clear_tile(depths, numbers, scratch[EMPTY][0])
+        first, end = starts[number], starts[number + 1]
+        if first == end:
+            leave_empty(frame, window, empty)
+            continue
+        clear_tile(depths, numbers, empty)
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
-        draw_list(starts[number], starts[number + 1], scratch, drawing, holes)
+        draw_list(first, end, scratch, drawing, holes)
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left
