@@ -374,12 +374,12 @@ def find_visible(
     lists = None
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type
+            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, seen
         )
         if keep_lists:
             lists = TileLists(starts, binned, all_faces, objects)
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers).sums
+        sums = set_up(all_faces, objects, screen, viewport, workers, seen).sums
     clock("set up, bin")
     if depth is None:
         depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
@@ -472,9 +472,14 @@ class SetUp(NamedTuple):
 
 
 def set_up(
-    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
+    faces: Faces,
+    objects: Objects,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    workers: Workers,
+    seen: int = setup.ANY_CODE,
 ) -> SetUp:
-    """Cull faces, and find the tiles of those that may be seen."""
+    """Cull faces, and find the tiles of those that may be seen; takes the outcode bits seen."""
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     edges = [*range(0, face_count, FACES_PER_TASK), face_count]
@@ -492,7 +497,7 @@ def set_up(
             (
                 (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
                 screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]),
-                np.empty(setup.BATCH_SHAPE, np.int32),
+                np.empty(setup.BATCH_SHAPE, np.int32), seen,
             )
             for n in range(chunks)
         ],
@@ -509,9 +514,10 @@ def set_up_and_bin(
     workers: Workers,
     alpha_tests: AlphaTests | None = None,
     depth_type: Any = np.float32,
+    seen: int = setup.ANY_CODE,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
     """Return each tile's start in the list of triangles, that list, tile depths, and totals."""
-    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers)
+    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers, seen)
     columns, tiles = _tiles_of(viewport)
     starts, cursors = np.empty(tiles + 1, np.int64), np.empty((len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
