@@ -7,6 +7,7 @@ result has the same bits for any number of threads and any order of completion.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -29,10 +30,16 @@ from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
-"""Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+"""Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+
+LEAST_FACES = 2048
+"""Fewest faces set up by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
-"""Vertices taken to the screen by one task; they may belong to several objects."""
+"""Most vertices taken to the screen by one task; they may belong to several objects."""
+
+LEAST_VERTICES = 4096
+"""Fewest vertices taken to the screen by one task, if there are several threads."""
 
 TILES_PER_TASK = 8
 """Fewest tiles drawn by one task, if there are several threads."""
@@ -136,17 +143,23 @@ def transform(
         Found in arithmetic of the positions' type.
     """
     count, kind = len(positions), positions.dtype
+    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
     clip_positions = workers.memory.empty((count, 4), np.float64)
     objects = vertex_starts, _rounded(relative_from_model, kind)
     matrix = _rounded(clip_from_relative, kind)
 
     def transform_some(first: int) -> None:
-        some = first, min(first + VERTICES_PER_TASK, count)
+        some = first, min(first + per_task, count)
         scratch = projection.scratch_memory(kind)
         projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
 
-    workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
+    workers.run(transform_some, [(n,) for n in range(0, count, per_task)])
     return clip_positions
+
+
+def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
+    """Return how much of something one task does, not more than the most."""
+    return min(count_per_task(count, least, workers), most)
 
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
@@ -222,13 +235,14 @@ def _to_screen(
 ) -> tuple[ScreenVertices, int]:
     """Call a kernel that fills the screen vertices for all of them."""
     screen = screen_arrays(count + SPARE_VERTICES, workers.memory)
+    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
 
     def fill_some(first: int) -> int:
-        some = first, min(first + VERTICES_PER_TASK, count)
+        some = first, min(first + per_task, count)
         return kernel(some, *arguments, screen, projection.scratch_memory(precision))
 
     seen = 0
-    for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
+    for bits in workers.run(fill_some, [(n,) for n in range(0, count, per_task)]):
         seen |= bits
     return screen, seen
 
@@ -482,7 +496,8 @@ def set_up(
     """Cull faces, and find the tiles of those that may be seen; takes the outcode bits seen."""
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    edges = [*range(0, face_count, FACES_PER_TASK), face_count]
+    per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
+    edges = [*range(0, face_count, per_task), face_count]
     chunks = len(edges) - 1
     piece_edges = (
         faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
@@ -568,10 +583,16 @@ def draw(
     """Draw all tiles, each by one thread."""
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
+    idle: deque[nearest.TileDrawer] = deque()
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, alpha_tests)
+        # One for each thread: to make it takes longer than to draw a few tiles.
+        try:
+            drawer = idle.pop()
+        except IndexError:
+            drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, alpha_tests)
         nearest.draw_tiles(some, starts, tile_depths, viewport, frame, *drawer[:3])
+        idle.append(drawer)
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 
