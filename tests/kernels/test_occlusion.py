@@ -108,8 +108,9 @@ def test_tiles_that_end_with_the_picture_have_floors_where_their_pixels_are_cove
                 assert bounds[row, column] == (0.25 if is_covered else -np.inf)
                 found[row, column] += is_covered
     assert (found[:-1, :-1] == 40).all()
-    assert (0 < found[:-1, -1]).all() and (found[:-1, -1] < 40).all()
-    assert (0 < found[-1, :-1]).all() and (found[-1, :-1] < 40).all()
+    for border in (found[:-1, -1], found[-1, :-1]):
+        assert (border > 0).all()
+        assert (border < 40).all()
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -224,7 +224,7 @@ def test_the_error_of_the_first_task_that_fails_is_raised_and_no_other_is_begun(
 
     for _ in range(3):
         begun.clear()
-        with pytest.raises(IndexError, match="^task 5$"):
+        with pytest.raises(IndexError, match=r"^task 5$"):
             workers.run(fail, [(n,) for n in range(1000)])
         assert len(begun) < 5 + 2 * threads
     assert workers.run(fail, [(n,) for n in range(4)]) == [*range(4)]
