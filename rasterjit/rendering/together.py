@@ -609,7 +609,7 @@ class Desk:
             setup.set_up_triangles, (0, len(arrays.faces)), (0, 0), faces,
             Objects(arrays.face_starts, turns),
             screen, viewport, (triangles, boxes), (columns, counts[0], sums),
-            np.empty(setup.BATCH_SHAPE, np.int32),
+            np.empty(setup.BATCH_SHAPE, np.int32), setup.ANY_CODE,
         )  # fmt: skip
         list_starts, cursors = np.empty(tiles + 1, np.int64), np.empty((1, tiles), np.int64)
         started = self._bound(binning.start_lists, counts, list_starts, cursors)

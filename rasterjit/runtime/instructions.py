@@ -332,6 +332,7 @@ def fill_rows(
             for k in range(3)
         )
         slope, *limits = (_all(builder, v, lanes) for v in _elements(builder, plane, 3))
+        real = slope.type.element
         faces, numbers = _all(builder, face, lanes), _numbers(LANE, lanes)
 
         def draw_row(row: Any, values: list[Any]) -> list[Any]:
@@ -341,25 +342,34 @@ def fill_rows(
             )
             start = _all(builder, builder.load(builder.gep(starts, [row])), lanes)
             column = builder.select(builder.icmp_signed(">", begin, before), begin, before)
-            steps = _all(builder, builder.sub(column, begin), lanes)
+            steps = _all(builder, builder.sitofp(builder.sub(column, begin), real), lanes)
             count = builder.sub(end, column)
             counts = _all(builder, count, lanes)
             place = builder.add(values[0], builder.sext(column, values[0].type))
-            groups = builder.ashr(builder.add(count, LANE(lanes - 1)), LANE(lanes.bit_length() - 1))
-            # One group at least: which rows are empty is hard to predict
-            is_some = builder.icmp_signed(">", groups, LANE(1))
-            groups = builder.select(is_some, groups, LANE(1))
 
             def draw_group(_: Any, values: list[Any]) -> list[Any]:
-                place, here = values
+                place, here, along = values
                 tile.check(builder.add(place, place.type(lanes)))
-                along = builder.sitofp(builder.add(here, steps), slope.type)
                 depth = builder.fadd(start, builder.fmul(along, slope))
                 tile.put(place, builder.icmp_signed("<", here, counts), depth, limits, faces)
-                following = builder.add(here, ir.Constant(here.type, [lanes] * lanes))
-                return [builder.add(place, place.type(lanes)), following]
+                following = (
+                    _step(builder, value, ir.Constant(value.type, [lanes] * lanes))
+                    for value in (here, along)
+                )
+                return [builder.add(place, place.type(lanes)), *following]
 
-            _repeat(builder, groups, [place, numbers], draw_group)
+            first_group = [place, numbers, builder.fadd(steps, _numbers(real, lanes))]
+            if lanes < LANES:
+                # No row is longer
+                draw_group(None, first_group)
+            else:
+                groups = builder.ashr(
+                    builder.add(count, LANE(lanes - 1)), LANE(lanes.bit_length() - 1)
+                )
+                # One group at least: which rows are empty is hard to predict
+                is_some = builder.icmp_signed(">", groups, LANE(1))
+                groups = builder.select(is_some, groups, LANE(1))
+                _repeat(builder, groups, first_group, draw_group)
             return [builder.add(values[0], stride)]
 
         _repeat(builder, rows, [first], draw_row)

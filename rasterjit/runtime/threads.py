@@ -10,9 +10,11 @@ import math
 import os
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -71,11 +73,14 @@ class Workers:
             self._frame.begun_at = before
 
     def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
-        """Call ``task(*args)`` for each tuple; return the results in order."""
-        closed = "close() was called while a frame was being drawn"
+        """
+        Call ``task(*args)`` for each tuple, in this thread and others; return the results in order.
+
+        If tasks fail, no other is begun, and the error of the first of them is raised.
+        """
         begun_at = getattr(self._frame, "begun_at", None)
-        if begun_at is not None and begun_at != self._closed:
-            raise RuntimeError(closed)
+        begun_at = self._closed if begun_at is None else begun_at
+        self._check(begun_at)
         calls = list(arguments)
         if self.threads == 1 or len(calls) <= 1:
             return [task(*call) for call in calls]
@@ -84,19 +89,29 @@ class Workers:
             self._pool, self._process = None, os.getpid()
         pool = self._pool
         if pool is None:
-            pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
+            pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="rasterjit")
             self._pool = pool
+        tasks, helpers = _Tasks(task, calls), []
         try:
-            results = pool.map(lambda call: task(*call), calls)
+            for _ in range(min(self.threads, len(calls)) - 1):
+                helpers.append(pool.submit(tasks.work))
+            tasks.work()
         except RuntimeError:
             # Those of the tasks come later.
-            if self._pool is pool:
-                raise
-            raise RuntimeError(closed) from None
-        try:
-            return list(results)
-        except CancelledError:
-            raise RuntimeError(closed) from None
+            self._check(begun_at)
+            raise
+        finally:
+            tasks.waiting.clear()
+            for helper in helpers:
+                if not helper.cancel():
+                    helper.result()
+        self._check(begun_at)
+        return tasks.results()
+
+    def _check(self, begun_at: int) -> None:
+        """Raise a RuntimeError if `close` was called since."""
+        if begun_at != self._closed:
+            raise RuntimeError("close() was called while a frame was being drawn")
 
     def close(self) -> None:
         """Let the threads go, and do not wait: who still draws is told by a ``RuntimeError``."""
@@ -105,6 +120,41 @@ class Workers:
         if pool is not None:
             pool.shutdown(wait=False, cancel_futures=True)
         self.memory.clear()
+
+
+class _Tasks:
+    """Calls that several threads share: each takes the next one that waits."""
+
+    def __init__(self, task: Callable[..., Any], calls: list[tuple]) -> None:
+        self._task, self._results = task, [None] * len(calls)
+        self._failed: list[tuple[int, BaseException]] = []
+        self.waiting = deque(enumerate(calls))
+
+    def work(self) -> None:
+        """Call what waits until nothing does."""
+        for number, call in iter(self._take, None):
+            try:
+                self._results[number] = self._task(*call)
+            except BaseException as error:
+                self.waiting.clear()
+                self._failed.append((number, error))
+
+    def _take(self) -> tuple[int, tuple] | None:
+        with suppress(IndexError):
+            return self.waiting.popleft()
+        return None
+
+    def results(self) -> list[Any]:
+        """Return what was returned, or raise the error of the first call that failed."""
+        if not self._failed:
+            return self._results
+        _, error = min(self._failed, key=itemgetter(0))
+        try:
+            raise error
+        finally:
+            # An error knows this frame, and would keep alive all that tasks hold.
+            self._failed.clear()
+            del error
 
 
 def available_processors() -> int:

@@ -87,6 +87,32 @@ def test_a_floor_is_the_lowest_depth_of_a_triangle_that_covers_the_tile(seed):
     assert found > 3
 
 
+@pytest.mark.parametrize("size", [(200, 150), (257, 129)])
+def test_tiles_that_end_with_the_picture_have_floors_where_their_pixels_are_covered(size):
+    rng = np.random.default_rng(41)
+    columns, rows = -(-size[0] // TILE), -(-size[1] // TILE)
+    found = np.zeros((rows, columns), int)
+    for _ in range(40):
+        # One edge lies near the right or the lower border of the picture, the others far away.
+        side = int(rng.integers(2))
+        border = size[side] - 0.5 + rng.integers(-256, 257) / 256
+        points = np.array([[border, -5000.0], [border, 5000.0], [-7000.0, 0.0]])
+        points = points if side == 0 else points[:, ::-1]
+        lists = lists_of(points, np.full(3, 0.25), size)
+        bounds = lists[2].reshape(rows, columns)
+        _, face_id = draw(*lists)
+        for row in range(rows):
+            for column in range(columns):
+                top, left = row * TILE, column * TILE
+                is_covered = (face_id[top : top + TILE, left : left + TILE] == 0).all()
+                assert bounds[row, column] == (0.25 if is_covered else -np.inf)
+                found[row, column] += is_covered
+    assert (found[:-1, :-1] == 40).all()
+    for border in (found[:-1, -1], found[-1, :-1]):
+        assert (border > 0).all()
+        assert (border < 40).all()
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_leaving_out_what_is_below_a_floor_changes_no_bit(seed):
     rng = np.random.default_rng(100 + seed)

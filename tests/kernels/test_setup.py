@@ -170,6 +170,31 @@ def test_a_batch_ends_where_an_object_does():
     assert 0 < len(binned) < len(faces)
 
 
+def test_outcodes_are_not_read_if_no_vertex_has_any():
+    rng = np.random.default_rng(6)
+    points, size = rng.uniform(0, 64, (900, 2)), (64, 64)
+    screen, seen = project(naive.clip_from_screen(points, size), size)
+    assert seen == 0
+    faces = rng.integers(0, 900, (1000, 3), np.int32)
+    everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    objects = Objects(np.array([0, 1000], np.int64), np.zeros(1, np.int8))
+
+    def listed(screen, *seen):
+        """Return the lists of the tiles and what became of the other faces."""
+        starts, binned, _, sums = draw.set_up_and_bin(
+            everything, objects, screen, viewport_of(size, 8), threads.Workers(1), None,
+            np.float32, *seen,
+        )  # fmt: skip
+        return starts.tolist(), binned.tolist(), sums.tolist()
+
+    expected = listed(screen)
+    assert len(expected[1]) > 500
+    screen.codes[:] = setup.LEFT
+    assert listed(screen, 0) == expected
+    assert listed(screen, setup.ANY_CODE)[1] == []
+    assert listed(screen)[1] == []
+
+
 def test_the_last_start_is_found_as_numpy_finds_it():
     starts = np.array([0, 0, 3, 3, 3, 7, 12], np.int64)
     for number in range(-2, 15):

@@ -171,6 +171,61 @@ def test_reached_rows_are_those_where_each_edge_leaves_a_column():
     assert 50 < cut < 200
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_columns_of_a_row_are_those_of_whole_numbers(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(400):
+        # Edges that cross a row at a sample, or miss it by the least that there is.
+        across = int(2.0 ** rng.uniform(0, 27)) * int(rng.choice([-1, 1]))
+        down = int(2.0 ** rng.uniform(0, 27)) * int(rng.choice([-1, 0, 1]))
+        row, column, beside = (int(n) for n in rng.integers([0, -2, -2], [64, 66, 3]))
+        value = -across * column - down * row + beside
+        edge = np.int64(value), np.int64(across), np.int64(down)
+        line = nearest.crossing_line(edge)
+        first, last = nearest.bound_span(0.0, 63.0, line, np.float64(row))
+        covered = [i for i in range(64) if value + across * i + down * row >= 0]
+        assert [*range(int(first), int(last) + 1)] == covered
+
+
+@pytest.mark.parametrize("value", [0, -1, 2**47 - 1, -(2**47)])
+def test_an_edge_along_a_row_leaves_all_columns_or_none(value):
+    zero = np.int64(0)
+    line = nearest.crossing_line((np.int64(value), zero, zero))
+    first, last = nearest.bound_span(0.0, 63.0, line, 0.0)
+    assert (first, last) == (0.0, 63.0) if value >= 0 else last < first
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
+def test_a_tile_is_written_whatever_the_memory_held(kind):
+    # One triangle in the first of four tiles; the last ones end where the picture does.
+    size, empty = (100, 90), nearest.empty_depth(kind)
+    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    points = np.array([(3, 4), (40, 9), (8, 50)]) * 2.0 / size - 1.0
+    positions = np.column_stack([points * [1, -1], np.full(3, 0.5), np.ones(3)])
+    screen, _ = drawing.project(positions, (0.0, 64.0, 0.0), viewport, workers)
+    faces = Faces(
+        np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
+    )
+    drawer = nearest.tile_drawer(np.zeros(1, np.int32), faces, screen, kind)
+    starts, floors = np.array([0, 1, 1, 1, 1], np.int64), np.full(4, empty)
+    frames = []
+    for junk in (7, -3):
+        drawer.scratch[0][:], drawer.scratch[1][:] = 1000 + junk, junk
+        frame = np.full(size[::-1], junk, kind), np.full(size[::-1], junk, np.int32)
+        tiles = np.arange(4, dtype=np.int32)
+        nearest.draw_tiles(tiles, starts, floors, viewport, frame, *drawer[:3])
+        frames.append(frame)
+        assert ((frame[1] == 0) | (frame[1] == -1)).all()
+        assert (frame[0] == np.where(frame[1] == 0, kind(32), empty)).all()
+        assert 0 < (frame[1] == 0).sum() < 1000
+        # Tiles without a list are written to the frame alone.
+        drawer.scratch[0][:] = junk
+        nearest.draw_tiles(tiles[1:], starts, floors, viewport, frame, *drawer[:3])
+        assert (drawer.scratch[0] == junk).all()
+    for one, other in zip(*frames, strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
 # --- depth ----------------------------------------------------------------------------------------
 
 

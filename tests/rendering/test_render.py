@@ -19,7 +19,7 @@ from strict import STRICT
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.runtime import threads as sharing
 
 ROOT = Path(rj.__file__).parent.parent
@@ -192,6 +192,76 @@ def test_renderer_works_after_close(cube, camera):
     renderer.close()
     assert renderer.render(cube, camera).color.tobytes() == first.color.tobytes()
     renderer.close()
+
+
+def test_the_thread_that_draws_does_tasks_itself():
+    workers, met = sharing.Workers(2), threading.Barrier(2)
+
+    def meet(number):
+        met.wait(timeout=60)
+        return number, threading.current_thread()
+
+    # Two at a time, so both threads are at work.
+    results = workers.run(meet, [(n,) for n in range(6)])
+    workers.close()
+    assert [number for number, _ in results] == [*range(6)]
+    by = [thread for _, thread in results]
+    assert by.count(threading.current_thread()) == 3
+    assert len({*by}) == 2
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_the_error_of_the_first_task_that_fails_is_raised_and_no_other_is_begun(threads):
+    workers, begun = sharing.Workers(threads), []
+
+    def fail(number):
+        begun.append(number)
+        if number >= 5:
+            # The later ones fail sooner.
+            time.sleep(0.02 * max(8 - number, 0))
+            raise IndexError(f"task {number}")
+        return number
+
+    for _ in range(3):
+        begun.clear()
+        with pytest.raises(IndexError, match=r"^task 5$"):
+            workers.run(fail, [(n,) for n in range(1000)])
+        assert len(begun) < 5 + 2 * threads
+    assert workers.run(fail, [(n,) for n in range(4)]) == [*range(4)]
+    workers.close()
+
+
+def test_what_tiles_are_drawn_with_is_made_once_for_each_thread(cube, camera, monkeypatch):
+    real, made = nearest.tile_drawer, []
+
+    def make(*arguments):
+        made.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(nearest, "tile_drawer", make)
+    size = (900, 900)
+    with rj.Renderer(size, threads=2) as renderer:
+        for _ in range(3):
+            made.clear()
+            renderer.render(cube, camera)
+            assert 1 <= len(made) <= 2
+
+
+def test_a_few_thousand_faces_are_set_up_by_all_threads(monkeypatch):
+    real, tasks = sharing.Workers.run, {}
+
+    def run(workers, task, arguments):
+        calls = list(arguments)
+        tasks[getattr(task, "__name__", "")] = len(calls)
+        return real(workers, task, calls)
+
+    monkeypatch.setattr(sharing.Workers, "run", run)
+    mesh, camera = wavy_grid(80), rj.PerspectiveCamera((0.5, -2.0, 1.2), (0, 0, 0))
+    rj.render(mesh, camera, size=SIZE, threads=1)
+    assert tasks["set_up_triangles"] == tasks["fill_some"] == 1
+    rj.render(mesh, camera, size=SIZE, threads=2)
+    assert tasks["set_up_triangles"] >= 4
+    assert tasks["fill_some"] >= 2
 
 
 def test_close_by_another_thread_as_a_frame_is_drawn_is_said(monkeypatch):

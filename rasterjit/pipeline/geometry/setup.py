@@ -58,6 +58,8 @@ INVALID = 128
 """Outcode bit: a coordinate is NaN, infinite, or beyond ``LARGEST_COORDINATE``."""
 FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
 """A face whose three vertices share one of these bits cannot be seen."""
+ANY_CODE = FRUSTUM | GUARD | INVALID
+"""All outcode bits."""
 CLIPPED = NEAR | FAR | GUARD
 """A face with one of these bits at any vertex must be cut before the divide."""
 
@@ -393,15 +395,22 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 
 
 @helper
-def gather_corners(own, first, count, screen, batch):
-    """Fetch the corners of consecutive faces, and their outcodes: in any and, times 256, in all."""
-    xy, codes = screen.xy, screen.codes
+def gather_corners(own, first, count, xy, batch):
+    """Fetch the corners of consecutive faces."""
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
         a, b, c = corners_of(own, face)
         batch[0, i], batch[1, i] = xy[a, 0], xy[a, 1]
         batch[2, i], batch[3, i] = xy[b, 0], xy[b, 1]
         batch[4, i], batch[5, i] = xy[c, 0], xy[c, 1]
+
+
+@helper
+def gather_codes(own, first, count, codes, batch):
+    """Fetch the outcodes of consecutive faces: in any corner and, times 256, in all."""
+    for n in range(count):
+        i, face = np.uintp(n), np.uintp(first + n)
+        a, b, c = corners_of(own, face)
         code0, code1, code2 = np.int32(codes[a]), np.int32(codes[b]), np.int32(codes[c])
         batch[6, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
 
@@ -473,7 +482,7 @@ def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, 
 def set_up_triangles(
     face_range: (int64, int64), piece_range: (int64, int64), faces: Faces, objects: Objects,
     screen: ScreenVertices, viewport: Viewport, survivors: (int32[::1], uint8[:, ::1]),
-    counts: (int64, int32[::1], int64[::1]), batch: int32[:, ::1],
+    counts: (int64, int32[::1], int64[::1]), batch: int32[:, ::1], seen: int64,
 ):  # fmt: skip
     """
     Drop the faces that no sample can see and list the others with the tiles they touch.
@@ -495,6 +504,8 @@ def set_up_triangles(
         the view volume, degenerate, culled, without a sample, invalid.
     batch : (9, 128) int32
         This thread's own scratch memory, ``BATCH_SHAPE``.
+    seen : int
+        Outcode bits that vertices may have; ``ANY_CODE`` if that is not known.
 
     Returns
     -------
@@ -508,13 +519,17 @@ def set_up_triangles(
     piece = piece_range[0]
     first = face_range[0]
     owner = last_at_most(objects.face_starts, first)
+    for n in range(BATCH_SIZE):
+        batch[6, n] = 0
     while first < face_range[1]:
         while first >= objects.face_starts[owner + 1]:
             owner += 1
         turn = objects.culled_turns[owner]
         stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
         count = stop - first
-        gather_corners(own, first, count, screen, batch)
+        gather_corners(own, first, count, screen.xy, batch)
+        if seen != 0:
+            gather_codes(own, first, count, screen.codes, batch)
         find_turns(
             part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
             part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),

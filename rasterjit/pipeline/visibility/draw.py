@@ -29,10 +29,16 @@ from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
-"""Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+"""Most faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+
+LEAST_FACES = 2048
+"""Fewest faces set up by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
-"""Vertices taken to the screen by one task; they may belong to several objects."""
+"""Most vertices taken to the screen by one task; they may belong to several objects."""
+
+LEAST_VERTICES = 4096
+"""Fewest vertices taken to the screen by one task, if there are several threads."""
 
 TILES_PER_TASK = 8
 """Fewest tiles drawn by one task, if there are several threads."""
@@ -136,17 +142,23 @@ def transform(
         Found in arithmetic of the positions' type.
     """
     count, kind = len(positions), positions.dtype
+    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
     clip_positions = workers.memory.empty((count, 4), np.float64)
     objects = vertex_starts, _rounded(relative_from_model, kind)
     matrix = _rounded(clip_from_relative, kind)
 
     def transform_some(first: int) -> None:
-        some = first, min(first + VERTICES_PER_TASK, count)
+        some = first, min(first + per_task, count)
         scratch = projection.scratch_memory(kind)
         projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
 
-    workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
+    workers.run(transform_some, [(n,) for n in range(0, count, per_task)])
     return clip_positions
+
+
+def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
+    """Return how much of something one task does, not more than the most."""
+    return min(count_per_task(count, least, workers), most)
 
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
@@ -229,17 +241,18 @@ def _to_screen(
     """Call a kernel that fills the screen vertices for all of them."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
+    per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
 
     def fill_some(first: int) -> int:
-        some = first, min(first + VERTICES_PER_TASK, count)
-        if count <= VERTICES_PER_TASK:
+        some = first, min(first + per_task, count)
+        if count <= per_task:
             scratch = kept.made("projecting", projection.scratch_memory, precision)
         else:
             scratch = projection.scratch_memory(precision)
         return kernel(some, *arguments, screen, scratch)
 
     seen = 0
-    for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
+    for bits in workers.run(fill_some, [(n,) for n in range(0, count, per_task)]):
         seen |= bits
     return screen, seen
 
@@ -390,12 +403,12 @@ def find_visible(
     lists = None
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept
+            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen
         )
         if keep_lists:
             lists = TileLists(starts, binned[: starts[-1]], all_faces, objects)
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers, kept).sums
+        sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen).sums
     clock("set up, bin")
     if depth is None:
         depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
@@ -492,13 +505,14 @@ class SetUp(NamedTuple):
 
 def set_up(
     faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers,
-    kept: Kept | None = None,
+    kept: Kept | None = None, seen: int = setup.ANY_CODE,
 ) -> SetUp:  # fmt: skip
-    """Cull faces, and find the tiles of those that may be seen."""
+    """Cull faces, and find the tiles of those that may be seen; takes the outcode bits seen."""
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    edges = [*range(0, face_count, FACES_PER_TASK), face_count]
+    per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
+    edges = [*range(0, face_count, per_task), face_count]
     chunks = len(edges) - 1
     piece_edges = (
         faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
@@ -515,6 +529,7 @@ def set_up(
             (
                 (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
                 screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]), batches[n],
+                seen,
             )
             for n in range(chunks)
         ],
@@ -532,6 +547,7 @@ def set_up_and_bin(
     alpha_tests: AlphaTests | None = None,
     depth_type: Any = np.float32,
     kept: Kept | None = None,
+    seen: int = setup.ANY_CODE,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
     """
     Return each tile's start in the list of triangles, that list, tile depths, and totals.
@@ -539,7 +555,9 @@ def set_up_and_bin(
     The list may be longer than what is written of it, which ends at the last start.
     """
     kept = kept or Kept(workers.memory, lasts=False)
-    triangles, boxes, parts, counts, sums = set_up(faces, objects, screen, viewport, workers, kept)
+    triangles, boxes, parts, counts, sums = set_up(
+        faces, objects, screen, viewport, workers, kept, seen
+    )
     columns, tiles = _tiles_of(viewport)
     starts = kept.empty("starts", (tiles + 1,), np.int64)
     cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
@@ -596,7 +614,7 @@ def draw(
     tiles = kept.made("tiles", _count, len(starts) - 1)
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
     kind = frame[0].dtype
-    # A drawer for each thread.
+    # A drawer for each thread: to make it takes longer than to draw a few tiles.
     drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
 
     def draw_some(some: NDArray[np.int32]) -> None:

@@ -13,11 +13,13 @@ edge's own integer slope.
 Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
 (9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
 themselves float64. Lanes behind the box are masked: they may overflow, and end in spare columns.
-Wider triangles get, for each row, the first and the last covered column from one division for each
-edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
-quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
-Rows that the triangle does not reach inside the tile, found by the same division with the steps of
-rows and columns exchanged, are passed over.
+Wider triangles get, for each row, the first and the last covered column from ``floor(e / s)`` of
+each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
+``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
+at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2**-4 / s.
+Rows that the triangle does not reach inside the tile are passed over: a division of integers in
+float64 is exact, for a quotient that is not whole misses the next whole number by at least 1/s,
+more than half an ulp.
 
 All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
 float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
@@ -153,24 +155,21 @@ def reached_rows(edges, columns, rows):
 @helper
 def crossing_line(edge):
     """
-    Return an edge as (value, step down, distance of its crossings from the left, side).
+    Return an edge as (value and a half, step down, columns for each unit of them, side).
 
-    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
-    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
+    It crosses a row at ``value * columns``; the side is 1 if its inside is to the right. An edge
+    along the row crosses beyond the block of columns, on the side that its sign tells.
     """
     value, across, down = edge
-    if across == 0:
-        beyond = np.int64(2) << BLOCK_BITS
-        value, down = value * beyond + (beyond - 1), down * beyond
-        return np.float64(value), np.float64(down), 1.0, np.int64(0)
-    return np.float64(value), np.float64(down), np.float64(abs(across)), np.int64(across > 0)
+    columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << BLOCK_BITS)
+    return np.float64(value) + 0.5, np.float64(down), columns, np.int64(across > 0)
 
 
 @helper
 def bound_span(first, last, line, row):
     """Return the first and the last column, float64, that one edge leaves of a row."""
-    value, down, distance, begins = line
-    crossing = np.floor((value + row * down) / distance)
+    value, down, columns, begins = line
+    crossing = np.floor((value + row * down) * columns)
     return (
         max(first, -crossing) if begins else first,
         last if begins else min(last, crossing),
@@ -183,7 +182,7 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
     Returns how many samples a row has at most. Takes three `crossing_line`, and two `inside_line`
-    at the corner of the box. The divisions are exact: see the notes above.
+    at the corner of the box. The columns are exact: see the notes above.
     """
     longest, width = np.int32(0), np.float64(columns)
     for i in range(lanes):
@@ -504,6 +503,19 @@ def clear_tile(depths, numbers, empty):
             numbers[row, column] = NOTHING
 
 
+@helper
+def leave_empty(frame, window, empty):
+    """Write to the frame that nothing is in the window of a tile."""
+    depth, face_id = frame
+    for row in range(window[1], window[3] + 1):
+        depths = depth[row, window[0] : window[2] + 1]
+        numbers = face_id[row, window[0] : window[2] + 1]
+        for column in range(depths.shape[0]):
+            depths[column] = empty
+        for column in range(numbers.shape[0]):
+            numbers[column] = NOTHING
+
+
 @cache
 def empty_depth(depth_type: Any) -> Any:
     """Return the depth where nothing is, of a type of depths: below all that is stored."""
@@ -616,14 +628,18 @@ def draw_tiles(
         Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
     """
     depth, face_id = frame
-    depths, numbers = scratch[0], scratch[1]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
         window = tile_window(number, columns, viewport)
-        clear_tile(depths, numbers, scratch[EMPTY][0])
+        first, end = starts[number], starts[number + 1]
+        if first == end:
+            leave_empty(frame, window, empty)
+            continue
+        clear_tile(depths, numbers, empty)
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
-        draw_list(starts[number], starts[number + 1], scratch, drawing, holes)
+        draw_list(first, end, scratch, drawing, holes)
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left

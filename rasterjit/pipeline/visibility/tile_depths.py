@@ -61,9 +61,9 @@ def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
 
 
 @helper
-def worst(value, across, down, columns, rows):
-    """Return the least value of an edge over a block of samples."""
-    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
+def worst(value, step, count):
+    """Return the least value of an edge over a block of samples, along one side of the block."""
+    return value + min(step * (count - 1), np.int64(0))
 
 
 @helper
@@ -84,24 +84,29 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
     plane = depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
     )
+    highest = tile_depths.dtype.type(plane[5])
+    across, size = (by - cy, cy - ay, ay - by), np.int64(TILE_SIZE)
+    x = box[0] << TILE_BITS
     for row in range(box[1], box[3] + 1):
+        y = row << TILE_BITS
+        height = min(size, np.int64(viewport.height) - y)
+        e0 = worst(sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
+        e1 = worst(sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
+        e2 = worst(sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
         for column in range(box[0], box[2] + 1):
-            x, y = column << TILE_BITS, row << TILE_BITS
-            width = min(np.int64(TILE_SIZE), np.int64(viewport.width) - x)
-            height = min(np.int64(TILE_SIZE), np.int64(viewport.height) - y)
-            e0 = sign_at(bx, by, cx, cy, x, y, bits)
-            e1 = sign_at(cx, cy, ax, ay, x, y, bits)
-            e2 = sign_at(ax, ay, bx, by, x, y, bits)
-            if (
-                worst(e0, by - cy, cx - bx, width, height)
-                | worst(e1, cy - ay, ax - cx, width, height)
-                | worst(e2, ay - by, bx - ax, width, height)
-            ) < 0:
-                continue
-            whole = x, y, x + width - 1, y + height - 1
-            lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
-            tile = row * columns + column
-            tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
+            left, tile = column << TILE_BITS, row * columns + column
+            width = min(size, np.int64(viewport.width) - left)
+            is_covered = (
+                worst(e0, across[0], width)
+                | worst(e1, across[1], width)
+                | worst(e2, across[2], width)
+            ) >= 0
+            e0, e1, e2 = e0 + across[0] * size, e1 + across[1] * size, e2 + across[2] * size
+            # What is not nearer anywhere raises nothing.
+            if is_covered and tile_depths[tile] < highest:
+                whole = left, y, left + width - 1, y + height - 1
+                lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
+                tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
 
 
 @kernel
