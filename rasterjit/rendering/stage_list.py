@@ -33,6 +33,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import (
     attributes,
+    float32_colors,
     float32_weights,
     maps,
     texture_gradients,
@@ -67,15 +68,20 @@ def surface_steps(
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
     materials = surface.materials
     steps = []
-    if surface.in_float32:
+    is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
+    if surface.in_float32 and lighting is not None:
         steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
     # Points are found in float64, for fog over colours in float32 as well.
-    if lighting is not None or not surface.in_float32:
+    if lighting is not None or (is_interpolated(surface) and not is_shown):
         steps.append(Step(weights.find_weights, (geometry, placement)))
     if surface.textures is not None:
         steps += coordinate_steps(surface.textures, geometry)
-    steps.append(Step(attributes.tint_samples, (materials,)))
-    if surface.vertex_colors is not None:
+    if is_shown:
+        blended = geometry, materials, surface.vertex_colors
+        steps.append(Step(float32_colors.find_float32_colors, blended))
+    else:
+        steps.append(Step(attributes.tint_samples, (materials,)))
+    if surface.vertex_colors is not None and not is_shown:
         multiply = attributes.multiply_vertex_colors
         if surface.in_float32:
             multiply = attributes.multiply_vertex_colors_in_float32
@@ -126,6 +132,11 @@ def surface_steps(
     if surface.maps is not None and surface.textures is not None:
         steps += map_steps(surface.textures, surface.maps, surface, geometry, placement)
     return steps
+
+
+def is_interpolated(surface: Surface) -> bool:
+    """Return whether anything is interpolated between vertices, without light."""
+    return surface.vertex_colors is not None or surface.textures is not None
 
 
 def shows(own: Textures, kind: int) -> bool:

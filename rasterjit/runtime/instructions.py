@@ -434,6 +434,112 @@ def least_in_rows(
     return values.dtype(values, *whole), generate
 
 
+@intrinsic
+def range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: Any) -> Any:
+    """Return the first place from ``start`` on whose int32 is not in first..end - 1, or the end."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, start, first, stop = arguments
+        data = field(context, builder, numbers, array, "data")
+        length = words(context, builder, numbers, array, "shape")[0]
+        lanes, count = 2 * LANES, builder.sub(stop, first)
+        lowest, counts = _all(builder, first, lanes), _all(builder, count, lanes)
+        before = builder.block
+        names = ("vectors", "vector", "found", "singles", "single", "after")
+        vectors, vector, found, singles, single, after = map(builder.append_basic_block, names)
+        builder.branch(vectors)
+        # Look at whole vectors; what is below the first wraps around to a large number.
+        builder.position_at_end(vectors)
+        place = builder.phi(start.type)
+        following = builder.add(place, place.type(lanes))
+        builder.cbranch(builder.icmp_signed("<=", following, length), vector, singles)
+        builder.position_at_end(vector)
+        pointer = builder.bitcast(builder.gep(data, [place]), lowest.type.as_pointer())
+        above = builder.sub(builder.load(pointer, align=4), lowest)
+        mask = builder.bitcast(builder.icmp_unsigned(">=", above, counts), ir.IntType(lanes))
+        place.add_incoming(start, before)
+        place.add_incoming(following, vector)
+        builder.cbranch(builder.icmp_signed("==", mask, mask.type(0)), vectors, found)
+        builder.position_at_end(found)
+        lane = builder.zext(builder.cttz(mask, ir.IntType(1)(1)), start.type)
+        outside = builder.add(place, lane)
+        builder.branch(after)
+        # Look at what is left, one by one.
+        builder.position_at_end(singles)
+        last = builder.phi(start.type)
+        builder.cbranch(builder.icmp_signed("<", last, length), single, after)
+        builder.position_at_end(single)
+        above = builder.sub(builder.load(builder.gep(data, [last])), first)
+        last.add_incoming(place, vectors)
+        last.add_incoming(builder.add(last, last.type(1)), single)
+        builder.cbranch(builder.icmp_unsigned("<", above, count), singles, after)
+        builder.position_at_end(after)
+        reached = builder.phi(start.type)
+        for value, origin in ((outside, found), (last, singles), (last, single)):
+            reached.add_incoming(value, origin)
+        return reached
+
+    return types.int64(numbers, types.int64, types.int32, types.int32), generate
+
+
+@intrinsic
+def blend_run(
+    typing_context: Any, red: Any, green: Any, blue: Any, edges: Any, steps: Any, ratios: Any,
+    corners: Any, base: Any,
+) -> Any:  # fmt: skip
+    """Write the colours of neighbouring samples of one face: a base times those of its vertices."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        rows = [field(context, builder, red, row, "data") for row in arguments[:3]]
+        length = words(context, builder, red, arguments[0], "shape")[0]
+        groups = builder.ashr(length, length.type(LANES.bit_length() - 1))
+        edge, step = (_elements(builder, tuple_, 3) for tuple_ in arguments[3:5])
+        starts = [_from(builder, *pair, LANES) for pair in zip(edge, step, strict=True)]
+        strides = [_all(builder, builder.fmul(own, own.type(float(LANES))), LANES) for own in step]
+        ratio_b, ratio_c = (_all(builder, v, LANES) for v in _elements(builder, arguments[5], 2))
+        corner = [
+            [_all(builder, v, LANES) for v in _elements(builder, own, 3)]
+            for own in _elements(builder, arguments[6], 3)
+        ]
+        base = [_all(builder, v, LANES) for v in _elements(builder, arguments[7], 3)]
+        single = ratio_b.type
+        one = ir.Constant(single, [1.0] * LANES)
+
+        def lesser(value: Any, other: Any) -> Any:
+            return builder.select(builder.fcmp_ordered("<", value, other), value, other)
+
+        def greater(value: Any, other: Any) -> Any:
+            return builder.select(builder.fcmp_ordered(">", value, other), value, other)
+
+        limits = [
+            [reach(corner[0][k], reach(corner[1][k], corner[2][k])) for reach in (greater, lesser)]
+            for k in range(3)
+        ]
+
+        def blend(number: Any, exact: list[Any]) -> list[Any]:
+            first, second, third = (builder.fptrunc(value, single) for value in exact)
+            second, third = builder.fmul(second, ratio_b), builder.fmul(third, ratio_c)
+            total = builder.fadd(builder.fadd(first, second), third)
+            over = builder.fdiv(one, total)
+            weights = [builder.fmul(value, over) for value in (first, second, third)]
+            place = builder.mul(number, number.type(LANES))
+            for k, row in enumerate(rows):
+                parts = [builder.fmul(weights[j], corner[j][k]) for j in range(3)]
+                value = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
+                most, least = limits[k]
+                value = builder.fmul(base[k], lesser(greater(value, least), most))
+                target = builder.bitcast(builder.gep(row, [place]), single.as_pointer())
+                builder.store(value, target, align=4)
+            return [_step(builder, *pair) for pair in zip(exact, strides, strict=True)]
+
+        _repeat(builder, groups, starts, blend)
+        return context.get_dummy_value()
+
+    exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
+    pair, three = types.UniTuple(types.float32, 2), types.UniTuple(color, 3)
+    return types.void(red, red, red, exact, exact, pair, three, color), generate
+
+
 def _pointer(builder: Any, address: Any, bits: int) -> Any:
     return builder.inttoptr(address, ir.IntType(bits).as_pointer())
 

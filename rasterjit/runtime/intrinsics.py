@@ -150,6 +150,49 @@ def least_in_rows(values: Any, first: Any, stride: Any, rows: Any, left: Any, ri
     return np.concatenate([np.full(1, greatest, values.dtype), *some]).min()
 
 
+@intrinsic
+def range_end(numbers: Any, start: Any, first: Any, end: Any) -> Any:
+    """Return the first place from ``start`` on whose int32 is not in first..end - 1, or the end."""
+    place = int(start)
+    while place < len(numbers) and first <= numbers[place] < end:
+        place += 1
+    return place
+
+
+@intrinsic
+def blend_run(
+    red: Any, green: Any, blue: Any, edges: Any, steps: Any, ratios: Any, corners: Any, base: Any
+) -> None:
+    """
+    Write the colours of neighbouring samples of one face: a base times those of its vertices.
+
+    Interpolates in float32, step by step as ``surface.float32_weights`` says, and holds what comes
+    out to the range of the vertices' colours.
+
+    Parameters
+    ----------
+    red, green, blue : (N,) float32
+        Written; N is a multiple of ``LANES``.
+    edges, steps : (3,) float64
+        Edge functions at the first sample and their steps from one to the next: whole numbers, so
+        that each sum on the face is exact.
+    ratios : (2,) float32
+        w of the first vertex over that of the others.
+    corners : 3 of (3,) float32
+        Red, green and blue of each vertex.
+    base : (3,) float32
+    """
+    for n in range(len(red)):
+        first, second, third = (np.float32(edges[k] + np.float64(n) * steps[k]) for k in range(3))
+        second, third = second * ratios[0], third * ratios[1]
+        over = np.float32(1.0) / (first + second + third)
+        first, second, third = first * over, second * over, third * over
+        for k, row in enumerate((red, green, blue)):
+            own = [corner[k] for corner in corners]
+            value = first * own[0] + second * own[1] + third * own[2]
+            row[n] = base[k] * min(max(value, min(own)), max(own))
+
+
 def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth

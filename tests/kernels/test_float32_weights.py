@@ -13,7 +13,7 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
-from rasterjit.pipeline.surface.attributes import multiply_vertex_colors_in_float32
+from rasterjit.pipeline.surface.float32_colors import find_float32_colors
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.pipeline.surface.samples import (
     COUNTS,
@@ -41,20 +41,33 @@ MILLIONTH = 1e-6
 
 
 @stage
-def take_weights(block: Block, count, taken: float32[:, :, ::1]):
-    """Write the weights of a block to the pixels of its samples."""
+def show_weights(block: Block, count):
+    """Make the weights of a block its colours."""
+    for j in range(3):
+        for n in range(count):
+            block.samples[j, n] = block.float32_weights[j, n]
+
+
+@stage
+def take_colors(block: Block, count, taken: float32[:, :, ::1]):
+    """Write the colours of a block to the pixels of its samples."""
     for k in range(block.counts[INTERVALS]):
         interval = block.intervals[k]
         row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
         start = interval[INTERVAL_START]
         for n in range(interval[INTERVAL_STOP] - start):
             for j in range(3):
-                taken[row, column + n, j] = block.float32_weights[j, start + n]
+                taken[row, column + n, j] = block.samples[j, start + n]
 
 
-def weigh(points, w, size=(64, 64), bits=8, face_id=None):
-    """Return where one triangle is seen, its weights in float32, and its snapped corners."""
-    positions = naive.clip_from_screen(points, size, 0.0, w)
+def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None, as_colors=False):
+    """
+    Return where one triangle is seen, its weights in float32, and its snapped corners.
+
+    The weights are also the colours of a face whose vertices are red, green and blue.
+    """
+    if positions is None:
+        positions = naive.clip_from_screen(points, size, 0.0, w)
     faces = np.array([(0, 1, 2)], np.int32)
     viewport, workers = viewport_of(size, bits), threads.Workers(1)
     screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
@@ -69,13 +82,12 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None):
         np.empty((size[1], 0), np.uint32),
     )  # fmt: skip
     BLOCKS.block[:COUNTS] = 0
-    StageList(
-        [
-            Step(list_samples, listed),
-            Step(float32_weights.find_float32_weights, (geometry,)),
-            Step(take_weights, (taken,)),
-        ]
-    ).run(BLOCKS.block, BLOCK)
+    found = [Step(float32_weights.find_float32_weights, (geometry,)), Step(show_weights, ())]
+    if as_colors:
+        shown = geometry, np.ones((1, 7), np.float32), np.eye(3, 4, dtype=np.float32)
+        found = [Step(find_float32_colors, shown)]
+    steps = [Step(list_samples, listed), *found, Step(take_colors, (taken,))]
+    StageList(steps).run(BLOCKS.block, BLOCK)
     return face_id, taken, screen.xy[:3].tolist()
 
 
@@ -134,6 +146,37 @@ def test_where_a_run_is_cut_changes_no_bit():
         shown = some >= 0
         assert shown.sum() > 500
         assert taken[shown].tobytes() == whole[shown].tobytes()
+
+
+def cut_in_runs(face_id):
+    """Yield a face seen whole, and in runs of 1 to 39 samples."""
+    for step in (65, 2, 3, 6, 11, 17, 40):
+        yield np.where(np.arange(64) % step < step - 1, face_id, np.int32(-1))
+
+
+def test_colours_have_the_bits_of_their_weights():
+    # In loops over runs, and sample by sample; with w out of the range of float32, too.
+    shown = 0
+    for points, w in random_faces(45):
+        face_id, *_ = weigh(points, w)
+        for some in cut_in_runs(face_id):
+            _, weights, _ = weigh(points, w, face_id=some)
+            _, colors, _ = weigh(points, w, face_id=some, as_colors=True)
+            # Colours are held to the range of those of the vertices.
+            assert np.minimum(weights, 1).tobytes() == colors.tobytes()
+            shown += (some >= 0).sum()
+    assert shown > 10_000
+
+
+def test_clipped_faces_have_the_same_bits_in_runs_of_any_length():
+    # It passes the eye: its sides are those of no triangle on the screen.
+    positions = np.array([(-9.0, -4.0, 0.0, 1.0), (9.0, -5.0, 0.0, 1.0), (0.3, 2.0, -1.0, -0.5)])
+    face_id = np.zeros((64, 64), np.int32)
+    _, whole, _ = weigh(None, None, face_id=face_id, positions=positions)
+    assert len(np.unique(whole[:, :, 2])) > 1000
+    for some in cut_in_runs(face_id):
+        _, colors, _ = weigh(None, None, face_id=some, positions=positions, as_colors=True)
+        assert colors[some >= 0].tobytes() == whole[some >= 0].tobytes()
 
 
 @pytest.mark.parametrize("thickness", [4, 40])
@@ -347,12 +390,24 @@ def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
     assert float64_reason(facts) != UNKNOWN_REASON
 
 
+def test_nothing_is_weighed_without_something_to_interpolate():
+    mesh = hills().nodes[0].mesh
+    tinted = rj.Mesh(
+        mesh.vertices, mesh.faces, material=rj.Material(shading="unlit"),
+        colors=np.random.default_rng(2).uniform(0, 1, (len(mesh.faces), 3)),
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(tinted)
+    names = {told.name for told in list_stages(rj.explain(scene, CAMERAS[1], size=(64, 48)))}
+    assert "attributes.multiply_face_colors" in names
+    assert "weights.find_weights" not in names
+
+
 def test_explain_names_it_and_the_stages():
     plan = rj.explain(hills(), CAMERAS[1], size=(64, 48))
     assert "colours in float32" in str(plan)
     names = [told.name for told in list_stages(plan)]
-    assert "float32_weights.find_float32_weights" in names
-    assert f"attributes.{multiply_vertex_colors_in_float32.__name__}" in names
+    assert f"float32_colors.{find_float32_colors.__name__}" in names
     assert not {"weights.find_weights", "attributes.multiply_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)

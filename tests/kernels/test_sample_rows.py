@@ -10,7 +10,13 @@ import sys
 import numpy as np
 import pytest
 
-from rasterjit.runtime.intrinsics import draw_box, fill_rows, least_in_rows
+from rasterjit.runtime.intrinsics import (
+    blend_run,
+    draw_box,
+    fill_rows,
+    least_in_rows,
+    range_end,
+)
 from rasterjit.runtime.jit import CHECKED, helper
 
 pytestmark = pytest.mark.needs_jit
@@ -34,6 +40,16 @@ def compiled_fill_rows(depths, numbers, spans, first, stride, rows, before, long
 @helper
 def compiled_least_in_rows(values, first, stride, rows, left, right):
     return least_in_rows(values, first, stride, rows, left, right)
+
+
+@helper
+def compiled_blend_run(red, green, blue, edges, steps, ratios, corners, base):
+    blend_run(red, green, blue, edges, steps, ratios, corners, base)
+
+
+@helper
+def compiled_range_end(numbers, start, first, end):
+    return range_end(numbers, start, first, end)
 
 
 def both(compiled, intrinsic, tile, *arguments):
@@ -123,6 +139,46 @@ def test_least_in_rows(kind):
                 least = compiled_least_in_rows(values, *asked)
                 assert least == (expected.min() if len(expected) else greatest)
                 assert least_in_rows.function(values, *asked) == least
+
+
+@pytest.mark.parametrize("size", [1, 15, 16, 17, 64, 90])
+def test_ends_of_ranges(size):
+    random = np.random.default_rng(size)
+    greatest = np.iinfo(np.int32).max
+    for first, end in ((0, 5), (-1, 0), (7, 8), (-greatest - 1, 3), (5, greatest)):
+        for share in (0.0, 0.02, 0.5):
+            numbers = random.integers(first, end, size, dtype=np.int32)
+            outside = random.random(size) < share
+            others = np.array([v for v in (-1, first - 1, end) if -greatest <= v <= greatest])
+            others = others[(others < first) | (others >= end)]
+            numbers[outside] = random.choice(others, outside.sum())
+            for start in sorted({0, min(3, size), size // 2, size - 1, size}):
+                asked = np.int64(start), np.int32(first), np.int32(end)
+                found = compiled_range_end(numbers, *asked)
+                assert found == range_end.function(numbers, *asked)
+                inside = (numbers[start:] >= first) & (numbers[start:] < end)
+                assert found == start + (np.argmin(inside) if not inside.all() else size - start)
+
+
+@pytest.mark.parametrize("count", [8, 16, 40])
+def test_colours_of_runs(count):
+    random = np.random.default_rng(count)
+    for _ in range(50):
+        starts, ends = (random.integers(0, 2**38, 3) for _ in range(2))
+        steps = (ends - starts) // count
+        corners = random.uniform(0, 1, (3, 3)) ** random.integers(1, 20)
+        corners[random.random((3, 3)) < 0.3] = 0.0
+        given = (
+            tuple(map(np.float64, starts)), tuple(map(np.float64, steps)),
+            tuple(map(np.float32, 2.0 ** random.uniform(-20, 20, 2))),
+            tuple(tuple(map(np.float32, corner)) for corner in corners),
+            tuple(map(np.float32, random.uniform(0, 1, 3))),
+        )  # fmt: skip
+        one, other = np.full((2, 3, count), np.nan, np.float32)
+        compiled_blend_run(*one, *given)
+        blend_run.function(*other, *given)
+        assert_same(one, other)
+        assert np.isfinite(one).all()
 
 
 def test_checked_indices_find_boxes_beyond_the_tile():

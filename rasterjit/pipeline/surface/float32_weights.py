@@ -207,21 +207,26 @@ def weigh_span(segment, block, geometry):
 
 
 @helper
-def is_sure(a, b, c, column, row, geometry):
-    """Return whether float32 is enough for a sample: the same in a span and elsewhere."""
+def weights_at(a, b, c, column, row, geometry):
+    """Return the weights at a pixel, exact ones rounded once where float32 is not enough."""
     codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
-    if (codes[a] | codes[b] | codes[c]) & CLIPPED or is_wide(a, b, c, xy):
-        return False
-    (e0, e1, e2), _, _, _ = span_start(a, b, c, column, row, bits, xy, w)
-    w0, w1, w2 = np.float32(e0), np.float32(e1), np.float32(e2)
-    if w.shape[0] != 0:
-        w1, w2 = w1 * np.float32(w[a] / w[b]), w2 * np.float32(w[a] / w[c])
-    return is_accurate(w0 + w1 + w2)
+    is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
+    if not (is_clipped or is_wide(a, b, c, xy)):
+        (e0, e1, e2), _, _, _ = span_start(a, b, c, column, row, bits, xy, w)
+        w0, w1, w2 = np.float32(e0), np.float32(e1), np.float32(e2)
+        if w.shape[0] != 0:
+            w1, w2 = w1 * np.float32(w[a] / w[b]), w2 * np.float32(w[a] / w[c])
+        total = w0 + w1 + w2
+        if is_accurate(total):
+            over = np.float32(1.0) / total
+            return w0 * over, w1 * over, w2 * over
+    exact = sample_weights(a, b, c, column, row, geometry)
+    return np.float32(exact[0]), np.float32(exact[1]), np.float32(exact[2])
 
 
 @helper
 def weigh_unsure(segment, block, geometry):
-    """Write exactly, rounded once, the weights of the unsure samples of a segment."""
+    """Write the weights of the samples of a segment, where any is unsure."""
     whole, weights = block.whole, block.float32_weights
     for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
@@ -230,23 +235,26 @@ def weigh_unsure(segment, block, geometry):
             column, row = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
             if segment[KIND] == SPAN:
                 column, row = segment[COLUMN_OF] + np.int64(n) - start, np.int64(segment[ROW_OF])
-            if not is_sure(a, b, c, column, row, geometry):
-                exact = sample_weights(a, b, c, column, row, geometry)
-                for k in range(3):
-                    weights[k, n] = np.float32(exact[k])
+            own = weights_at(a, b, c, column, row, geometry)
+            weights[0, n], weights[1, n], weights[2, n] = own
+
+
+@helper
+def may_be_wide(viewport):
+    """Return whether any face within the guard band may be wide."""
+    width, height = whole_size(viewport)
+    return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE
 
 
 @stage
 def find_float32_weights(block: Block, count, geometry: Geometry):
     """Write the weights of the samples of a block, which lie on their faces, in float32."""
-    viewport = geometry.viewport
-    width, height = whole_size(viewport)
-    units = (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits
+    has_wide = may_be_wide(geometry.viewport)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         if segment[KIND] == SPAN:
             unsure = weigh_span(segment, block, geometry)
         else:
-            unsure = weigh_mixed(segment, block, geometry, units >= WIDE)
+            unsure = weigh_mixed(segment, block, geometry, has_wide)
         if unsure != 0:
             weigh_unsure(segment, block, geometry)

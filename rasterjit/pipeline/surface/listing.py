@@ -38,7 +38,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import LANES, part
+from rasterjit.runtime.intrinsics import LANES, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
@@ -54,63 +54,22 @@ def whole_vectors(count):
 
 
 @helper
-def differences(faces, face):
-    """Return 0 if some samples all show one face."""
-    found = np.int32(0)
-    for i in range(faces.shape[0]):
-        found |= np.int32(faces[i] ^ face)
-    return found
-
-
-@helper
 def run_end(faces, column):
     """Return the first column that shows another face than this one."""
-    end, face = column + 1, faces[np.uintp(column)]
-    size = faces.shape[0]
-    while end < size and faces[np.uintp(end)] == face:
-        end += 1
-        if end - column == LONG:
-            while end + LONG <= size and differences(faces[end : end + LONG], face) == 0:
-                end += LONG
-    return end
-
-
-@helper
-def shows_one_face(faces, column):
-    """Return whether a number of columns show one face."""
     face = faces[np.uintp(column)]
-    return (
-        column + LONG <= faces.shape[0]
-        and faces[np.uintp(column + LONG - 1)] == face
-        and differences(faces[column : column + LONG], face) == 0
-    )
+    return range_end(faces, column, face, np.int32(face + 1))
 
 
 @helper
-def others(faces, first, last):
-    """Return 0 if some samples all show faces first..last - 1."""
-    found = np.int32(0)
-    for i in range(faces.shape[0]):
-        found |= np.int32((faces[i] < first) | (faces[i] >= last))
-    return found
-
-
-@helper
-def mixed_end(faces, column, first, last):
-    """Return where neighbours end that show faces first..last - 1, or where a span begins."""
-    end, size = column + 1, faces.shape[0]
-    first, last = np.int32(first), np.int32(last)
-    while end < size:
-        if end % LONG == 0:
-            if shows_one_face(faces, end):
-                break
-            if end + LONG <= size and others(faces[end : end + LONG], first, last) == 0:
-                end += LONG
-                continue
-        if not first <= faces[np.uintp(end)] < last:
-            break
-        end += 1
-    return end
+def mixed_end(faces, column, first, end):
+    """Return where neighbours end that show faces first..end - 1, or where a span begins."""
+    stop = range_end(faces, column, np.int32(first), np.int32(end))
+    for start in range((column | (LONG - 1)) + 1, stop - LONG + 1, LONG):
+        # Most often one look tells that none does.
+        is_same = faces[np.uintp(start)] == faces[np.uintp(start + LONG - 1)]
+        if is_same and run_end(faces, start) >= start + LONG:
+            return start
+    return stop
 
 
 @helper
@@ -219,8 +178,8 @@ def list_samples(
                 is_open = False
             # A block may be full before the row ends.
             wanted = numbers[: min(columns, at + SAMPLES - n)]
-            if at % LONG == 0 and shows_one_face(wanted, at):
-                end = run_end(wanted, at)
+            end = run_end(wanted, at)
+            if at % LONG == 0 and end >= at + LONG:
                 whole[FIRST, r], whole[FACE, r] = n, face
                 segments[k, KIND], segments[k, OWNER] = SPAN, owner
                 segments[k, START], segments[k, FIRST_PATCH] = n, r

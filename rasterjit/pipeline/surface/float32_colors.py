@@ -1,0 +1,212 @@
+"""
+Find colours between those of vertices in float32.
+
+A run of neighbours that show one face is one loop: edge functions step from sample to sample in
+registers, and weights never meet memory. Where most runs are shorter than `LONG_RUN`, to begin one
+would cost more than its samples; there weights and colours are gathered, a face for each sample.
+Both take the steps that ``float32_weights`` names, so that a sample has the same bits either way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import clipped_weights, normalized
+from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.surface.attributes import (
+    color_of,
+    gather_values,
+    multiply_float32_along_span,
+    multiply_float32_colors,
+)
+from rasterjit.pipeline.surface.float32_weights import (
+    LARGEST_TOTAL,
+    LEAST_TOTAL,
+    is_wide,
+    may_be_wide,
+    weigh_mixed,
+    weights_at,
+)
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import (
+    COLUMN,
+    COLUMN_OF,
+    END_PATCH,
+    FACE,
+    FIRST,
+    FIRST_PATCH,
+    KIND,
+    OWNER,
+    ROW,
+    ROW_OF,
+    SEGMENTS,
+    SPAN,
+    START,
+    STOP,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.runtime.intrinsics import LANES, blend_run, part
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32
+
+LONG_RUN = 4
+"""Samples of a patch, on average, from which on runs are worked on one by one."""
+
+
+@disjoint_helper
+def lay_base(red, green, blue, base):
+    """Write one colour."""
+    for n in range(red.shape[0]):
+        red[n], green[n], blue[n] = base
+
+
+@helper
+def blend_patches(segment, block, geometry, has_wide, base, colors):
+    """
+    Write the colours of a mixed segment, of which a face shows few samples at a time.
+
+    Returns whether float32 is enough for all weights; else writes none.
+    """
+    if weigh_mixed(segment, block, geometry, has_wide) != 0:
+        return False
+    s = np.int64(segment[START])
+    e = s + whole_vectors(segment[STOP] - s)
+    samples, weights, rows = block.samples, block.float32_weights, block.single
+    patches = segment[FIRST_PATCH], segment[END_PATCH]
+    gather_values(patches[0], patches[1], colors, block.whole, rows)
+    red, green, blue = (
+        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e)
+    )  # fmt: skip
+    lay_base(red, green, blue, base)
+    multiply_float32_colors(
+        red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
+        part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
+        part(rows, 7, s, e), part(rows, 8, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+        part(weights, 2, s, e),
+    )  # fmt: skip
+    return True
+
+
+@disjoint_helper
+def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
+    """Write the weights along a row of one face that was clipped: in float64, rounded once."""
+    for n in range(first.shape[0]):
+        here = column + np.float64(np.int32(n))
+        w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
+        w0, w1, w2 = normalized(w0, w1, w2)
+        first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
+
+
+@helper
+def edges_along_row(a, b, c, column, row, bits, xy):
+    """Return the edge functions of a face that is not wide at a pixel on it, and their steps."""
+    half = np.int32(1) << (bits - 1)
+    px, py = np.int32((column << bits) + half), np.int32((row << bits) + half)
+    x0, y0 = np.float64(np.int32(xy[a, 0] - px)), np.float64(np.int32(xy[a, 1] - py))
+    x1, y1 = np.float64(np.int32(xy[b, 0] - px)), np.float64(np.int32(xy[b, 1] - py))
+    x2, y2 = np.float64(np.int32(xy[c, 0] - px)), np.float64(np.int32(xy[c, 1] - py))
+    pixel = np.float64(np.int32(1) << bits)
+    return (
+        (x1 * y2 - y1 * x2, x2 * y0 - y2 * x0, x0 * y1 - y0 * x1),
+        ((y1 - y2) * pixel, (y2 - y0) * pixel, (y0 - y1) * pixel),
+    )
+
+
+@helper
+def blend_row(corner, start, stop, place, block, geometry, has_wide, base, colors):
+    """Write the colours of neighbouring samples of one face, given by its corners."""
+    xy, codes, w, samples = geometry.xy, geometry.codes, geometry.w, block.samples
+    (a, b, c), (column, line) = corner, place
+    at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
+    is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
+    if not (is_clipped or (has_wide and is_wide(a, b, c, xy))):
+        edges, steps = edges_along_row(a, b, c, column, line, geometry.viewport.grid_bits, xy)
+        one = np.float32(1.0)
+        ratio_b, ratio_c = one, one
+        if w.shape[0] != 0:
+            ratio_b, ratio_c = np.float32(w[a] / w[b]), np.float32(w[a] / w[c])
+        # The sums of weights on a face lie between these; those of one are surely accurate.
+        size = abs(edges[0] + edges[1] + edges[2])
+        least = size * min(one, min(ratio_b, ratio_c))
+        most = size * max(one, max(ratio_b, ratio_c))
+        if least > 2.0 * LEAST_TOTAL and most < 0.5 * LARGEST_TOTAL:
+            end = start + ((stop - start + (LANES - 1)) & -LANES)
+            blend_run(
+                part(samples, row.RED, start, end), part(samples, row.GREEN, start, end),
+                part(samples, row.BLUE, start, end), edges, steps, (ratio_b, ratio_c),
+                (at_a, at_b, at_c), base,
+            )  # fmt: skip
+            return
+    weights = block.float32_weights
+    first, second, third = (
+        part(weights, 0, start, stop), part(weights, 1, start, stop), part(weights, 2, start, stop)
+    )  # fmt: skip
+    if is_clipped:
+        weigh_clipped(
+            first, second, third, a, b, c, np.float64(column), line, geometry.clip_positions,
+            geometry.viewport,
+        )  # fmt: skip
+    else:
+        for n in range(stop - start):
+            first[n], second[n], third[n] = weights_at(a, b, c, column + n, line, geometry)
+    red, green, blue = (
+        part(samples, row.RED, start, stop), part(samples, row.GREEN, start, stop),
+        part(samples, row.BLUE, start, stop),
+    )  # fmt: skip
+    lay_base(red, green, blue, base)
+    multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c)
+
+
+@helper
+def goes_on(whole, r, following, start):
+    """Return whether a patch goes on with the row of the face that begins with patch ``r``."""
+    n = np.uintp(whole[FIRST, following])
+    return (
+        whole[FACE, following] == whole[FACE, r]
+        and whole[ROW, n] == whole[ROW, start]
+        and whole[COLUMN, n] - whole[COLUMN, start] == np.int64(n) - np.int64(start)
+    )
+
+
+@helper
+def blend_runs(segment, block, geometry, has_wide, base, colors):
+    """Write the colours of a segment, run by run."""
+    whole, r, end = block.whole, np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])
+    while r < end:
+        start, following = np.uintp(whole[FIRST, r]), r + np.uintp(1)
+        while following < end and goes_on(whole, r, following, start):
+            following += np.uintp(1)
+        place = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+        if segment[KIND] != SPAN:
+            place = np.int64(whole[COLUMN, start]), np.int64(whole[ROW, start])
+        corner = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        blend_row(
+            corner, np.int64(start), np.int64(whole[FIRST, following]), place, block, geometry,
+            has_wide, base, colors,
+        )  # fmt: skip
+        r = following
+
+
+@stage
+def find_float32_colors(
+    block: Block, count, geometry: Geometry, materials: float32[:, ::1], colors: float32[:, ::1]
+):  # fmt: skip
+    """
+    Write the base colours times those of the vertices, (V, 4), interpolated in float32.
+
+    The same bits as `find_float32_weights`, `tint_samples` and `multiply_vertex_colors_in_float32`.
+    """
+    has_wide = may_be_wide(geometry.viewport)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
+        patches = segment[END_PATCH] - segment[FIRST_PATCH]
+        is_short = segment[STOP] - segment[START] < LONG_RUN * patches
+        if not (is_short and blend_patches(segment, block, geometry, has_wide, base, colors)):
+            blend_runs(segment, block, geometry, has_wide, base, colors)
