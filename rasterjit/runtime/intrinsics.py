@@ -2,9 +2,9 @@
 Instructions that no loop compiles to, and what reads memory by its address.
 
 A value is spread over neighbouring places; texels, four channels each, are copied and mixed: LLVM
-makes no vector of a loop of so few steps. A part of a row is a slice that compiles in a fraction of
-the time, since it asks nothing about its ends. Here stands what they do in Python; ``instructions``
-has the machine's.
+makes no vectors of a loop that reads where a row of numbers says. A part of a row is a slice that
+compiles in a fraction of the time, since it asks nothing about its ends. Here stands what they do
+in Python; ``instructions`` has the machine's.
 """
 
 from __future__ import annotations
@@ -38,26 +38,36 @@ def part(rows: Any, number: Any, start: Any, stop: Any) -> Any:
 
 
 @intrinsic
-def copy_texel(texels: Any, number: Any, colors: Any, n: Any) -> None:
-    """Copy a texel, channel by channel."""
-    for k in range(CHANNELS):
-        colors[CHANNELS * n + k] = texels[number, k]
+def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> None:
+    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
+    some = slice(int(n), int(n) + CHANNELS)
+    for k, texel in enumerate(texels[int(first) + numbers[some].astype(np.int64)].T):
+        colors[k][some] = texel
 
 
 @intrinsic
-def mix_texels(texels: Any, numbers: Any, right: Any, up: Any, colors: Any, n: Any) -> None:
-    """Mix four texels, channel by channel."""
-    for k in range(CHANNELS):
-        a, b, c, d = (texels[number, k] for number in numbers)
-        lower, upper = a + right * (b - a), c + right * (d - c)
-        colors[CHANNELS * n + k] = lower + up * (upper - lower)
+def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any) -> None:
+    """
+    Mix texels for ``CHANNELS`` neighbouring samples.
 
-
-@intrinsic
-def mix_colors(colors: Any, others: Any, share: Any, n: Any) -> None:
-    """Mix two colours, channel by channel."""
-    for at in range(CHANNELS * n, CHANNELS * (n + 1)):
-        colors[at] += share * (others[at] - colors[at])
+    Parameters
+    ----------
+    texels : (N, CHANNELS) float32
+    first : int
+        The texel that texels are counted from.
+    corners : tuple of four rows of int32
+        For each sample the numbers of the texels around it, lower left first, upper right last.
+    shares : tuple of two rows of float32
+        Those of the texels to the right, and of those above.
+    colors : tuple of four rows of float32
+        Written, channel by channel, from place ``n`` on.
+    """
+    some = slice(int(n), int(n) + CHANNELS)
+    a, b, c, d = (texels[int(first) + row[some].astype(np.int64)] for row in corners)
+    right, up = (row[some, np.newaxis] for row in shares)
+    lower, upper = a + right * (b - a), c + right * (d - c)
+    for k, mixed in enumerate((lower + up * (upper - lower)).T):
+        colors[k][some] = mixed
 
 
 @intrinsic
