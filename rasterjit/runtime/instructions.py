@@ -259,6 +259,59 @@ def _check(context: Any, builder: Any, end: Any, length: Any) -> None:
             context.call_conv.return_user_exc(builder, IndexError, (message,))
 
 
+@intrinsic
+def place_run(
+    typing_context: Any, u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any,
+    first: Any, ways: Any,
+) -> Any:  # fmt: skip
+    """Write the texture coordinates of neighbouring samples of one face, in float64."""
+
+    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
+        count = arguments[2]
+        edge, step, factor, start, way = (
+            [_all(builder, value, lanes) for value in _elements(builder, row, kind.count)]
+            for row, kind in zip(arguments[3:], signature.args[3:], strict=True)
+        )
+        targets = [field(context, builder, signature.args[k], arguments[k], "data") for k in (0, 1)]
+        length = words(context, builder, signature.args[0], arguments[0], "shape")[0]
+        one = ir.Constant(edge[0].type, [1.0] * lanes)
+
+        def draw_group(number: Any, values: list[Any]) -> list[Any]:
+            place = builder.mul(number, number.type(lanes))
+            _check(context, builder, builder.add(place, place.type(lanes)), length)
+            parts = [
+                builder.fmul(
+                    builder.fadd(edge[k], builder.fmul(values[0], step[k])), factor[k]
+                )
+                for k in range(3)
+            ]  # fmt: skip
+            total = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
+            over = builder.fdiv(one, total)
+            second, third = builder.fmul(parts[1], over), builder.fmul(parts[2], over)
+            for k, target in enumerate(targets):
+                moved = builder.fadd(start[k], builder.fmul(second, way[k]))
+                moved = builder.fadd(moved, builder.fmul(third, way[2 + k]))
+                to = builder.bitcast(builder.gep(target, [place]), moved.type.as_pointer())
+                builder.store(moved, to, align=8)
+            return [builder.fadd(values[0], ir.Constant(one.type, [float(lanes)] * lanes))]
+
+        groups = builder.add(count, count.type(lanes - 1))
+        groups = builder.lshr(groups, count.type(lanes.bit_length() - 1))
+        _repeat(builder, groups, [_numbers(ir.DoubleType(), lanes)], draw_group)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        half = arguments[2].type(LANES // 2)
+        with builder.if_else(builder.icmp_signed("<=", arguments[2], half)) as (narrow, wide):
+            with narrow:
+                draw(context, builder, signature, arguments, LANES // 2)
+            with wide:
+                draw(context, builder, signature, arguments, LANES)
+        return context.get_dummy_value()
+
+    three, two, four = (types.UniTuple(types.float64, size) for size in (3, 2, 4))
+    return types.void(u, v, types.int64, three, three, three, two, four), generate
+
+
 class _Tile:
     """A tile, and how a vector of neighbouring samples is tested against its depths."""
 

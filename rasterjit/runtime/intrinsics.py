@@ -71,6 +71,37 @@ def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, 
 
 
 @intrinsic
+def place_run(
+    u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any, first: Any, ways: Any
+) -> None:
+    """
+    Write the texture coordinates of neighbouring samples of one face, in float64.
+
+    Parameters
+    ----------
+    u, v : (N,) float64
+        Written: ``count`` elements, and up to whole groups of ``LANES`` something behind them.
+    count : int
+        Samples, at least one.
+    edges, steps : (3,) float64
+        Edge functions at the first sample and their steps from one to the next: whole numbers, so
+        that each sum on the face is exact.
+    factors : (3,) float64
+        What edge functions are multiplied by to be weights, up to their sum.
+    first : (2,) float64
+        Coordinates of the first vertex.
+    ways : (4,) float64
+        What leads from there to the second vertex, u and v, and to the third.
+    """
+    way = np.arange(int(count), dtype=np.float64)
+    parts = [(edges[k] + way * steps[k]) * factors[k] for k in range(3)]
+    over = 1.0 / (parts[0] + parts[1] + parts[2])
+    second, third = parts[1] * over, parts[2] * over
+    u[: len(way)] = first[0] + second * ways[0] + third * ways[2]
+    v[: len(way)] = first[1] + second * ways[1] + third * ways[3]
+
+
+@intrinsic
 def draw_box(
     depths: Any, numbers: Any, first: Any, stride: Any, rows: Any, columns: Any, edges: Any,
     plane: Any, face: Any,
