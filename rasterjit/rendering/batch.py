@@ -88,6 +88,7 @@ def render_batch(
     shadows, fog, transparency, overlays or several samples, are drawn one by one as `render` draws
     them, in about its time. Memory beyond the result does not grow with the number of views.
     Ctrl-C ends it when the views are done that threads are just drawing.
+    There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
 
     Parameters
     ----------
@@ -104,7 +105,8 @@ def render_batch(
         Faces that are dropped. Default: none.
     transforms : (N, O, 4, 4) array_like, optional
         Where the objects stand in each view: ``world_from_model``, affine, in the order of
-        ``scene.nodes``. Default: where they stand in the scene, in all views.
+        ``scene.nodes``. Default: where they stand in the scene, in all views. Near and far planes
+        of `rasterjit.fit_camera` fit the scene as it stands, and may cut objects that are moved.
     out : dict of arrays, optional
         Where outputs are written, by their names: ``out["depth"]`` is an (N, H, W) float32 array,
         C-contiguous and writable. Outputs that are not in it get new arrays.
@@ -171,6 +173,9 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
     if transforms is None:
         return None
     shape = count, len(scene.nodes), 4, 4
+    if isinstance(transforms, np.ndarray) and transforms.dtype.kind == "O":
+        # Matrices of Python's numbers.
+        transforms = transforms.tolist()
     found = number_array("transforms", transforms)
     if found.shape != shape:
         raise ValueError(
@@ -210,7 +215,10 @@ def check_out(
         raise ValueError(f"out must be a dict of arrays, got {in_short(out)}")
     for name, array in given.items():
         if name not in shapes:
-            raise ValueError(f"out has {name!r}, which outputs does not have: {', '.join(shapes)}")
+            raise ValueError(
+                f"out has {in_short(name)}, which outputs does not have: add it to outputs, which "
+                f"has {', '.join(shapes)}"
+            )
         (shape, dtype), what = shapes[name], f"out[{name!r}] must be a"
         if not isinstance(array, np.ndarray):
             raise ValueError(f"{what}n array, got {in_short(array)}")

@@ -41,7 +41,7 @@ def finite_number(name: str, value: Any) -> float:
             raise TypeError
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
+        raise ValueError(f"{name} must be a number, got {cut_short(value)}") from None
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number!r}")
     return number
@@ -113,7 +113,7 @@ def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np
     except MaskedError:
         raise
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
+        raise ValueError(f"{name} must be an array of numbers, got {cut_short(value)}") from None
 
 
 def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
@@ -217,6 +217,11 @@ def in_short(value: Any) -> str:
         return f"an array of {value.dtype} with shape {value.shape}"
     if value is not None and not isinstance(value, (str, bytes, int, float, os.PathLike)):
         return type(value).__name__
+    return cut_short(value)
+
+
+def cut_short(value: Any) -> str:
+    """Return how a value is written, no more of it than a message shows."""
     shown = repr(value)
     return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
 
@@ -281,9 +286,12 @@ def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
         if isinstance(value, (set, frozenset, dict)):
             raise TypeError
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be (width, height) in pixels, got {value!r}") from None
+        shown = cut_short(value)
+        raise ValueError(f"{name} must be (width, height) in pixels, got {shown}") from None
     if not whole or not all(1 <= side <= largest for side in sides):
-        raise ValueError(f"{name} must be two whole numbers in 1..{largest}, got {value!r}")
+        raise ValueError(
+            f"{name} must be two whole numbers in 1..{largest}, got {cut_short(value)}"
+        )
     return sides
 
 

@@ -16,6 +16,7 @@ from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
+from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
 
@@ -366,4 +367,4 @@ def check_scene(scene: Scene) -> None:
     for name, (kind, words) in EFFECT_FIELDS.items():
         value = getattr(scene, name)
         if value is not None and not isinstance(value, kind):
-            raise ValueError(f"scene.{name} must be {words} or None, got {value!r}")
+            raise ValueError(f"scene.{name} must be {words} or None, got {cut_short(value)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import signal
 import subprocess
@@ -81,6 +82,32 @@ def test_objects_stand_where_transforms_put_them(scene):
     assert np.unique(batch.color.reshape(6, -1), axis=0).shape[0] == 6
 
 
+def test_transforms_of_pythons_numbers_are_those_of_their_list(scene):
+    places = np.array([[node.world_from_model for node in scene.nodes]])
+    wanted = rj.render_batch(scene, [CAMERA], size=SIZE, transforms=places)
+    found = rj.render_batch(scene, [CAMERA], size=SIZE, transforms=places.astype(object))
+    assert found.color.tobytes() == wanted.color.tobytes()
+    places = places.astype(object)
+    places[0, 0, 0, 0] = None
+    with pytest.raises(ValueError, match="transforms must be an array of numbers"):
+        rj.render_batch(scene, [CAMERA], size=SIZE, transforms=places)
+
+
+@pytest.mark.parametrize("options", [{"transforms": ["x"] * 99_999}, {"size": [1] * 99_999}])
+def test_messages_show_no_more_than_the_beginning_of_a_value(scene, options):
+    with pytest.raises(ValueError, match=r"\.\.\.$") as told:
+        rj.render_batch(scene, [CAMERA], **{"size": SIZE, **options})
+    assert len(str(told.value)) < 200
+
+
+def test_the_message_of_a_large_environment_is_short(scene):
+    scene = copy.copy(scene)
+    scene.environment = [1.0] * 99_999
+    with pytest.raises(ValueError, match=r"scene.environment must be .* got \[1.0") as told:
+        rj.render_batch(scene, [CAMERA], size=SIZE)
+    assert len(str(told.value)) < 200
+
+
 def test_transforms_do_not_move_the_scene(scene):
     before = [node.world_from_model.copy() for node in scene.nodes]
     twice = np.tile(np.diag([2.0, 2.0, 2.0, 1.0]), (1, 3, 1, 1))
@@ -104,7 +131,10 @@ SHAPE = (2, 28, 40)
     ("options", "message"),
     [
         ({"out": [1]}, "out must be a dict"),
-        ({"out": {"uv": np.zeros(1)}}, "out has 'uv'"),
+        (
+            {"out": {"uv": np.zeros(1)}},
+            "out has 'uv', .*: add it to outputs, which has color, depth",
+        ),
         ({"out": {"depth": 3}}, r"out\['depth'\] must be an array"),
         ({"out": {"depth": np.zeros(SHAPE)}}, r"out\['depth'\] must be a \(2, 28, 40\) float32"),
         ({"out": {"depth": np.zeros((3, 28, 40), np.float32)}}, r"got \(3, 28, 40\)"),
