@@ -38,6 +38,7 @@ from rasterjit.pipeline.surface import (
     maps,
     texture_gradients,
     texture_lookup,
+    texture_places,
     textures,
     weights,
 )
@@ -71,11 +72,14 @@ def surface_steps(
     is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
     if surface.in_float32 and lighting is not None:
         steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
+    own = surface.textures
+    if own is not None and lighting is None and reads_places_alone(surface, own, geometry):
+        steps.append(Step(texture_places.find_places, (own.uv, geometry)))
     # Points are found in float64, for fog over colours in float32 as well.
-    if lighting is not None or (is_interpolated(surface) and not is_shown):
+    elif lighting is not None or (is_interpolated(surface) and not is_shown):
         steps.append(Step(weights.find_weights, (geometry, placement)))
-    if surface.textures is not None:
-        steps += coordinate_steps(surface.textures, geometry)
+        if own is not None:
+            steps += coordinate_steps(own, geometry)
     if is_shown:
         blended = geometry, materials, surface.vertex_colors
         steps.append(Step(float32_colors.find_float32_colors, blended))
@@ -144,11 +148,22 @@ def shows(own: Textures, kind: int) -> bool:
     return bool((own.table[:, kind, textures.FIRST_LEVEL] >= 0).any())
 
 
+def has_levels(own: Textures) -> bool:
+    """Return whether any object has a texture with levels to choose from."""
+    is_mipped = own.table[:, :, textures.FILTER] == textures.TRILINEAR
+    return bool((is_mipped & (own.table[:, :, textures.FIRST_LEVEL] >= 0)).any())
+
+
+def reads_places_alone(surface: Surface, own: Textures, geometry: Geometry) -> bool:
+    """Return whether samples lie on their faces, and weights are read for coordinates alone."""
+    is_on_face = geometry.viewport.reach == 0
+    return is_on_face and surface.vertex_colors is None and not has_levels(own)
+
+
 def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
     """Return the stages that find where on their textures samples lie, right after the weights."""
     steps = [Step(texture_gradients.find_coordinates, (own.uv,))]
-    has_levels = own.table[:, :, textures.FILTER] == textures.TRILINEAR
-    if (has_levels & (own.table[:, :, textures.FIRST_LEVEL] >= 0)).any():
+    if has_levels(own):
         steps.append(Step(texture_gradients.find_steps, (own.uv, own.table, geometry)))
     return steps
 

@@ -17,6 +17,9 @@ from rasterjit.runtime.store import host
 LANE = ir.IntType(32)
 """Whole numbers of lanes, and what names a lane."""
 
+AHEAD = 32
+"""Samples between the texels that are mixed and those that are fetched into the cache."""
+
 
 def _all(builder: Any, value: Any, lanes: int) -> Any:
     """Return a vector of a value in every lane."""
@@ -84,71 +87,119 @@ def _row(
     return one._getvalue()
 
 
-def _pixel_at(context: Any, builder: Any, kind: Any, array: Any, number: Any) -> Any:
-    """Return a pointer to the four channels of a pixel in contiguous memory."""
-    data = field(context, builder, kind, array, "data")
-    place = builder.gep(data, [builder.mul(number, number.type(CHANNELS))])
-    return builder.bitcast(place, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
-
-
-def _load(context: Any, builder: Any, kind: Any, array: Any, number: Any) -> Any:
-    return builder.load(_pixel_at(context, builder, kind, array, number), align=4)
-
-
-def _store(context: Any, builder: Any, kind: Any, array: Any, number: Any, value: Any) -> Any:
-    builder.store(value, _pixel_at(context, builder, kind, array, number), align=4)
-    return context.get_dummy_value()
-
-
 def _mix(builder: Any, one: Any, other: Any, share: Any) -> Any:
     """Return ``one + share * (other - one)`` in each channel."""
     shares = _all(builder, share, CHANNELS)
     return builder.fadd(one, builder.fmul(shares, builder.fsub(other, one)))
 
 
+def _element(context: Any, builder: Any, kind: Any, rows: Any, row: int, n: Any) -> Any:
+    """Return a pointer to element ``n`` of a row, of a tuple of contiguous rows."""
+    data = field(context, builder, kind[row], builder.extract_value(rows, row), "data")
+    return builder.gep(data, [n])
+
+
+def _texel_at(context: Any, builder: Any, kind: Any, array: Any, first: Any, number: Any) -> Any:
+    """Return a pointer to the channels of a texel, counted from a first one."""
+    place = builder.add(first, builder.sext(number, first.type))
+    data = field(context, builder, kind, array, "data")
+    data = builder.gep(data, [builder.mul(place, place.type(CHANNELS))])
+    return builder.bitcast(data, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
+
+
+def _texel(context: Any, builder: Any, *own: Any) -> Any:
+    """Load the channels of a texel, as `_texel_at` takes it."""
+    return builder.load(_texel_at(context, builder, *own), align=4)
+
+
+def _put_channels(
+    context: Any, builder: Any, kind: Any, rows: Any, n: Any, colors: list[Any]
+) -> Any:
+    """Store the colours of ``CHANNELS`` neighbouring samples channel by channel."""
+
+    def pick(one: Any, other: Any, lanes: tuple[int, ...]) -> Any:
+        mask = ir.Constant(ir.VectorType(LANE, CHANNELS), list(lanes))
+        return builder.shuffle_vector(one, other, mask)
+
+    # Transpose in two steps: pairs of samples, then pairs of pairs.
+    a, b, c, d = colors
+    low, high = (0, 4, 1, 5), (2, 6, 3, 7)
+    first, second = (0, 1, 4, 5), (2, 3, 6, 7)
+    red_green, others = (pick(a, b, low), pick(c, d, low)), (pick(a, b, high), pick(c, d, high))
+    channels = [pick(*pair, lanes) for pair in (red_green, others) for lanes in (first, second)]
+    for k, channel in enumerate(channels):
+        place = _element(context, builder, kind, rows, k, n)
+        builder.store(channel, builder.bitcast(place, channel.type.as_pointer()), align=4)
+    return context.get_dummy_value()
+
+
+def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+    """
+    Ask for the texels to the left of samples `AHEAD`, whose neighbours mostly share their line.
+
+    A texture is larger than the caches near the core: without it, samples wait for most texels.
+    """
+    texels, _, corners = signature.args[:3]
+    array, base, places, _, _, start = arguments
+    rows = [builder.extract_value(places, row) for row in (0, 2)]
+    length = words(context, builder, corners[0], rows[0], "shape")[0]
+    last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
+    ahead = builder.select(builder.icmp_signed("<", ahead, last), ahead, last)
+    byte = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
+    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    for k in range(CHANNELS):
+        for row in (0, 2):
+            at = builder.add(ahead, ahead.type(k))
+            number = builder.load(_element(context, builder, corners, places, row, at))
+            place = _texel_at(context, builder, texels, array, base, number)
+            # To be read, kept in all caches, data.
+            builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+
+
 @intrinsic
-def copy_texel(typing_context: Any, texels: Any, number: Any, colors: Any, n: Any) -> Any:
-    """Copy texel ``number`` to place ``n`` of some colours; all float32, contiguous."""
+def copy_texels(
+    typing_context: Any, texels: Any, first: Any, numbers: Any, colors: Any, n: Any
+) -> Any:
+    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        value = _load(context, builder, texels, arguments[0], arguments[1])
-        return _store(context, builder, colors, arguments[2], arguments[3], value)
+        array, base, row, target, start = arguments
+        data, found = field(context, builder, numbers, row, "data"), []
+        for k in range(CHANNELS):
+            number = builder.load(builder.gep(data, [builder.add(start, start.type(k))]))
+            found.append(_texel(context, builder, texels, array, base, number))
+        return _put_channels(context, builder, colors, target, start, found)
 
-    return types.void(texels, types.int64, colors, types.int64), generate
+    return types.void(texels, types.int64, numbers, colors, types.int64), generate
 
 
 @intrinsic
 def mix_texels(
-    typing_context: Any, texels: Any, numbers: Any, right: Any, up: Any, colors: Any, n: Any
+    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any
 ) -> Any:
-    """Mix four texels, lower left first, by shares right and up; write it to place ``n``."""
+    """Mix texels for ``CHANNELS`` neighbouring samples."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, four, along, upward, target, place = arguments
-        values = [
-            _load(context, builder, texels, array, builder.extract_value(four, k)) for k in range(4)
-        ]
-        lower = _mix(builder, values[0], values[1], along)
-        upper = _mix(builder, values[2], values[3], along)
-        mixed = _mix(builder, lower, upper, upward)
-        return _store(context, builder, colors, target, place, mixed)
+        array, base, places, weights, target, start = arguments
+        _fetch_ahead(context, builder, signature, arguments)
+        found = []
+        for k in range(CHANNELS):
+            at = builder.add(start, start.type(k))
+            along, upward = (
+                builder.load(_element(context, builder, shares, weights, row, at))
+                for row in range(2)
+            )
+            values = []
+            for row in range(4):
+                number = builder.load(_element(context, builder, corners, places, row, at))
+                values.append(_texel(context, builder, texels, array, base, number))
+            lower = _mix(builder, values[0], values[1], along)
+            upper = _mix(builder, values[2], values[3], along)
+            found.append(_mix(builder, lower, upper, upward))
+        return _put_channels(context, builder, colors, target, start, found)
 
-    four = types.UniTuple(types.int64, 4)
-    return types.void(texels, four, types.float32, types.float32, colors, types.int64), generate
-
-
-@intrinsic
-def mix_colors(typing_context: Any, colors: Any, others: Any, share: Any, n: Any) -> Any:
-    """Mix a share of other colours into some colours, at place ``n``."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        first, second, part, place = arguments
-        one = _load(context, builder, colors, first, place)
-        other = _load(context, builder, others, second, place)
-        mixed = _mix(builder, one, other, part)
-        return _store(context, builder, colors, first, place, mixed)
-
-    return types.void(colors, others, types.float32, types.int64), generate
+    return types.void(texels, types.int64, corners, shares, colors, types.int64), generate
 
 
 # Rows of samples
@@ -195,13 +246,70 @@ def _repeat(builder: Any, count: Any, values: list[Any], body: Callable) -> list
     return running[1:]
 
 
+def _elements(builder: Any, row: Any, count: int) -> list[Any]:
+    return [builder.extract_value(row, k) for k in range(count)]
+
+
 def _check(context: Any, builder: Any, end: Any, length: Any) -> None:
     """Raise IndexError if a row ends beyond its array, where indices are checked."""
     if CHECKED:
         is_beyond = builder.icmp_signed(">", end, length)
         with builder.if_then(is_beyond, likely=False):
-            message = "a row of samples ends beyond the tile"
+            message = "a row of samples ends beyond its memory"
             context.call_conv.return_user_exc(builder, IndexError, (message,))
+
+
+@intrinsic
+def place_run(
+    typing_context: Any, u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any,
+    first: Any, ways: Any,
+) -> Any:  # fmt: skip
+    """Write the texture coordinates of neighbouring samples of one face, in float64."""
+
+    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
+        count = arguments[2]
+        edge, step, factor, start, way = (
+            [_all(builder, value, lanes) for value in _elements(builder, row, kind.count)]
+            for row, kind in zip(arguments[3:], signature.args[3:], strict=True)
+        )
+        targets = [field(context, builder, signature.args[k], arguments[k], "data") for k in (0, 1)]
+        length = words(context, builder, signature.args[0], arguments[0], "shape")[0]
+        one = ir.Constant(edge[0].type, [1.0] * lanes)
+
+        def draw_group(number: Any, values: list[Any]) -> list[Any]:
+            place = builder.mul(number, number.type(lanes))
+            _check(context, builder, builder.add(place, place.type(lanes)), length)
+            parts = [
+                builder.fmul(
+                    builder.fadd(edge[k], builder.fmul(values[0], step[k])), factor[k]
+                )
+                for k in range(3)
+            ]  # fmt: skip
+            total = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
+            over = builder.fdiv(one, total)
+            second, third = builder.fmul(parts[1], over), builder.fmul(parts[2], over)
+            for k, target in enumerate(targets):
+                moved = builder.fadd(start[k], builder.fmul(second, way[k]))
+                moved = builder.fadd(moved, builder.fmul(third, way[2 + k]))
+                to = builder.bitcast(builder.gep(target, [place]), moved.type.as_pointer())
+                builder.store(moved, to, align=8)
+            return [builder.fadd(values[0], ir.Constant(one.type, [float(lanes)] * lanes))]
+
+        groups = builder.add(count, count.type(lanes - 1))
+        groups = builder.lshr(groups, count.type(lanes.bit_length() - 1))
+        _repeat(builder, groups, [_numbers(ir.DoubleType(), lanes)], draw_group)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        half = arguments[2].type(LANES // 2)
+        with builder.if_else(builder.icmp_signed("<=", arguments[2], half)) as (narrow, wide):
+            with narrow:
+                draw(context, builder, signature, arguments, LANES // 2)
+            with wide:
+                draw(context, builder, signature, arguments, LANES)
+        return context.get_dummy_value()
+
+    three, two, four = (types.UniTuple(types.float64, size) for size in (3, 2, 4))
+    return types.void(u, v, types.int64, three, three, three, two, four), generate
 
 
 class _Tile:
@@ -260,10 +368,6 @@ class _Tile:
         if not self._has_masks:
             self._builder.fence("acq_rel", "singlethread")
         return value
-
-
-def _elements(builder: Any, row: Any, count: int) -> list[Any]:
-    return [builder.extract_value(row, k) for k in range(count)]
 
 
 @intrinsic

@@ -2,9 +2,9 @@
 Instructions that no loop compiles to, and what reads memory by its address.
 
 A value is spread over neighbouring places; texels, four channels each, are copied and mixed: LLVM
-makes no vector of a loop of so few steps. A part of a row is a slice that compiles in a fraction of
-the time, since it asks nothing about its ends. Here stands what they do in Python; ``instructions``
-has the machine's.
+makes no vectors of a loop that reads where a row of numbers says. A part of a row is a slice that
+compiles in a fraction of the time, since it asks nothing about its ends. Here stands what they do
+in Python; ``instructions`` has the machine's.
 """
 
 from __future__ import annotations
@@ -38,26 +38,67 @@ def part(rows: Any, number: Any, start: Any, stop: Any) -> Any:
 
 
 @intrinsic
-def copy_texel(texels: Any, number: Any, colors: Any, n: Any) -> None:
-    """Copy a texel, channel by channel."""
-    for k in range(CHANNELS):
-        colors[CHANNELS * n + k] = texels[number, k]
+def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> None:
+    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
+    some = slice(int(n), int(n) + CHANNELS)
+    for k, texel in enumerate(texels[int(first) + numbers[some].astype(np.int64)].T):
+        colors[k][some] = texel
 
 
 @intrinsic
-def mix_texels(texels: Any, numbers: Any, right: Any, up: Any, colors: Any, n: Any) -> None:
-    """Mix four texels, channel by channel."""
-    for k in range(CHANNELS):
-        a, b, c, d = (texels[number, k] for number in numbers)
-        lower, upper = a + right * (b - a), c + right * (d - c)
-        colors[CHANNELS * n + k] = lower + up * (upper - lower)
+def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any) -> None:
+    """
+    Mix texels for ``CHANNELS`` neighbouring samples.
+
+    Parameters
+    ----------
+    texels : (N, CHANNELS) float32
+    first : int
+        The texel that texels are counted from.
+    corners : tuple of four rows of int32
+        For each sample the numbers of the texels around it, lower left first, upper right last.
+    shares : tuple of two rows of float32
+        Those of the texels to the right, and of those above.
+    colors : tuple of four rows of float32
+        Written, channel by channel, from place ``n`` on.
+    """
+    some = slice(int(n), int(n) + CHANNELS)
+    a, b, c, d = (texels[int(first) + row[some].astype(np.int64)] for row in corners)
+    right, up = (row[some, np.newaxis] for row in shares)
+    lower, upper = a + right * (b - a), c + right * (d - c)
+    for k, mixed in enumerate((lower + up * (upper - lower)).T):
+        colors[k][some] = mixed
 
 
 @intrinsic
-def mix_colors(colors: Any, others: Any, share: Any, n: Any) -> None:
-    """Mix two colours, channel by channel."""
-    for at in range(CHANNELS * n, CHANNELS * (n + 1)):
-        colors[at] += share * (others[at] - colors[at])
+def place_run(
+    u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any, first: Any, ways: Any
+) -> None:
+    """
+    Write the texture coordinates of neighbouring samples of one face, in float64.
+
+    Parameters
+    ----------
+    u, v : (N,) float64
+        Written: ``count`` elements, and up to whole groups of ``LANES`` something behind them.
+    count : int
+        Samples, at least one.
+    edges, steps : (3,) float64
+        Edge functions at the first sample and their steps from one to the next: whole numbers, so
+        that each sum on the face is exact.
+    factors : (3,) float64
+        What edge functions are multiplied by to be weights, up to their sum.
+    first : (2,) float64
+        Coordinates of the first vertex.
+    ways : (4,) float64
+        What leads from there to the second vertex, u and v, and to the third.
+    """
+    way = np.arange(int(count), dtype=np.float64)
+    parts = [(edges[k] + way * steps[k]) * factors[k] for k in range(3)]
+    over = 1.0 / (parts[0] + parts[1] + parts[2])
+    second, third = parts[1] * over, parts[2] * over
+    u[: len(way)] = first[0] + second * ways[0] + third * ways[2]
+    v[: len(way)] = first[1] + second * ways[1] + third * ways[3]
 
 
 @intrinsic

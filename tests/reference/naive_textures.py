@@ -46,14 +46,14 @@ def texel(image, column, row, wraps):
 
 def texels_around(level, u, v, wraps, offset):
     """Return the numbers of the four texels that the engine finds around a place, and shares."""
-    first, width, height = level
-    (u, v, widths, heights), firsts = np.float64([[u], [v], [width], [height]]), np.int64([first])
-    places, shares = np.empty((4, 1), np.int64), np.empty((2, 1), np.float32)
+    (u, v), (firsts, widths, heights) = np.float64([[u], [v]]), np.int32(level)[:, np.newaxis]
+    texels, shares = np.empty((6, 1), np.int32), np.empty((2, 1), np.float32)
     rules = tuple(texture_lookup.axis_rule(wrap) for wrap in wraps)
     with np.errstate(invalid="ignore"):
-        texture_lookup.find_texels(u, v, widths, heights, firsts, rules, offset, *places, *shares)
-    left, right, low, high = places[:, 0].tolist()
-    return (low + left, low + right, high + left, high + right), shares[:, 0].tolist()
+        texture_lookup.find_positions(u, v, widths, heights, rules, offset, *texels[:2], *shares)
+    rules = tuple(texture_lookup.texel_rule(wrap) for wrap in wraps)
+    texture_lookup.find_corners(*texels[:2], firsts, widths, heights, rules, *texels[2:])
+    return tuple(texels[2:, 0].tolist()), shares[:, 0].tolist()
 
 
 def nearest(image, u, v, wraps):

@@ -51,7 +51,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
 SHOWN_ALPHA = SHOWN + 3
-"""Row of places: the alpha that a texture shows."""
+"""Row of colours: the alpha that a texture shows."""
 
 
 @helper
@@ -685,4 +685,4 @@ def find_alphas(
                 multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)
         if has_textures != 0:
             for n in range(s, e):
-                samples[row.ALPHA, n] *= np.float32(block.places[SHOWN_ALPHA, n])
+                samples[row.ALPHA, n] *= block.colors[SHOWN_ALPHA, n]

@@ -93,14 +93,14 @@ def bent_normal(normal, tangent, along, aside, ahead):
 
 
 @helper
-def put_bent_normal(samples, n, tangent, along, aside, side, handed, places):
+def put_bent_normal(samples, n, tangent, along, aside, side, handed, shown):
     """Bend the normal of a sample by what its texture shows, the first two parts of it scaled."""
     normal = (
         np.float64(samples[rows.NORMAL_X, n]), np.float64(samples[rows.NORMAL_Y, n]),
         np.float64(samples[rows.NORMAL_Z, n]),
     )  # fmt: skip
     # A back shows the same surface: its normal, which is the other way round there.
-    ahead = 2.0 * places[texture_lookup.SHOWN + 2, n] - 1.0
+    ahead = 2.0 * np.float64(shown[texture_lookup.SHOWN + 2, n]) - 1.0
     bent = bent_normal(normal, tangent, side * along, handed * aside, ahead)
     samples[rows.NORMAL_X, n] = np.float32(bent[0])
     samples[rows.NORMAL_Y, n] = np.float32(bent[1])
@@ -108,30 +108,30 @@ def put_bent_normal(samples, n, tangent, along, aside, side, handed, places):
 
 
 @helper
-def scale_facets(samples, count, places):
+def scale_facets(samples, count, shown):
     """Multiply metallic and roughness by what the textures show in blue and green."""
     for n in range(count):
-        samples[rows.METALLIC, n] *= np.float32(places[texture_lookup.SHOWN + 2, n])
-        samples[rows.ROUGHNESS, n] *= np.float32(places[texture_lookup.SHOWN + 1, n])
+        samples[rows.METALLIC, n] *= shown[texture_lookup.SHOWN + 2, n]
+        samples[rows.ROUGHNESS, n] *= shown[texture_lookup.SHOWN + 1, n]
 
 
 @helper
-def scale_occlusion(samples, count, places, factors):
+def scale_occlusion(samples, count, places, colors, factors):
     """Hold back ambient light by what the textures show in red."""
     one = np.float32(1.0)
     for n in range(count):
         owner = np.int64(places[texture_lookup.OWNER, n])
-        shown = np.float32(places[texture_lookup.SHOWN, n])
+        shown = colors[texture_lookup.SHOWN, n]
         share = one + factors[owner, OCCLUSION_STRENGTH] * (shown - one)
         samples[rows.OCCLUSION, n] *= max(min(share, one), np.float32(0.0))
 
 
 @helper
-def scale_emission(samples, count, places):
+def scale_emission(samples, count, shown):
     """Multiply the light that is sent out by what the textures show."""
     for k in range(3):
         for n in range(count):
-            samples[rows.EMISSIVE_RED + k, n] *= np.float32(places[texture_lookup.SHOWN + k, n])
+            samples[rows.EMISSIVE_RED + k, n] *= shown[texture_lookup.SHOWN + k, n]
 
 
 @disjoint_helper
@@ -148,7 +148,7 @@ def add_emission(
 @helper
 def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
     """Bend the normals of a segment by what a normal map shows."""
-    samples, weights, places, whole = block.samples, block.weights, block.places, block.whole
+    samples, weights, shown, whole = block.samples, block.weights, block.colors, block.whole
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = (
             np.uintp(whole[rows.A, r]), np.uintp(whole[rows.B, r]), np.uintp(whole[rows.C, r])
@@ -157,13 +157,13 @@ def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
         handed = np.float64(tangents[a, group, 3]) * mirrored
         first, end = whole[rows.FIRST, r], whole[rows.FIRST, r + np.uintp(1)]
         for n in range(np.uintp(first), np.uintp(end)):
-            along = scale * (places[texture_lookup.SHOWN, n] - 0.5)
-            aside = scale * (places[texture_lookup.SHOWN + 1, n] - 0.5)
+            along = scale * (np.float64(shown[texture_lookup.SHOWN, n]) - 0.5)
+            aside = scale * (np.float64(shown[texture_lookup.SHOWN + 1, n]) - 0.5)
             if along == 0.0 and aside == 0.0:
                 continue
             side = 1.0 - 2.0 * np.float64(whole[rows.BEHIND, n])
             tangent = tangent_at(weights[0, n], weights[1, n], a, b, c, group, tangents, matrix)
-            put_bent_normal(samples, n, tangent, along, aside, side, handed, places)
+            put_bent_normal(samples, n, tangent, along, aside, side, handed, shown)
 
 
 @stage
@@ -185,13 +185,13 @@ def bend_normals_by_maps(
 @stage
 def scale_facets_by_maps(block: Block, count):
     """Multiply metallic and roughness by what the textures show in blue and green."""
-    scale_facets(block.samples, count, block.places)
+    scale_facets(block.samples, count, block.colors)
 
 
 @stage
 def scale_occlusion_by_maps(block: Block, count, factors: float32[:, ::1]):
     """Hold back ambient light by what the textures show in red."""
-    scale_occlusion(block.samples, count, block.places, factors)
+    scale_occlusion(block.samples, count, block.places, block.colors, factors)
 
 
 @stage
@@ -213,7 +213,7 @@ def find_emission(block: Block, count, factors: float32[:, ::1]):
 @stage
 def scale_emission_by_maps(block: Block, count):
     """Multiply the light that is sent out by what the textures show."""
-    scale_emission(block.samples, count, block.places)
+    scale_emission(block.samples, count, block.colors)
 
 
 @stage

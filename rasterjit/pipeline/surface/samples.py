@@ -89,7 +89,7 @@ VECTOR = 16
 
 BLOCK_ROWS = 33
 """Rows of samples: those above."""
-PLACE_ROWS = 19
+PLACE_ROWS = 14
 
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
@@ -119,9 +119,10 @@ class Block(NamedTuple):
     """What the vertices of a mixed segment's faces hold, as a stage gathers it."""
     places: float64[PLACE_ROWS, ROOM]
     """Texture coordinates ...: see ``texture_lookup``."""
-    numbers: int64[7, ROOM]
+    numbers: int32[11, ROOM]
     shares: float32[3, ROOM]
-    colors: float32[3, 4 * ROOM]
     """Memory to look up textures."""
+    colors: float32[12, ROOM]
+    """What textures show, and more memory to look them up."""
     receivers: float64[RECEIVER_ROWS, ROOM]
     """Points and normals for shadows."""

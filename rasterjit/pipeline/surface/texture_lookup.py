@@ -2,9 +2,9 @@
 Look up textures for a part of a row: in passes over rows of scratch memory, that vectorize.
 
 The formulas are described in ``textures``; here they are without branches. What tells wraps apart
-are numbers (`axis_rule`), and every sample has the size of its own level.
-Positions and texel numbers are whole numbers in float64, exact below 2**52. Only the texels are
-read one sample after the other, four channels at once.
+are numbers (`axis_rule`, `texel_rule`), and every sample has the size of its own level. Positions
+are found in float64, texel numbers, counted from the first of a picture, in int32. Only the texels
+are read one sample after the other, four channels at once; colours come out channel by channel.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from rasterjit.pipeline.surface.textures import (
     WRAP_U,
     WRAP_V,
 )
-from rasterjit.runtime.intrinsics import CHANNELS, copy_texel, mix_colors, mix_texels, part
+from rasterjit.runtime.intrinsics import CHANNELS, copy_texels, mix_texels, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -43,63 +43,66 @@ U, V = 0, 1
 """Rows of places: texture coordinates."""
 OWNER = 2
 """Row: the object."""
-SHOWN = 3
-"""Four rows: what the texture shows, linear RGBA."""
-STEPS = 7
+STEPS = 3
 """Four rows: what the next sample to the right adds to u and v, and the next down; for levels."""
-MOVED_U, MOVED_V = 11, 12
+MOVED_U, MOVED_V = 7, 8
 """Rows: coordinates as the texture at hand sees them."""
-TAP_U, TAP_V = 13, 14
+TAP_U, TAP_V = 9, 10
 """Rows: those of one tap of a footprint."""
-WAY_U, WAY_V = 15, 16
+WAY_U, WAY_V = 11, 12
 """Rows: the way along which the taps of a footprint lie."""
-WIDTH, HEIGHT = 17, 18
-"""Rows: size of the level that is read, texels."""
+LONGEST = 13
+"""Row: the squared length that the level of detail goes by, in texels."""
 MOVED_STEPS = (MOVED_U, MOVED_V, TAP_U, TAP_V)
 """Rows, which are free as long as levels are found: steps as the texture at hand sees them."""
-LONGEST = WIDTH
-"""Row, which is free by then: the squared length that the level of detail goes by, in texels."""
-SCRATCH_ROWS = 19
+SCRATCH_ROWS = 14
 
-LEVEL, FIRST, TAPS = 0, 1, 2
-"""Rows of whole numbers: the finer level, its first texel, and the taps of a footprint."""
-LEFT, RIGHT, LOW, HIGH = 3, 4, 5, 6
-"""Rows of whole numbers: columns of texels around a place, and the first texels of their rows."""
-WHOLE_ROWS = 7
+LEVEL, TAPS = 0, 1
+"""Rows of whole numbers: the finer level, and the taps of a footprint."""
+FIRST, WIDTH, HEIGHT = 2, 3, 4
+"""Rows of whole numbers: first texel and size of the level that is read."""
+COLUMN, ROW = 5, 6
+"""Rows of whole numbers: the texel to the left of a place and below it, before it is wrapped."""
+CORNERS = 7
+"""Four rows of whole numbers: the texels around a place, lower left first, upper right last."""
+WHOLE_ROWS = 11
 
 COARSER, ALONG, UPWARD = 0, 1, 2
 """Rows of shares: of the coarser level, of the texels to the right, and of those above."""
 SHARE_ROWS = 3
 
-MIXED, COARSE, TAP = 0, 1, 2
-"""Rows of colours, four channels a sample: the result, a coarser level, one tap."""
-COLOR_ROWS = 3
-
-WHOLE_SHIFT = 2.0**52
-"""A float64 of this size or more, below twice that, holds a whole number in its last bits."""
-SHIFT_BITS = np.int64(0x4330000000000000)
-
-
-@helper
-def whole_number(x):
-    """Return a float64 that is a whole number in 0..2**52 - 1 as int64."""
-    return np.float64(x + WHOLE_SHIFT).view(np.int64) - SHIFT_BITS
+SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
+"""Four rows of colours each: what the texture shows, linear RGBA; a coarser level; one tap."""
+COLOR_ROWS = 3 * CHANNELS
 
 
 @helper
 def axis_rule(wrap):
     """
-    Return what tells a wrap from others, as numbers.
+    Return what tells a wrap from others where a coordinate is reduced, as numbers.
 
     Bounds of the coordinate; what it is scaled by before whole periods are taken off, the periods
-    taken off, and what it is scaled by after; periods that a texel is moved by where it lies
-    outside; pictures in a period, and 1 if the last is turned.
+    taken off, and what it is scaled by after.
     """
     if wrap == CLAMP:
-        return 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0
+        return 0.0, 1.0, 1.0, 0.0, 1.0
     if wrap == REPEAT:
-        return -np.inf, np.inf, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0
-    return -np.inf, np.inf, 0.5, 1.0, 2.0, 0.0, 2.0, 1.0
+        return -np.inf, np.inf, 1.0, 1.0, 1.0
+    return -np.inf, np.inf, 0.5, 1.0, 2.0
+
+
+@helper
+def texel_rule(wrap):
+    """
+    Return what tells a wrap from others where texels lie outside, as whole numbers.
+
+    Periods that a texel is moved by there; pictures in a period, and 1 if the last is turned.
+    """
+    if wrap == CLAMP:
+        return np.int32(0), np.int32(1), np.int32(0)
+    if wrap == REPEAT:
+        return np.int32(1), np.int32(1), np.int32(0)
+    return np.int32(0), np.int32(2), np.int32(1)
 
 
 @helper
@@ -109,110 +112,133 @@ def place_on_axis(u, size, rule):
 
     The middle of texel 0 stands for NaN and infinity.
     """
-    lowest, highest, before, periods, after, _, _, _ = rule
+    lowest, highest, before, periods, after = rule
     scaled = before * min(max(u, lowest), highest)
     reduced = after * (scaled - periods * np.floor(scaled))
-    position = np.floor(reduced * size * TEXEL_STEPS + 0.5) / TEXEL_STEPS
+    position = np.floor(reduced * (np.float64(size) * TEXEL_STEPS) + 0.5) / TEXEL_STEPS
     return position if abs(u) < np.inf else 0.5
 
 
 @helper
 def texel_on_axis(i, size, rule):
     """Return the texel that stands at a whole number along an axis, at most one off a period."""
-    _, _, _, _, _, moved, pictures, turned = rule
-    by = moved * size
-    i = i + (by if i < 0.0 else 0.0) - (by if i >= size else 0.0)
-    return max(min(i, pictures * size - 1.0 - turned * i), 0.0)
+    moved, pictures, turned = rule
+    by, none = np.int32(moved * size), np.int32(0)
+    before, behind = by if i < none else none, by if i >= size else none
+    i = np.int32(np.int32(i + before) - behind)
+    last = np.int32(np.int32(pictures * size) - np.int32(1))
+    return max(min(i, np.int32(last - np.int32(turned * i))), none)
 
 
 @disjoint_helper
-def find_texels(
-    u, v, widths, heights, firsts, rules, offset, left, right, low, high, along, upward
-):  # fmt: skip
+def find_positions(u, v, widths, heights, rules, offset, columns, rows, along, upward):
     """
-    Write the columns of the texels around each place, the first texels of their rows, and shares.
+    Write the texel to the left of each place and below it, not wrapped, and shares of the next.
 
-    With an offset of 0 instead of half a texel, left and low are the texel that holds the place.
+    With an offset of 0 instead of half a texel it is the texel that holds the place.
     """
     for n in range(u.shape[0]):
-        width, height = widths[n], heights[n]
-        x = place_on_axis(u[n], width, rules[0]) - offset
-        y = place_on_axis(v[n], height, rules[1]) - offset
+        x = place_on_axis(u[n], widths[n], rules[0]) - offset
+        y = place_on_axis(v[n], heights[n], rules[1]) - offset
         column, row = np.floor(x), np.floor(y)
         along[n], upward[n] = np.float32(x - column), np.float32(y - row)
-        left[n] = whole_number(texel_on_axis(column, width, rules[0]))
-        right[n] = whole_number(texel_on_axis(column + 1.0, width, rules[0]))
-        row0 = height - 1.0 - texel_on_axis(row, height, rules[1])
-        row1 = height - 1.0 - texel_on_axis(row + 1.0, height, rules[1])
-        low[n] = firsts[n] + whole_number(row0 * width)
-        high[n] = firsts[n] + whole_number(row1 * width)
+        columns[n], rows[n] = np.int32(column), np.int32(row)
 
 
 @disjoint_helper
-def fill_level(level, firsts, widths, heights):
+def find_corners(
+    columns, rows, firsts, widths, heights, rules, low_left, low_right, high_left, high_right
+):  # fmt: skip
+    """Write the numbers of the texels around each place, wrapped."""
+    one = np.int32(1)
+    for n in range(columns.shape[0]):
+        width, height = widths[n], heights[n]
+        left = texel_on_axis(columns[n], width, rules[0])
+        right = texel_on_axis(np.int32(columns[n] + one), width, rules[0])
+        # Rows of texels run down.
+        bottom, top = np.int32(height - one), np.int32(rows[n] + one)
+        low = np.int32(bottom - texel_on_axis(rows[n], height, rules[1]))
+        high = np.int32(bottom - texel_on_axis(top, height, rules[1]))
+        low = np.int32(firsts[n] + np.int32(low * width))
+        high = np.int32(firsts[n] + np.int32(high * width))
+        low_left[n], low_right[n] = np.int32(low + left), np.int32(low + right)
+        high_left[n], high_right[n] = np.int32(high + left), np.int32(high + right)
+
+
+@disjoint_helper
+def fill_level(first, width, height, firsts, widths, heights):
     """Write first texel and size of one level for all samples."""
-    width, height = np.float64(level[1]), np.float64(level[2])
     for n in range(firsts.shape[0]):
-        firsts[n], widths[n], heights[n] = level[0], width, height
+        firsts[n], widths[n], heights[n] = first, width, height
 
 
 @helper
 def differences(values, count):
     """Return 0 if the first values are all the same."""
-    found, first = np.int64(0), values[0]
+    found, first = np.int32(0), values[0]
     for n in range(count):
-        found |= np.int64(values[n] != first)
+        found |= np.int32(values[n] != first)
     return found
 
 
 @helper
-def take_levels(count, size, up, last, levels, places, numbers):
-    """Write first texel and size of each sample's level, or of one ``up``, at most the last."""
+def take_levels(count, size, up, own, levels, numbers):
+    """
+    Write first texel and size of each sample's level, or of one ``up``, at most the last.
+
+    Takes the first level of the picture, from whose first texel on texels are counted, and the
+    last.
+    """
+    first, last = own
+    base = levels[first, FIRST_TEXEL]
     if differences(numbers[LEVEL], count) == 0:
-        level = min(numbers[LEVEL, 0] + up, last)
+        level = min(np.int64(numbers[LEVEL, 0]) + up, last)
+        texel, width, height = texturing.level_at(levels, level)
         fill_level(
-            texturing.level_at(levels, level), part(numbers, FIRST, 0, size),
-            part(places, WIDTH, 0, size), part(places, HEIGHT, 0, size),
+            np.int32(texel - base), np.int32(width), np.int32(height),
+            part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size),
+            part(numbers, HEIGHT, 0, size),
         )  # fmt: skip
         return
-    for n in range(np.uintp(count)):
-        level = np.uintp(min(numbers[LEVEL, n] + up, last))
-        numbers[FIRST, n] = levels[level, FIRST_TEXEL]
-        places[WIDTH, n] = np.float64(levels[level, LEVEL_WIDTH])
-        places[HEIGHT, n] = np.float64(levels[level, LEVEL_HEIGHT])
+    for n in range(np.uintp(size)):
+        level = np.uintp(min(np.int64(numbers[LEVEL, n]) + up, last))
+        numbers[FIRST, n] = np.int32(levels[level, FIRST_TEXEL] - base)
+        numbers[WIDTH, n] = np.int32(levels[level, LEVEL_WIDTH])
+        numbers[HEIGHT, n] = np.int32(levels[level, LEVEL_HEIGHT])
 
 
 @disjoint_helper
 def fill_details(level, levels, shares, taps):
     """Write one level, with no share of the coarser, and one tap for all samples."""
     for n in range(levels.shape[0]):
-        levels[n], shares[n], taps[n] = level, np.float32(0.0), np.int64(1)
+        levels[n], shares[n], taps[n] = level, np.float32(0.0), np.int32(1)
 
 
 @helper
-def copy_texels(count, texels, numbers, colors):
-    """Write the texel that holds each place."""
-    for n in range(np.uintp(count)):
-        copy_texel(texels, numbers[LOW, n] + numbers[LEFT, n], colors, n)
+def rows_of(rows, first, start, stop):
+    """Return four neighbouring rows."""
+    return (
+        part(rows, first, start, stop), part(rows, first + 1, start, stop),
+        part(rows, first + 2, start, stop), part(rows, first + 3, start, stop),
+    )  # fmt: skip
 
 
-@helper
-def mix_around(count, texels, numbers, shares, colors):
-    """Write the bilinear mix of the texels around each place."""
-    for n in range(np.uintp(count)):
-        left, right = numbers[LEFT, n], numbers[RIGHT, n]
-        low, high = numbers[LOW, n], numbers[HIGH, n]
-        four = low + left, low + right, high + left, high + right
-        mix_texels(texels, four, shares[ALONG, n], shares[UPWARD, n], colors, n)
+@disjoint_helper
+def add_coarse(share, coarse, own):
+    """Mix one channel of the coarser level into that of the finer one, where it has a share."""
+    for n in range(own.shape[0]):
+        mixed = own[n] + share[n] * (coarse[n] - own[n])
+        own[n] = mixed if share[n] > np.float32(0.0) else own[n]
 
 
-@helper
-def add_coarse(count, shares, coarse, colors):
-    """Mix the coarser level into the finer one, where it has a share."""
-    for n in range(np.uintp(count)):
-        share = shares[COARSER, n]
-        if share > np.float32(0.0):
-            mix_colors(colors, coarse, share, n)
+@disjoint_helper
+def add_tap(k, taps, own, mean):
+    """Take tap ``k`` of each footprint into the mean, one channel of it."""
+    share = np.float32(1.0) / np.float32(k + 1)
+    for n in range(own.shape[0]):
+        before = own[n] if k == 0 else mean[n]
+        mixed = before + share * (own[n] - before)
+        mean[n] = mixed if np.int32(k) < taps[n] else before
 
 
 @disjoint_helper
@@ -237,7 +263,7 @@ def find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps)
     for n in range(longest.shape[0]):
         right = texturing.length_squared((right_u[n], right_v[n]), width, height)
         down = texturing.length_squared((down_u[n], down_v[n]), width, height)
-        longest[n], taps[n] = max(right, down), np.int64(1)
+        longest[n], taps[n] = max(right, down), np.int32(1)
 
 
 @helper
@@ -247,11 +273,12 @@ def divide_footprints(right_u, right_v, down_u, down_v, size, limit, longest, ta
     most = np.int64(1)
     for n in range(count):
         right, down = (right_u[n], right_v[n]), (down_u[n], down_v[n])
-        longest[n], taps[n], (way_u[n], way_v[n]) = texturing.long_footprint(
+        longest[n], parts, (way_u[n], way_v[n]) = texturing.long_footprint(
             texturing.length_squared(right, width, height),
             texturing.length_squared(down, width, height), right, down, limit,
         )  # fmt: skip
-        most = max(most, taps[n])
+        taps[n] = np.int32(parts)
+        most = max(most, parts)
     return most
 
 
@@ -261,7 +288,7 @@ def split_details(longest, count, first, levels, shares):
     for n in range(longest.shape[0]):
         detail = texturing.level_of_detail(longest[n])
         finer, shares[n] = texturing.split_detail(detail, count)
-        levels[n] = first + np.int64(finer)
+        levels[n] = np.int32(first + finer)
 
 
 @helper
@@ -281,69 +308,67 @@ def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
 
 
 @helper
-def add_tap(k, count, taps, own, mixed):
-    """Take tap ``k`` of each footprint into the mean."""
-    if k == 0:
-        for n in range(CHANNELS * count):
-            mixed[n] = own[n]
-        return
-    for n in range(np.uintp(count)):
-        if k < taps[n]:
-            mix_colors(mixed, own, np.float32(1.0) / np.float32(k + 1), n)
-
-
-@helper
-def read_level(
-    u, v, count, up, last, is_smooth, rules, texels, levels, places, numbers, shares, colors
-):  # fmt: skip
-    """Write what a level, ``up`` from the finer one, shows at each place."""
-    size = u.shape[0]
-    take_levels(count, size, up, last, levels, places, numbers)
-    find_texels(
-        u, v, part(places, WIDTH, 0, size), part(places, HEIGHT, 0, size),
-        part(numbers, FIRST, 0, size), rules, 0.5 if is_smooth else 0.0,
-        part(numbers, LEFT, 0, size), part(numbers, RIGHT, 0, size), part(numbers, LOW, 0, size),
-        part(numbers, HIGH, 0, size), part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size),
+def read_level(u, v, is_smooth, wraps, own, textures, numbers, shares, target):
+    """Write what the levels at hand show at each place."""
+    size, first_texel = u.shape[0], textures.levels[own[0], FIRST_TEXEL]
+    firsts, widths, heights = (
+        part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size), part(numbers, HEIGHT, 0, size)
     )  # fmt: skip
-    if is_smooth:
-        mix_around(count, texels, numbers, shares, colors)
-    else:
-        copy_texels(count, texels, numbers, colors)
+    columns, rows = part(numbers, COLUMN, 0, size), part(numbers, ROW, 0, size)
+    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
+    corners = rows_of(numbers, CORNERS, 0, size)
+    find_positions(
+        u, v, widths, heights, (axis_rule(wraps[0]), axis_rule(wraps[1])),
+        0.5 if is_smooth else 0.0, columns, rows, along, upward,
+    )  # fmt: skip
+    find_corners(
+        columns, rows, firsts, widths, heights, (texel_rule(wraps[0]), texel_rule(wraps[1])),
+        corners[0], corners[1], corners[2], corners[3],
+    )  # fmt: skip
+    for n in range(0, size, CHANNELS):
+        if is_smooth:
+            mix_texels(textures.texels, first_texel, corners, (along, upward), target, n)
+        else:
+            copy_texels(textures.texels, first_texel, corners[0], target, n)
 
 
 @helper
 def read_taps(
-    u, v, count, most, last, is_smooth, rules, texels, levels, places, numbers, shares, colors, out
+    u, v, first, count, most, is_smooth, wraps, own, textures, places, numbers, shares, colors
 ):  # fmt: skip
     """Write the colours of neighbouring samples of one texture whose levels are known."""
     size, depth = u.shape[0], np.int64(2 if any_coarse(shares, count) else 1)
     # The colour of a lone tap is the result.
-    own, tap_u, tap_v = out, u, v
+    row, start, tap_u, tap_v = np.int64(SHOWN), first, u, v
     if most > 1:
-        own, tap_u, tap_v = colors[TAP], part(places, TAP_U, 0, size), part(places, TAP_V, 0, size)
+        row, start = np.int64(TAP), np.int64(0)
+        tap_u, tap_v = part(places, TAP_U, 0, size), part(places, TAP_V, 0, size)
+    taps = part(numbers, TAPS, 0, size)
     for k in range(most):
         if most > 1:
             place_taps(
-                u, v, k, part(numbers, TAPS, 0, size), part(places, WAY_U, 0, size),
-                part(places, WAY_V, 0, size), tap_u, tap_v,
+                u, v, k, taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size), tap_u,
+                tap_v,
             )  # fmt: skip
         for up in range(depth):
-            target = own if up == 0 else colors[COARSE]
-            read_level(
-                tap_u, tap_v, count, up, last, is_smooth, rules, texels, levels, places, numbers,
-                shares, target,
-            )  # fmt: skip
-        if depth > 1:
-            add_coarse(count, shares, colors[COARSE], own)
-        if most > 1:
-            add_tap(k, count, numbers[TAPS], own, out)
+            take_levels(count, size, up, own, textures.levels, numbers)
+            at, begin = (row, start) if up == 0 else (np.int64(COARSE), np.int64(0))
+            target = rows_of(colors, at, begin, begin + size)
+            read_level(tap_u, tap_v, is_smooth, wraps, own, textures, numbers, shares, target)
+        for i in range(CHANNELS):
+            tap = part(colors, row + i, start, start + size)
+            if depth > 1:
+                coarse = part(colors, COARSE + i, 0, size)
+                add_coarse(part(shares, COARSER, 0, size), coarse, tap)
+            if most > 1:
+                add_tap(k, taps, tap, part(colors, SHOWN + i, first, first + size))
 
 
 @helper
 def find_levels(first, count, owner, kind, textures, places, numbers, shares):
     """Write the levels of neighbouring samples of one texture; return the most taps they take."""
     row, size = textures.table[owner, kind], whole_vectors(count)
-    level, stop = row[FIRST_LEVEL], first + size
+    level, stop = np.int32(row[FIRST_LEVEL]), first + size
     levels, coarser, taps = (
         part(numbers, LEVEL, 0, size),
         part(shares, COARSER, 0, size),
@@ -374,12 +399,12 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
 
 
 @helper
-def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors, out):
+def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors):
     """Write what a texture of one object shows at neighbouring samples; white without one."""
     row, size = textures.table[owner, kind], whole_vectors(count)
     if row[FIRST_LEVEL] < 0:
-        for n in range(CHANNELS * count):
-            out[n] = np.float32(1.0)
+        shown = rows_of(colors, SHOWN, first, first + size)
+        fill_white(shown[0], shown[1], shown[2], shown[3])
         return
     most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
     u, v = part(places, U, first, first + size), part(places, V, first, first + size)
@@ -387,11 +412,10 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
         moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
         move_places(u, v, textures.transforms[owner, kind], moved_u, moved_v)
         u, v = moved_u, moved_v
-    rules = axis_rule(row[WRAP_U]), axis_rule(row[WRAP_V])
-    last = row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
+    own = row[FIRST_LEVEL], row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
     read_taps(
-        u, v, count, most, last, row[FILTER] != NEAREST, rules, textures.texels, textures.levels,
-        places, numbers, shares, colors, out,
+        u, v, first, count, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]), own, textures,
+        places, numbers, shares, colors,
     )  # fmt: skip
 
 
@@ -407,12 +431,11 @@ def owner_end(owners, first, count):
 
 
 @disjoint_helper
-def show_colors(colors, red, green, blue, alpha):
-    """Write colours channel by channel."""
+def fill_white(red, green, blue, alpha):
+    """Write opaque white."""
+    one = np.float32(1.0)
     for n in range(red.shape[0]):
-        at = CHANNELS * n
-        red[n], green[n] = np.float64(colors[at]), np.float64(colors[at + 1])
-        blue[n], alpha[n] = np.float64(colors[at + 2]), np.float64(colors[at + 3])
+        red[n], green[n], blue[n], alpha[n] = one, one, one, one
 
 
 @helper
@@ -423,9 +446,9 @@ def show_textures(places, lookup, count, kind, textures):
     Parameters
     ----------
     places : (SCRATCH_ROWS, W) float64
-        Reads rows U, V, OWNER and STEPS of ``count`` samples, writes rows SHOWN (linear RGBA).
+        Reads rows U, V, OWNER and STEPS of ``count`` samples.
     lookup : tuple
-        What `lookup_memory` gave.
+        What `lookup_memory` gave. Writes rows SHOWN of the last: linear RGBA.
     count : int
     kind : int
         ``BASE_COLOR`` ... ``EMISSIVE``. All of this is compiled into every place that calls it.
@@ -437,14 +460,9 @@ def show_textures(places, lookup, count, kind, textures):
         end = owner_end(places[OWNER], first, count)
         read_one_texture(
             first, end - first, np.int64(places[OWNER, first]), kind, textures, places, numbers,
-            shares, colors, colors[MIXED, CHANNELS * first :],
+            shares, colors,
         )  # fmt: skip
         first = end
-    show_colors(
-        colors[MIXED, : CHANNELS * count], part(places, SHOWN, 0, count),
-        part(places, SHOWN + 1, 0, count), part(places, SHOWN + 2, 0, count),
-        part(places, SHOWN + 3, 0, count),
-    )  # fmt: skip
 
 
 @stage
@@ -452,7 +470,7 @@ def read_textures(block: Block, count, kind: int64, textures: Textures):
     """
     Write what textures of one kind, ``BASE_COLOR`` ... ``EMISSIVE``, show at each sample.
 
-    Into rows SHOWN of ``places``, linear RGBA; white where an object has none. After
+    Into rows SHOWN of ``colors``, linear RGBA; white where an object has none. After
     `find_coordinates`, and `find_steps` where a texture has levels to choose from.
     """
     lookup = block.numbers, block.shares, block.colors
@@ -463,7 +481,9 @@ def read_textures(block: Block, count, kind: int64, textures: Textures):
 def multiply_textures(block: Block, count):
     """Multiply the base colours by what the textures show."""
     for k in range(3):
-        multiply_row(block.samples[rows.RED + k, :count], part(block.places, SHOWN + k, 0, count))
+        multiply_row(
+            part(block.samples, rows.RED + k, 0, count), part(block.colors, SHOWN + k, 0, count)
+        )
 
 
 @stage
@@ -476,13 +496,13 @@ def multiply_textures_below_highlights(
     What is left of the light on the vertices of objects shaded by Gouraud without highlights is in
     three rows of samples from ``first`` on.
     """
-    samples, places = block.samples, block.places
+    samples, shown = block.samples, block.colors
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.uintp(segment[OF])
         is_lit = np.int64(materials[owner, MATERIAL_MODEL]) == GOURAUD
         for i in range(3):
-            colors, texels = samples[rows.RED + i, s:e], part(places, SHOWN + i, s, e)
+            colors, texels = part(samples, rows.RED + i, s, e), part(shown, SHOWN + i, s, e)
             if is_lit:
                 absorb_row(colors, texels, part(samples, first + i, s, e))
             else:
@@ -492,9 +512,9 @@ def multiply_textures_below_highlights(
 def lookup_memory(room: int) -> tuple[Any, Any, Any]:
     """Return the memory that a thread needs to look up textures of so many samples."""
     return (
-        np.empty((WHOLE_ROWS, room), np.int64),
+        np.empty((WHOLE_ROWS, room), np.int32),
         np.empty((SHARE_ROWS, room), np.float32),
-        np.empty((COLOR_ROWS, CHANNELS * room), np.float32),
+        np.empty((COLOR_ROWS, room), np.float32),
     )
 
 
@@ -515,11 +535,11 @@ def absorb(color, texel, diffuse):
 def multiply_row(colors, texels):
     """Multiply one channel of the base colours by what the textures show."""
     for n in range(colors.shape[0]):
-        colors[n] *= np.float32(texels[n])
+        colors[n] *= texels[n]
 
 
 @disjoint_helper
 def absorb_row(colors, texels, diffuse):
     """Multiply one channel of the base colours, but for the highlights in it, by the textures."""
     for n in range(colors.shape[0]):
-        colors[n] = absorb(colors[n], np.float32(texels[n]), np.float32(diffuse[n]))
+        colors[n] = absorb(colors[n], texels[n], diffuse[n])

@@ -82,7 +82,7 @@ COLUMN_BITS = 7
 
 ALPHA_MEMORY = (
     int32[:, ::1], float64[:, ::1], float32[:, ::1], float32[::1], float64[:, ::1],
-    float64[:, ::1], int64[:, ::1], float32[:, ::1], float32[:, ::1],
+    float64[:, ::1], int32[:, ::1], float32[:, ::1], float32[:, ::1],
 )  # fmt: skip
 """The types of `alpha_memory`."""
 
@@ -296,7 +296,7 @@ def find_alphas(
     )  # fmt: skip
     show_textures(places, memory[6:], count, BASE_COLOR, textures)
     for n in range(count):
-        alphas[n] *= np.float32(places[SHOWN + ALPHA, n])
+        alphas[n] *= memory[8][SHOWN + ALPHA, n]
 
 
 @helper

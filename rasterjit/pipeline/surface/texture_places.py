@@ -1,0 +1,127 @@
+"""
+Find where on their textures samples lie, straight from the edge functions, in float64.
+
+For whoever reads coordinates and no weights: what `weights` and `texture_gradients` find in two
+steps. Edge functions are whole numbers, exact in float64 here, and of one sign on a face that a
+sample lies on, as w is. The weights
+
+    b_k = e_k w_i w_j / (e_0 w_1 w_2 + e_1 w_2 w_0 + e_2 w_0 w_1)
+
+are quotients of sums without cancellation, off by some 2**-52 of themselves, for one division a
+sample. That moves coordinates by far less than the step that positions on a texture are rounded
+to. Faces that were clipped, whose edges are not known, and those that may leave what float64 holds
+take the weights of others.
+
+A patch is worked out at once, be it a long run or a few samples: its lanes are free, while vertices
+would have to be written for each sample. Where a sample lies depends on its face and its pixel
+alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
+from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface.float32_weights import is_wide
+from rasterjit.pipeline.surface.samples import (
+    COLUMN,
+    COLUMN_OF,
+    END_PATCH,
+    FIRST,
+    FIRST_PATCH,
+    KIND,
+    OWNER,
+    ROW,
+    ROW_OF,
+    SEGMENTS,
+    SPAN,
+    START,
+    STOP,
+    VECTOR,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.pipeline.surface.texture_lookup import OWNER as OWNERS
+from rasterjit.pipeline.surface.texture_lookup import U, V
+from rasterjit.pipeline.surface.textures import vertex_place
+from rasterjit.pipeline.surface.weights import span_start
+from rasterjit.runtime.intrinsics import part, place_run
+from rasterjit.runtime.jit import helper, stage
+from rasterjit.runtime.state import float32
+
+LEAST_FACTOR, LARGEST_FACTOR = 2.0**-900, 2.0**900
+"""Products of w between these keep sums of weights far from where float64 loses bits."""
+
+
+@helper
+def factors_of(a, b, c, w):
+    """Return what the edge functions of a face are multiplied by, one for each vertex."""
+    if w.shape[0] == 0:
+        return 1.0, 1.0, 1.0
+    return w[b] * w[c], w[c] * w[a], w[a] * w[b]
+
+
+@helper
+def are_accurate(factors):
+    """Return whether sums of edge functions times the factors are accurate on the face."""
+    least = min(factors[0], min(factors[1], factors[2]))
+    largest = max(factors[0], max(factors[1], factors[2]))
+    return (least > LEAST_FACTOR) & (largest < LARGEST_FACTOR)
+
+
+@helper
+def place_exactly(first, end, corners, ends, column, row, places, geometry):
+    """Write the coordinates of some samples of a face, the first of which is at a pixel."""
+    for n in range(np.uintp(first), np.uintp(end)):
+        exact = sample_weights(
+            corners[0], corners[1], corners[2], column + np.int64(n) - first, row, geometry
+        )
+        places[U, n] = interpolate(exact, ends[0][0], ends[1][0], ends[2][0])
+        places[V, n] = interpolate(exact, ends[0][1], ends[1][1], ends[2][1])
+
+
+@helper
+def place_patch(first, end, corners, column, row, places, uv, geometry):
+    """Write the coordinates of the samples of a patch, the first of which is at a pixel."""
+    codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
+    a, b, c = corners
+    pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
+    factors = factors_of(a, b, c, w)
+    is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
+    if is_clipped or is_wide(a, b, c, xy) or not are_accurate(factors):
+        place_exactly(first, end, corners, (pa, pb, pc), column, row, places, geometry)
+        return
+    edges, steps, _, _ = span_start(a, b, c, column, row, bits, xy, w)
+    stop = end + VECTOR
+    place_run(
+        part(places, U, first, stop), part(places, V, first, stop), end - first,
+        (np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])),
+        (np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])), factors, pa,
+        (pb[0] - pa[0], pb[1] - pa[1], pc[0] - pa[0], pc[1] - pa[1]),
+    )  # fmt: skip
+
+
+@stage
+def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
+    """
+    Write the texture coordinates of each sample, which lies on its face, and its object.
+
+    Instead of weights and `texture_gradients.find_coordinates`, where nothing else reads weights.
+    """
+    whole, places = block.whole, block.places
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+            first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
+            corners = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+            column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+            if segment[KIND] != SPAN:
+                column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
+            place_patch(first, end, corners, column, row, places, uv, geometry)
+        owner = np.float64(segment[OWNER])
+        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+            places[OWNERS, n] = owner

@@ -1,0 +1,203 @@
+"""Coordinates straight from edge functions are exact to rounding, and pictures keep their bits."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import naive
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import texture_places
+from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.pipeline.surface.samples import (
+    COUNTS,
+    INTERVAL_COLUMN,
+    INTERVAL_ROW,
+    INTERVAL_START,
+    INTERVAL_STOP,
+    INTERVALS,
+    Block,
+)
+from rasterjit.pipeline.surface.texture_lookup import U, V
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.rendering import stage_list
+from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering.tiles import Region, RegionRenderer
+from rasterjit.runtime import threads
+from rasterjit.runtime.driver import StageList, Step
+from rasterjit.runtime.jit import stage
+from rasterjit.runtime.state import float64
+
+ROUNDINGS = Fraction(2) ** -48
+"""Error of a coordinate, as a share of the largest way between vertices."""
+
+
+@stage
+def take_places(block: Block, count, taken: float64[:, :, ::1]):
+    """Write the coordinates of a block to the pixels of its samples."""
+    for k in range(block.counts[INTERVALS]):
+        interval = block.intervals[k]
+        row, column = interval[INTERVAL_ROW], interval[INTERVAL_COLUMN]
+        start = interval[INTERVAL_START]
+        for n in range(interval[INTERVAL_STOP] - start):
+            taken[row, column + n, 0] = block.places[U, start + n]
+            taken[row, column + n, 1] = block.places[V, start + n]
+
+
+def place(points, w, uv, bits=8, face_id=None):
+    """Return where one triangle is seen, the coordinates there, and its snapped corners."""
+    size = 64, 64
+    positions = naive.clip_from_screen(points, size, 0.0, w)
+    faces = np.array([(0, 1, 2)], np.int32)
+    viewport, workers = viewport_of(size, bits), threads.Workers(1)
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    if face_id is None:
+        quality = rj.Quality(subpixel_bits=bits)
+        face_id = rj.rasterize(positions, faces, size, quality=quality, threads=1).face_id
+    geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
+    taken = np.full((*size, 2), np.nan)
+    listed = (
+        np.ascontiguousarray(face_id), 0, size[1], faces, np.array([0, 1]),
+        np.zeros(4, np.float32), 0, np.empty((size[1], 0, 4), np.float32),
+        np.empty((size[1], 0), np.uint32),
+    )  # fmt: skip
+    BLOCKS.block[:COUNTS] = 0
+    steps = [
+        Step(list_samples, listed), Step(texture_places.find_places, (np.float32(uv), geometry)),
+        Step(take_places, (taken,)),
+    ]  # fmt: skip
+    StageList(steps).run(BLOCKS.block, BLOCK)
+    return face_id, taken, screen.xy[:3].tolist()
+
+
+def check(points, w, uv, every, bits=8):
+    """Compare the coordinates of one triangle with exact ones; return how many."""
+    face_id, taken, corners = place(points, w, uv, bits)
+    values = [[Fraction(float(part)) for part in row] for row in np.float32(uv)]
+    samples = np.argwhere(face_id == 0)[::every]
+    for row, column in samples:
+        weights = oracle.perspective_weights(
+            corners, np.float64(w).tolist(), naive.centre(int(column), int(row), bits)
+        )
+        for k in range(2):
+            own = [value[k] for value in values]
+            want = sum(weight * part for weight, part in zip(weights, own, strict=True))
+            slack = ROUNDINGS * (max(own) - min(own)) + Fraction(2) ** -50 * max(map(abs, own))
+            assert abs(Fraction(float(taken[row, column, k])) - want) <= slack, (points, w, row)
+    return len(samples)
+
+
+def random_faces(count=45):
+    """Yield corners of faces, pixels, of all shapes, w, and coordinates: near and far from 0."""
+    rng = np.random.default_rng(11)
+    for n in range(count):
+        if n % 3 == 0:
+            points = rng.uniform(-30, 94, (3, 2))
+        elif n % 3 == 1:
+            start, way = rng.uniform(0, 64, 2), rng.normal(size=2) * rng.choice([30, 3000])
+            aside = np.array([-way[1], way[0]]) / np.hypot(*way)
+            points = np.array([start - way, start + way, start + aside * rng.uniform(0.3, 2)])
+        else:
+            points = rng.uniform(20, 40, 2) + rng.uniform(-3, 3, (3, 2))
+        w = 2.0 ** rng.integers(*((-3, 4), (-40, 41), (-90, 91))[n // 3 % 3], 3)
+        yield np.round(points * 256) / 256, w, rng.uniform(-1, 1, (3, 2)) * 10.0 ** (n % 5)
+
+
+def test_coordinates_are_exact_to_rounding():
+    assert sum(check(*own, every=29) for own in random_faces()) > 250
+
+
+@pytest.mark.parametrize("w", [(1.0, 0.25, 512.0), (2.0**-460, 2.0**-455, 2.0**-450)])
+def test_faces_beyond_float64_are_placed_by_exact_weights(w):
+    # Ways of more than 2**26 units, whose products float64 rounds; w whose products underflow.
+    wide = [(-8180.0, 31.25), (8240.0, 32.0 + 2.0**-12), (8240.0, 60.0)]
+    plain = [(-7.5, -3.25), (71.0, 20.5), (10.25, 90.0)]
+    uv = [(0.5, -3.0), (7.0, 0.25), (2.0, 9.0)]
+    points, bits = (wide, 12) if w[0] == 1.0 else (plain, 8)
+    assert check(points, np.array(w), uv, every=7, bits=bits) > 20
+
+
+def test_where_a_run_is_cut_changes_no_bit():
+    # In a span, beside it, in half a group, and alone.
+    points, w = [(-7.5, -3.25), (71.0, 20.5), (10.25, 90.0)], 2.0 ** np.array([0, 5, -2])
+    uv = [(0.5, -3.0), (7.0, 0.25), (2.0, 9.0)]
+    face_id, whole, _ = place(points, w, uv)
+    for step in (2, 3, 5, 17, 40):
+        some = np.where(np.arange(64) % step < step - 1, face_id, np.int32(-1))
+        _, taken, _ = place(points, w, uv, face_id=some)
+        shown = some >= 0
+        assert shown.sum() > 500
+        assert taken[shown].tobytes() == whole[shown].tobytes()
+
+
+def ground(filter="bilinear", shading="unlit", squares=12, side=64, repeats=300.0, **options):
+    """Return a scene of a bumpy textured mesh, its texture black and white, often repeated."""
+    rng = np.random.default_rng(5)
+    z, x = np.mgrid[0 : squares + 1, 0 : squares + 1] / squares * 4.0 - 2.0
+    first = (np.arange(squares)[:, np.newaxis] * (squares + 1) + np.arange(squares)).ravel()
+    above = first + squares + 1
+    faces = np.concatenate(
+        [np.stack([first, above + 1, first + 1], 1), np.stack([first, above, above + 1], 1)]
+    )
+    points = np.stack([x, 0.2 * np.sin(5 * x) * np.cos(4 * z), z], -1).reshape(-1, 3)
+    image = rng.integers(0, 2, (side, side, 3), np.uint8) * np.uint8(255)
+    material = rj.Material(
+        shading=shading, base_color_texture=rj.Texture(image, filter=filter, wrap="mirror")
+    )
+    scene = rj.Scene()
+    uv = points[:, [0, 2]] * repeats
+    scene.add(rj.Mesh(points, faces, uv=uv, material=material, **options))
+    return scene
+
+
+# From inside, so that some faces cross the near plane, and w differs much.
+CAMERA = rj.PerspectiveCamera((0.1, 0.35, 1.9), (0.0, 0.0, 0.0), near=0.3)
+
+
+@pytest.mark.parametrize("filter", ["nearest", "bilinear"])
+@pytest.mark.parametrize("side", [3, 2048])
+@pytest.mark.parametrize("squares", [3, 40])
+def test_pictures_are_those_by_weights(monkeypatch, squares, side, filter):
+    scene = ground(filter, squares=squares, side=side)
+    outputs = "color", "linear"
+    quick = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
+    monkeypatch.setattr(stage_list, "reads_places_alone", lambda *_: False)
+    slow = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
+    assert np.ptp(slow.color[..., 0]) > 100
+    # Positions are rounded to 2**-24 texel: hardly any rounds otherwise.
+    assert (quick.color != slow.color).sum() <= 2
+    assert (quick.linear != slow.linear).sum() <= 20
+
+
+def test_regions_and_threads_change_no_bit():
+    scene, size = ground(squares=5), (200, 150)
+    whole = rj.render(scene, CAMERA, size=size, outputs=("linear",), threads=1).linear
+    three = rj.render(scene, CAMERA, size=size, outputs=("linear",), threads=3).linear
+    assert three.tobytes() == whole.tobytes()
+    with RegionRenderer(scene, CAMERA, size=size, outputs=("linear",)) as renderer:
+        part = renderer.render_region(Region(64, 64, 101, 83)).linear
+    assert part.tobytes() == np.ascontiguousarray(whole[64:147, 64:165]).tobytes()
+
+
+def is_quick(scene, **quality):
+    plan = rj.explain(scene, CAMERA, rj.Quality(**quality), size=(64, 48))
+    names = {told.name for told in list_stages(plan)}
+    by_weights = {"weights.find_weights", "texture_gradients.find_coordinates"}
+    assert by_weights <= names or not by_weights & names
+    return "texture_places.find_places" in names and not by_weights & names
+
+
+def test_who_takes_no_weights():
+    colors = np.full((169, 3), 0.5)
+    assert is_quick(ground())
+    assert is_quick(ground("nearest"), samples=64)
+    assert not is_quick(ground("trilinear"))
+    assert not is_quick(ground(), samples=4)
+    assert not is_quick(ground(shading="phong"))
+    assert not is_quick(ground(colors=colors))
