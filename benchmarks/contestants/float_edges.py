@@ -9,6 +9,7 @@ spelling of a face shows. Transform, snapping, tile lists and tile depths are Ra
 
 from __future__ import annotations
 
+import functools
 import inspect
 from importlib.util import find_spec
 from types import FunctionType, ModuleType, SimpleNamespace
@@ -283,6 +284,8 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
         again.__module__ = __name__
         if isinstance(compiled, Helper):
             again = Helper(again, compiled.is_disjoint)
+        elif hasattr(compiled, "cache_parameters"):
+            again = functools.cache(again)
         elif not isinstance(compiled, FunctionType):
             again = type(compiled)(again)
         names[name] = again
