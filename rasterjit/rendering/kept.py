@@ -13,7 +13,6 @@ import threading
 import weakref
 from typing import Any
 
-from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.plan import RenderPlan
@@ -23,7 +22,7 @@ MOST_BYTES = 1 << 29
 pictures."""
 
 MOST_KEPT = 1 << 26
-"""Memory of all scenes that is kept between calls, at most, bytes."""
+"""Memory to draw in that is kept between calls, of all scenes, at most, bytes."""
 
 MOST_KINDS = 8
 """Most kinds of plans that are kept."""
@@ -137,14 +136,14 @@ class Shelf:
         self._lock = threading.RLock()
 
     def take(self, what: Any) -> Kept | None:
-        """Return what is kept of a scene or mesh, which nobody else has then."""
+        """Return what is kept of a scene, which nobody else has then."""
         with self._lock:
             of, kept = self._kept.pop(id(what), (None, None))
             return kept if of is not None and of() is what else None
 
     def put(self, what: Any, kept: Kept) -> None:
-        """Keep what was prepared for a scene or mesh; of other things nothing is kept."""
-        if not isinstance(what, (Scene, Mesh)) or kept.bytes > MOST_KEPT:
+        """Keep what was prepared for a scene; a mesh would be kept alive by it."""
+        if not isinstance(what, Scene) or kept.bytes > MOST_KEPT:
             return
         number = id(what)
 

@@ -229,6 +229,10 @@ def draw_frame(
     """
     plan, cache, views, _ = planned
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
+    arrays = cache.shapes.arrays
+    if kept is not None and max(len(arrays.faces), len(arrays.positions)) > MOST_KEPT:
+        kept.clear()
+        kept = None
 
     def find(picture: RenderPlan, views: Views | None = None, **options: Any) -> Seen:
         if before_picture is not None:
@@ -299,8 +303,7 @@ def find_visible(
         What is kept besides what the plan asks for, as ``pipeline.visibility.draw`` takes it.
     """
     camera, arrays = plan.camera, cache.shapes.arrays
-    if kept is None or max(len(arrays.faces), len(arrays.positions)) > MOST_KEPT:
-        kept = Kept(workers.memory, lasts=False)
+    kept = kept or Kept(workers.memory, lasts=False)
     if views is None:
         views = placing.view_places(cache.places, camera, plan.size)
     spacing = supersample.spacing_of(camera)
@@ -682,6 +685,10 @@ class Renderer(Guarded):
             return draw_frame(planned, self._workers, *arguments, **options)[0]
         try:
             return draw_frame(planned, self._workers, *arguments, kept=self._kept, **options)[0]
+        except BaseException:
+            # A thread may still draw there.
+            self._kept.clear()
+            raise
         finally:
             self._keeping.release()
 

@@ -410,7 +410,7 @@ class Shading:
     """
     The stages that shade the faces of a frame, with all that they read.
 
-    One is made for each frame. It shades any image of face numbers, in several threads at once.
+    It shades any image of face numbers, in several threads at once.
 
     Parameters
     ----------

@@ -103,7 +103,9 @@ class Extents:
                 places = list(map(operator.add, origin, middle))
                 lows.append(tuple(map(operator.sub, places, half)))
                 highs.append(tuple(map(operator.add, places, half)))
-        return list(map(min, *lows)), list(map(max, *highs))
+        return [min(ends) for ends in zip(*lows, strict=True)], [
+            max(ends) for ends in zip(*highs, strict=True)
+        ]
 
     @cached_property
     def boxes(self) -> list[tuple[list[float], list[float], list[float]]]:

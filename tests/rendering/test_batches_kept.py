@@ -142,11 +142,13 @@ def test_what_is_the_same_is_prepared_once(scene, made):
 
 
 @in_groups
-def test_a_lone_mesh_is_prepared_once(made):
+def test_a_lone_mesh_is_not_kept(shelf):
     mesh = rj.load(MODELS / "torus_knot.obj").nodes[0].mesh
-    for _ in range(3):
-        rj.render_batch(mesh, around(2, 12.0), size=SIZE, threads=1)
-    assert len(made) == 1
+    rj.render_batch(mesh, around(2, 12.0), size=SIZE, threads=1)
+    assert not shelf._kept
+    mesh = weakref.ref(mesh)
+    gc.collect()
+    assert mesh() is None
 
 
 @in_groups

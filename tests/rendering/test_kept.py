@@ -276,7 +276,20 @@ def test_large_scenes_leave_nothing(scene, monkeypatch):
         for number in range(3):
             frame = renderer.render(scene, around(number))
             assert bits(frame) == bits(alone(renderer, scene, around(number)))
+            assert not renderer._kept._made
     assert len(screens) == 6
+
+
+def test_an_error_leaves_nothing(scene):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.render(scene, around(1))
+        assert renderer._kept._made
+        renderer.before_picture = lambda: 1 / 0
+        with pytest.raises(ZeroDivisionError):
+            renderer.render(scene, around(2))
+        assert not renderer._kept._made
+        renderer.before_picture = None
+        assert bits(renderer.render(scene, around(2))) == bits(alone(renderer, scene, around(2)))
 
 
 def test_close_lets_go_of_what_is_kept(scene):

@@ -489,3 +489,16 @@ def test_renderer_draws_on_in_a_forked_process(busy, camera):
             time.sleep(0.01)
         assert done[1] == 0
         assert renderer.render(busy, camera).color.tobytes() == before
+
+
+@pytest.mark.parametrize("count", [1, 3, 12])
+def test_a_scene_without_a_finite_face_shows_the_background(camera, count):
+    scene = rj.Scene()
+    for _ in range(count):
+        scene.add(rj.Mesh(np.full((3, 3), np.nan), [[0, 1, 2]], on_invalid="drop"))
+    with pytest.warns(rj.ViewWarning):
+        frame = rj.render(scene, camera, size=SIZE, background=(1.0, 0.0, 0.0))
+    assert (frame.color == (255, 0, 0, 255)).all()
+    with pytest.warns(rj.ViewWarning):
+        batch = rj.render_batch(scene, [camera], size=SIZE, background=(1.0, 0.0, 0.0))
+    assert (batch.color == frame.color).all()
