@@ -90,9 +90,9 @@ def render_batch(
     threads. Opaque faces of one sample a pixel are drawn in machine code from view to view; views
     with shadows, fog, holes, transparency, overlays or several samples one by one, as `render`
     draws them, in about its time. Memory beyond the result does not grow with the number of views.
-    What is prepared is kept with a `Scene`, and used again by the next call as far
-    as scene and arguments are the same. Ctrl-C ends it when the views are done that threads are
-    just drawing. There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
+    What is prepared is kept with a `Scene`, and used again by the next call as far as scene and
+    arguments are the same. Ctrl-C ends it when the views are done that threads are just drawing.
+    There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
 
     Parameters
     ----------

@@ -103,9 +103,8 @@ class Extents:
                 places = list(map(operator.add, origin, middle))
                 lows.append(tuple(map(operator.sub, places, half)))
                 highs.append(tuple(map(operator.add, places, half)))
-        return [min(ends) for ends in zip(*lows, strict=True)], [
-            max(ends) for ends in zip(*highs, strict=True)
-        ]
+        least, most = zip(*lows, strict=True), zip(*highs, strict=True)
+        return list(map(min, least)), list(map(max, most))
 
     @cached_property
     def boxes(self) -> list[tuple[list[float], list[float], list[float]]]:
