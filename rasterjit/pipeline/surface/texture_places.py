@@ -21,7 +21,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
+from rasterjit.pipeline.geometry.barycentric import (
+    clipped_weights,
+    interpolate,
+    normalized,
+    sample_weights,
+)
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface.float32_weights import is_wide
@@ -50,7 +55,7 @@ from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.surface.textures import vertex_place
 from rasterjit.pipeline.surface.weights import span_start
 from rasterjit.runtime.intrinsics import part, place_run
-from rasterjit.runtime.jit import helper, stage
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
 LEAST_FACTOR, LARGEST_FACTOR = 2.0**-900, 2.0**900
@@ -84,6 +89,22 @@ def place_exactly(first, end, corners, ends, column, row, places, geometry):
         places[V, n] = interpolate(exact, ends[0][1], ends[1][1], ends[2][1])
 
 
+@disjoint_helper
+def place_clipped(u, v, corners, ends, column, row, clip, viewport):
+    """
+    Do what `place_exactly` does, for a face that was clipped.
+
+    Without branches or calls between samples, so that it vectorizes.
+    """
+    a, b, c = corners
+    pa, pb, pc = ends
+    for n in range(u.shape[0]):
+        w0, w1, w2 = clipped_weights(a, b, c, column + np.int64(n), row, clip, viewport)
+        weights = normalized(w0, w1, w2)
+        u[n] = interpolate(weights, pa[0], pb[0], pc[0])
+        v[n] = interpolate(weights, pa[1], pb[1], pc[1])
+
+
 @helper
 def place_patch(first, end, corners, column, row, places, uv, geometry):
     """Write the coordinates of the samples of a patch, the first of which is at a pixel."""
@@ -92,7 +113,13 @@ def place_patch(first, end, corners, column, row, places, uv, geometry):
     pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
     factors = factors_of(a, b, c, w)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
-    if is_clipped or is_wide(a, b, c, xy) or not are_accurate(factors):
+    if is_clipped:
+        place_clipped(
+            part(places, U, first, end), part(places, V, first, end), corners, (pa, pb, pc), column,
+            row, geometry.clip_positions, geometry.viewport,
+        )  # fmt: skip
+        return
+    if is_wide(a, b, c, xy) or not are_accurate(factors):
         place_exactly(first, end, corners, (pa, pb, pc), column, row, places, geometry)
         return
     edges, steps, _, _ = span_start(a, b, c, column, row, bits, xy, w)
