@@ -129,6 +129,7 @@ class Pictures:
         quality = rj.Quality(**settings)
         self._renderer = rj.Renderer(scene.size, quality=quality, threads=threads)
         self._size, self._quality, self._threads = scene.size, quality, threads
+        self._together: dict[str, NDArray[Any]] = {}
 
     def draw(self) -> None:
         """Render every view; a frame's arrays are NumPy's, so that it is read back as well."""
@@ -144,14 +145,17 @@ class Pictures:
         self._picture, self._stats = getattr(frame, self._output), frame.stats
 
     def draw_batch(self, numbers: Sequence[int]) -> None:
-        """Draw some views together."""
+        """Draw some views together, into the arrays of as many before, as peers reuse theirs."""
         import rasterjit as rj
 
-        rj.render_batch(
+        out = self._together
+        if out and len(out[self._output]) != len(numbers):
+            out = {}
+        self._together = rj.render_batch(
             self._scene, [self._cameras[number] for number in numbers], size=self._size,
             outputs=(self._output,), quality=self._quality, background="transparent",
-            cull=self._cull, threads=self._threads,
-        )  # fmt: skip
+            cull=self._cull, out=out, threads=self._threads,
+        ).arrays()  # fmt: skip
 
     def stages(self) -> dict[str, float]:
         """Return the seconds of each stage of the last picture."""

@@ -98,7 +98,11 @@ def choose(
     *,
     with_slivers: bool = False,
 ) -> list[Cell]:
-    """Return the cells, those of one mesh together, so that it is made once."""
+    """
+    Return the cells, those of one mesh together, so that it is made once.
+
+    Slivers come first: they have marks of their own, and a map may end before its last cells.
+    """
     found = [
         Cell(family, count, look, size)
         for family in families
@@ -106,7 +110,7 @@ def choose(
         for look in looks
         for size in sizes
     ]
-    return found + [SLIVERS] * with_slivers
+    return [SLIVERS] * with_slivers + found
 
 
 def faces_text(count: int) -> str:

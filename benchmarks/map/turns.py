@@ -48,8 +48,9 @@ WARM_SECONDS = 0.05
 """Who needs longer for a picture is not warmed up."""
 SLOW_SECONDS = 0.2
 """Who took longer for a picture, as all prepared theirs, is not asked alone how long it takes."""
-BATCH_VIEWS = 128
-"""Of ``render_batch``: views drawn together in a round."""
+BATCH_VIEWS, LEAST_BATCH_VIEWS, BATCH_PIXELS = 128, 8, 1 << 23
+"""Of ``render_batch``: most and fewest views drawn together in a round, and about how many pixels
+in between, 32 MiB of colours."""
 COMPARED_VIEW = 1
 SMALL_MS = 1.0
 """A cell whose faster peer takes less is judged by overhead, and by many views together."""
@@ -175,7 +176,7 @@ def measure(
                 firsts[number] = who.ask("draw", [0, 1, False])["seconds"][0]
     firsts = {number: first for number, first in firsts.items() if pairs[number][0].missing is None}
     if firsts:
-        take_turns(pairs, firsts, seconds, end)
+        take_turns(cell, pairs, firsts, seconds, end)
     check_pictures(cell, pairs)
     return Measured(cell, runs)
 
@@ -193,7 +194,13 @@ def measure_safely(
         return Measured(cell, [Run(*astuple(who.seat), missing=reason) for who in present])
 
 
+def batch_views(size: tuple[int, int]) -> int:
+    """Return how many views of a size, pixels, ``render_batch`` draws together in a round."""
+    return max(LEAST_BATCH_VIEWS, min(BATCH_VIEWS, BATCH_PIXELS // (size[0] * size[1])))
+
+
 def take_turns(
+    cell: Cell,
     pairs: Sequence[tuple[Run, Participant]],
     firsts: dict[int, float],
     seconds: float,
@@ -204,7 +211,7 @@ def take_turns(
     peers = [first for n, first in firsts.items() if pairs[n][0].contestant != OWN]
     is_small = bool(peers) and 1e3 * min(peers) < NEARLY * SMALL_MS
     order, turn, took = list(firsts), 0, 0.0
-    usual_end = min(time.monotonic() + seconds, end)
+    usual_end, views = min(time.monotonic() + seconds, end), batch_views(cell.size)
     while needs_round(turn, took, usual_end, end):
         began = time.monotonic()
         for number in order[turn % len(order) :] + order[: turn % len(order)]:
@@ -218,9 +225,9 @@ def take_turns(
                 for name, value in done["stages"].items():
                     run.stages[name] = run.stages.get(name, 0.0) + 1e3 * value
                 if is_small and run.contestant == OWN:
-                    together = who.ask("batch", BATCH_VIEWS)
+                    together = who.ask("batch", views)
                     if together:
-                        run.batch_ms.append(1e3 * together["seconds"] / BATCH_VIEWS)
+                        run.batch_ms.append(1e3 * together["seconds"] / views)
         turn, took = turn + 1, time.monotonic() - began
     for run, _ in pairs:
         run.stages = {name: value / (turn * count) for name, value in run.stages.items()}

@@ -59,7 +59,7 @@ def found_marks(*each):
 def test_the_whole_map_has_every_size_number_of_faces_look_and_family_once():
     found = command.choose((), (), (), ())
     assert len(found) == len(set(found)) == 6 * 7 * 3 * 3 + 1
-    assert found[-1] == cells.SLIVERS
+    assert found[0] == cells.SLIVERS
     assert {cell.size for cell in found} == set(cells.SIZES)
 
 
@@ -257,6 +257,29 @@ def test_where_the_faster_peer_is_quick_views_are_drawn_together_as_well():
     own, peer = FakeParticipant("rasterjit", 0.002), FakeParticipant("opengl", 0.0005)
     run, _ = turns.measure(cell_of(), [own, peer], 1.0).runs
     assert run.batch_ms == [pytest.approx(0.5)] * len(run.ms)
+
+
+@pytest.mark.parametrize(
+    ("size", "views"),
+    [((64, 64), 128), ((256, 256), 128), ((512, 512), 32), ((1280, 720), 9), ((8192, 8192), 8)],
+)
+def test_views_drawn_together_are_fewer_where_their_pictures_take_much_memory(size, views):
+    assert turns.batch_views(size) == views
+
+
+def test_views_drawn_together_are_written_to_the_arrays_of_those_before():
+    scene = families.make_scene("boxes", 200, "colors", (32, 16))
+    prepared = contestants.contestant("rasterjit").prepare(scene, 1)
+    prepared.draw_batch([0, 1])
+    first = prepared._together["color"]
+    kept = first.copy()
+    prepared.draw_batch([1, 0])
+    assert prepared._together["color"] is first
+    np.testing.assert_array_equal(first, kept[::-1])
+    assert (kept[0] != kept[1]).any()
+    prepared.draw_batch([0, 1, 0])
+    np.testing.assert_array_equal(prepared._together["color"], kept[[0, 1, 0]])
+    prepared.close()
 
 
 @pytest.mark.parametrize(
