@@ -3,7 +3,9 @@
 
 Each figure is a fresh process, from starting it to its end. RasterJIT runs from this clone, from a
 platform wheel and from another version, if these are given; F3D, PyVista, moderngl and Panda3D by
-the programs in ``starters/``. All draw the same teapot from the same place, in turns.
+the programs in ``starters/``. All draw the same teapot from the same place, in turns. With
+``--install``, the time from ``pip install`` to a first picture is measured as well, in environments
+made for it, from packages that were downloaded before.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +42,14 @@ VIEW = {
     "fov_y": 40.0,
 }  # fmt: skip
 
-IMPORT, API, COMMAND = "import", "API", "command"
+IMPORT, API, COMMAND, INSTALL = "import", "API", "command", "install"
 PARTS = (IMPORT, API, COMMAND)
+"""Measured in each round; an installation is measured once."""
 
 MESA_CACHE = "MESA_SHADER_CACHE_DIR"
 """Where OpenGL keeps compiled shaders."""
+NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"
+"""With it a clone would be compiled to bytecode in each process, what pip installs would not."""
 LONGEST_SECONDS = 300.0
 ALIKE = 0.97
 """Share of pixels that programs with the same camera cover or leave empty alike."""
@@ -52,7 +57,8 @@ SHOWN = (0.02, 0.9)
 """Shares of a command's picture, whose camera may be its own, that show something."""
 
 COLUMNS = (
-    "who", "import, s", "API, s", "command, s", "first API, s", "first command, s", "remarks",
+    "who", "import, s", "API, s", "command, s", "first API, s", "first command, s",
+    "pip install and API, s", "remarks",
 )  # fmt: skip
 
 progress = Console(stderr=True)
@@ -74,6 +80,8 @@ class Starter:
     environment: dict[str, str] = field(default_factory=dict)
     has_camera: bool = False
     """Whether the command line is told the camera."""
+    packages: tuple[str, ...] = ()
+    """What pip installs for its program; empty: it is not measured."""
 
     def line(self, part: str, picture: Path) -> list[str] | None:
         """Return the command line of a part; ``None`` if there is none."""
@@ -146,6 +154,12 @@ PEERS: dict[str, tuple[str, str, Callable[[str, str], list[str] | None] | None, 
 }
 """By key, also of ``--python`` and of the file in ``starters/``: name, module, command, camera."""
 
+PACKAGES = {
+    "f3d": ("f3d",), "pyvista": ("pyvista",), "moderngl": ("moderngl", "numpy", "pillow"),
+    "panda3d": ("panda3d",),
+}  # fmt: skip
+"""What pip installs for the program of a peer."""
+
 
 class Environment(click.ParamType):
     """A peer and the interpreter of the environment that it is installed in."""
@@ -183,12 +197,18 @@ class Environment(click.ParamType):
 )  # fmt: skip
 @click.option("--against", metavar="COMMIT", help="A commit, which is measured as well.")
 @click.option(
+    "--install",
+    is_flag=True,
+    help="Measure once, too, what the wheel and the peers take from pip install, in a new "
+    "environment, to a first picture.",
+)
+@click.option(
     "--results", default=RESULT, show_default=False, help="The file of results.",
     type=click.Path(dir_okay=False, path_type=Path),
 )  # fmt: skip
 def startup(
     rounds: int, pythons: tuple[tuple[str, str], ...], wheel: Path | None, against: str | None,
-    results: Path,
+    install: bool, results: Path,
 ) -> None:  # fmt: skip
     """Measure fresh processes: an import, and a first picture by API and by command line."""
     with ExitStack() as stack:
@@ -198,6 +218,8 @@ def startup(
         except RevisionError as error:
             raise click.BadParameter(str(error), param_hint="--against") from error
         found = measure(starters, rounds, folder)
+        if install:
+            measure_installing(starters, found, folder)
     rows = [row_of(each) for each in found]
     report.print_table("From starting a process to its end", COLUMNS, rows)
     for name, reason in left_out.items():
@@ -244,7 +266,8 @@ def entrants(
             left_out["RasterJIT, wheel"] = f"pip failed: {last_line(error.stderr)}"
         else:
             name = f"RasterJIT, {wheel.name}"
-            found.append(Starter(name, python, "rasterjit", own, render_line, {}, True))
+            packages = (str(wheel.resolve()),)
+            found.append(Starter(name, python, "rasterjit", own, render_line, {}, True, packages))
     for key, (name, module, command, has_camera) in PEERS.items():
         python = pythons.get(key, sys.executable)
         if not is_installed(python, module):
@@ -255,7 +278,10 @@ def entrants(
             continue
         software = {"LIBGL_ALWAYS_SOFTWARE": "true"}
         program = STARTERS / f"{key}_.py"
-        found.append(Starter(name, python, module, program, command, software, has_camera))
+        packages = PACKAGES[key]
+        found.append(
+            Starter(name, python, module, program, command, software, has_camera, packages)
+        )
     return found, left_out
 
 
@@ -265,16 +291,57 @@ def newest_wheel(folder: Path) -> Path | None:
     return max(wheels, key=lambda path: path.stat().st_mtime, default=None)
 
 
+def new_environment(place: Path) -> str:
+    """Make an environment; return its interpreter."""
+    subprocess.run(
+        [sys.executable, "-m", "venv", str(place)], check=True, capture_output=True, text=True
+    )
+    return str(place / ("Scripts/python.exe" if os.name == "nt" else "bin/python"))
+
+
 def installed(wheel: Path, place: Path) -> str:
     """Install a wheel in a new environment, as users do; return its interpreter."""
     progress.print(f"installing {wheel.name} ...")
-    python = place / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    for line in (
-        [sys.executable, "-m", "venv", str(place)],
-        [str(python), "-m", "pip", "install", "-q", str(wheel)],
-    ):
-        subprocess.run(line, check=True, capture_output=True, text=True)
-    return str(python)
+    python = new_environment(place)
+    run_pip(python, "install", str(wheel))
+    return python
+
+
+def run_pip(python: str, *arguments: str) -> None:
+    """Run pip; raise `subprocess.CalledProcessError` with what it says if it fails."""
+    # Bytecode belongs to an installation.
+    kept = {name: text for name, text in os.environ.items() if name != NO_BYTECODE}
+    subprocess.run(
+        [python, "-m", "pip", "-q", "--disable-pip-version-check", *arguments],
+        check=True, capture_output=True, text=True, env=kept,
+    )  # fmt: skip
+
+
+def measure_installing(starters: Sequence[Starter], found: Sequence[Found], folder: Path) -> None:
+    """
+    Time each program once from ``pip install`` to its picture, in a new environment.
+
+    What pip installs is downloaded before: networks differ.
+    """
+    for place, (starter, each) in enumerate(zip(starters, found, strict=True)):
+        if not starter.packages or starter.program is None:
+            continue
+        progress.print(f"installing for {starter.name} ...")
+        downloads, picture = folder / f"{place}-downloads", folder / f"{place}-installed.png"
+        try:
+            python = new_environment(folder / f"{place}-environment")
+            run_pip(python, "download", "-d", str(downloads), *starter.packages)
+            line = replace(starter, python=python).line(API, picture)
+            started = time.perf_counter()
+            run_pip(
+                python, "install", "--no-index", "--find-links", str(downloads), *starter.packages
+            )
+            took = time.perf_counter() - started
+            each.first[INSTALL] = took + time_line(line or [], starter, folder / f"{place}-new")[0]
+            check(picture, [], has_camera=False)
+        except (OSError, subprocess.SubprocessError, ValueError) as error:
+            each.first.pop(INSTALL, None)
+            each.remarks[INSTALL] = why(error)
 
 
 def is_installed(python: str, module: str) -> bool:
@@ -320,6 +387,7 @@ def time_line(line: Sequence[str], starter: Starter, cache: Path) -> tuple[float
     cache.mkdir(exist_ok=True)
     caches = dict.fromkeys((*CACHES, MESA_CACHE), str(cache))
     environment = {**os.environ, **starter.environment, **caches}
+    environment.pop(NO_BYTECODE, None)
     if not starter.environment.get("PYTHONPATH"):
         environment.pop("PYTHONPATH", None)
     started, processor = time.perf_counter(), children_seconds()
@@ -371,6 +439,9 @@ def row_of(found: Found) -> list[str]:
     """Return a starter's row of the table."""
     return [
         found.name, *map(found.median, PARTS),
-        *(f"{found.first[part]:.2f}" if part in found.first else "" for part in (API, COMMAND)),
+        *(
+            f"{found.first[part]:.2f}" if part in found.first else ""
+            for part in (API, COMMAND, INSTALL)
+        ),
         "; ".join(f"{part}: {remark}" for part, remark in found.remarks.items()),
     ]  # fmt: skip

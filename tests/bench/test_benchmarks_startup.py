@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +54,7 @@ def test_each_part_is_timed_in_as_many_processes_as_rounds_after_the_first(tmp_p
     assert not found[1].remarks
     row = starting.row_of(found[1])
     assert len(row) == len(starting.COLUMNS)
-    assert row[3] == row[5] == row[6] == ""
+    assert row[3] == row[5] == row[6] == row[7] == ""
     assert float(row[2]) > 0.0
 
 
@@ -194,3 +195,38 @@ def test_the_programs_of_all_that_are_here_draw_the_same_teapot(tmp_path):
     found, _ = starting.entrants(tmp_path, None, {}, None, None)
     for each in starting.measure(found, 1, tmp_path):
         assert not each.remarks, each
+
+
+def test_an_installation_counts_from_pip_to_the_picture_and_only_where_packages_are_named(
+    monkeypatch, tmp_path
+):
+    """Pip is replaced: it notes what it is asked for, and takes a second to install."""
+    asked = []
+
+    def pip(python, action, *arguments):
+        asked.append((action, arguments[-1]))
+        if action == "install":
+            assert arguments[:2] == ("--no-index", "--find-links")
+            time.sleep(1.0)
+
+    monkeypatch.setattr(starting, "run_pip", pip)
+    monkeypatch.setattr(starting, "new_environment", lambda place: sys.executable)
+    with_packages = drawer(tmp_path, "one", packages=("thing",))
+    fails = drawer(tmp_path, "fails", packages=("other",))
+    fails.program.write_text("raise OSError('no display')")
+    starters = [drawer(tmp_path, "none"), with_packages, fails]
+    found = [starting.Found(starter.name) for starter in starters]
+    starting.measure_installing(starters, found, tmp_path)
+    assert asked == [
+        (action, name) for name in ("thing", "other") for action in ("download", "install")
+    ]
+    assert [each.first.get("install", 0.0) > 1.0 for each in found] == [False, True, False]
+    assert found[2].remarks == {"install": "failed: OSError: no display"}
+    assert float(starting.row_of(found[1])[6]) > 1.0
+
+
+def test_processes_may_write_bytecode_whatever_the_shell_says(monkeypatch, tmp_path):
+    monkeypatch.setenv(starting.NO_BYTECODE, "1")
+    code = f"import os, sys; sys.exit({starting.NO_BYTECODE!r} in os.environ)"
+    alone = starting.Starter("Python alone", sys.executable, "")
+    starting.time_line([sys.executable, "-c", code], alone, tmp_path)
