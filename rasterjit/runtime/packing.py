@@ -23,7 +23,7 @@ DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = 0, 8, 16, 24, 40, 48
 """Where, behind its header, an array keeps address, axes, lengths, strides, description, flags."""
 
 KIND = 8
-"""Where a description keeps four characters, the third its byte order; behind, the type's number."""
+"""Where a description keeps four characters, the third its byte order, then its type number."""
 
 LAYOUT = object.__basicsize__, tuple.__basicsize__
 """

@@ -42,7 +42,7 @@ LINKING = ("create_lljit_compiler", "JITLibraryBuilder")
 REINSTALL = "pip install --force-reinstall --no-deps rasterjit"
 
 
-class Unfit(ValueError):
+class UnfitError(ValueError):
     """Shipped code that cannot be used; the message names the file and says why."""
 
 
@@ -74,15 +74,15 @@ class Pack(NamedTuple):
 
         Raises
         ------
-        Unfit
+        UnfitError
             The form is not in the file, or damaged.
         """
         place = self.forms.get(name)
         if place is None:
-            raise Unfit(f"{self.path} has no {name}: it was made from other sources")
+            raise UnfitError(f"{self.path} has no {name}: it was made from other sources")
         code = self.content[place.first : place.first + place.size]
         if hashlib.sha256(code).hexdigest() != place.checksum:
-            raise Unfit(f"{self.path} is damaged: {name}")
+            raise UnfitError(f"{self.path} is damaged: {name}")
         return place.returns, code
 
     def damaged(self) -> list[str]:
@@ -91,7 +91,7 @@ class Pack(NamedTuple):
         for name in sorted(self.forms):
             try:
                 self.code(name)
-            except Unfit:
+            except UnfitError:
                 found.append(name)
         return found
 
@@ -132,18 +132,18 @@ def read(path: Path) -> Pack:
 
     Raises
     ------
-    Unfit
+    UnfitError
         It is damaged, or another's.
     OSError
         It cannot be read, or is missing.
     """
     content = path.read_bytes()
     if not content.startswith(MAGIC) or len(content) < TABLE:
-        raise Unfit(f"{path} is damaged: it is no file of machine code")
+        raise UnfitError(f"{path} is damaged: it is no file of machine code")
     (length,) = LENGTH.unpack(content[TABLE - LENGTH.size : TABLE])
     table, start = content[TABLE : TABLE + length], TABLE + length
     if _checksum(path.name, table) != content[len(MAGIC) : len(MAGIC) + SUM]:
-        raise Unfit(f"{path} is damaged: its table")
+        raise UnfitError(f"{path} is damaged: its table")
     (triple, cpu, features, made_with), *lines = (
         line.split("\t") for line in table.decode().split("\n")
     )
@@ -176,7 +176,7 @@ def found() -> Found:
         return Found(None, f"{path} is of no use: {problem}")
     try:
         pack = read(path)
-    except Unfit as error:
+    except UnfitError as error:
         return Found(None, str(error))
     except OSError as error:
         return Found(None, f"{path}: {error.strerror or error}")

@@ -514,7 +514,7 @@ def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:
         name = name_of(kernel, kind, pack.target)
         try:
             return (name, *pack.code(name))
-        except shipped.Unfit as error:
+        except shipped.UnfitError as error:
             problem = str(error)
     if problem is not None:
         _say_unfit(problem)

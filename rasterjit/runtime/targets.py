@@ -49,9 +49,11 @@ class Platform(NamedTuple):
         return [Target(self.triple, level.cpu, level.features) for level in self.levels]
 
 
-X86_64_V2 = frozenset("cx16 popcnt sahf sse3 sse4.1 sse4.2 ssse3".split())
-X86_64_V3 = X86_64_V2 | frozenset("avx avx2 bmi bmi2 f16c fma lzcnt movbe xsave".split())
-X86_64_V4 = X86_64_V3 | frozenset("avx512bw avx512cd avx512dq avx512f avx512vl".split())
+X86_64_V2 = frozenset(["cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"])
+X86_64_V3 = X86_64_V2 | frozenset(
+    ["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]
+)
+X86_64_V4 = X86_64_V3 | frozenset(["avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"])
 
 PLATFORMS = {
     "x86_64": Platform(
