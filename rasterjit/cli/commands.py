@@ -510,12 +510,17 @@ def accuracy(
 @debug_option
 def warmup(quiet: bool) -> None:
     """Compile all kernels now (about a minute), so that no later run has to."""
-    from rasterjit.cli.warmup import compile_all
-    from rasterjit.runtime import jit, store
+    from rasterjit.cli.warmup import compile_all, lacking
+    from rasterjit.runtime import jit, shipped, store
 
     if jit.DISABLED or jit.CHECKED:
         variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
         raise click.ClickException(f"nothing to compile: {variable} is set")
+    pack = shipped.found().pack
+    if pack is not None and not lacking():
+        if not quiet:
+            click.echo(f"nothing to compile: code for {pack.target.cpu} came with the installation")
+        return
     folder = store.folder()
     if folder is None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")

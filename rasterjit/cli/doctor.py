@@ -17,7 +17,7 @@ from rasterjit.io.meshes import FORMATS_EXTRA
 from rasterjit.outputs.table import OUTPUTS
 from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import render
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import jit, shipped, store
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
@@ -76,6 +76,7 @@ def examine() -> Iterator[Finding]:
     for check in CHECKS:
         yield _checked(check)
     yield _kernels()
+    yield from _shipped()
     yield from _store()
 
 
@@ -117,11 +118,31 @@ def _kernels() -> Finding:
     return Finding("kernels", took + (" (rasterjit warmup compiles the rest)" if compiled else ""))
 
 
+def _shipped() -> Iterator[Finding]:
+    """Look through the machine code that came with the installation, if any did."""
+    if jit.DISABLED or jit.CHECKED:
+        return
+    pack, problem = shipped.found()
+    if problem is not None:
+        yield Finding("shipped code", f"{problem}: {shipped.REINSTALL}", False)
+    if pack is None:
+        return
+    size = len(pack.content) / 1e6
+    text = f"{pack.target.cpu}, {len(pack.forms)} forms, {size:.1f} MB, made with {pack.made_with}"
+    damaged = pack.damaged()
+    yield Finding("shipped code", f"{text}; {pack.path}", not damaged)
+    if damaged:
+        yield Finding("", f"{', '.join(damaged)} damaged: {shipped.REINSTALL}", False)
+
+
 def _store() -> Iterator[Finding]:
     """Look through the store, remove what is damaged, and say what it holds."""
     if jit.DISABLED or jit.CHECKED:
         return
     place = store.folder()
+    if place is None and shipped.found().pack is not None and not store.USED.compiled:
+        yield Finding("kernel store", "nothing is kept, and nothing need be")
+        return
     if place is None:
         yield Finding("kernel store", f"nothing is kept (set {store.FOLDER_VARIABLE})", False)
         return

@@ -5,15 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
-from rasterjit.classics import framebuffer as framebuffer  # Its kernels are in the list, too.
 from rasterjit.pipeline.surface import listing, weights
-from rasterjit.runtime import ahead, driver, jit, packing
+from rasterjit.runtime import ahead
 from rasterjit.runtime.ahead import Task
 
 
 def first_tasks() -> list[Task]:
     """Return tasks that compile what every picture in colour needs, and takes long."""
     return ahead.compiling((listing.list_samples, weights.find_weights))
+
+
+def lacking() -> list[Task]:
+    """Return tasks that compile every form of every kernel and stage that is not there."""
+    # What has several forms takes longest: first, so that no process ends long after the others.
+    return ahead.compiling(sorted(ahead.every_kernel(), key=lambda one: -len(one.declared)))
 
 
 def compile_all(tell: Callable[[int, int], None]) -> None:
@@ -30,9 +35,7 @@ def compile_all(tell: Callable[[int, int], None]) -> None:
     Exception
         What could not be compiled.
     """
-    # What has several forms takes longest: first, so that no process ends long after the others.
-    kernels = sorted(jit.KERNELS, key=lambda kernel: -len(kernel.declared))
-    tasks = ahead.compiling((packing.pack, driver.run_list, *kernels, *jit.STAGES))
+    tasks = lacking()
     done = itertools.count(1)
     tell(0, len(tasks))
     failed = tasks

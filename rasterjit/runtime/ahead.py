@@ -11,6 +11,7 @@ import atexit
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -34,6 +35,9 @@ work(float(patience))
 
 WORTH_A_PROCESS = 6
 """So many tasks take longer than a process takes to start."""
+
+DECORATED = re.compile(r"^@(?:kernel|raw_kernel|stage)$", re.MULTILINE)
+"""How what is compiled begins."""
 
 LINGER = 30.0
 """Seconds that a process waits for more: one effect is often switched on after another."""
@@ -63,6 +67,25 @@ def compiling(functions: Iterable[Any], usual: bool = False) -> list[Task]:
         for number, kind in enumerate(one.declared[:1] if usual else one.declared)
         if not store.is_kept(one, kind)
     ]
+
+
+def every_kernel() -> list[Any]:
+    """
+    Return every kernel, raw kernel and stage of the package, by modules in alphabetical order.
+
+    Modules that nobody has imported yet are.
+    """
+    found = []
+    for path in sorted(store.ROOT.rglob("*.py")):
+        if DECORATED.search(path.read_text(encoding="utf-8")):
+            place = path.relative_to(store.ROOT.parent).with_suffix("")
+            module = importlib.import_module(".".join(place.parts).removesuffix(".__init__"))
+            kinds = (jit.Kernel, jit.RawKernel, jit.Stage)
+            found += [
+                one for one in vars(module).values()
+                if isinstance(one, kinds) and one.__module__ == module.__name__
+            ]  # fmt: skip
+    return found
 
 
 def compile_one(module: str, name: str, number: int) -> None:
@@ -302,7 +325,7 @@ def beside(
         if asking.acquire(blocking=False):
             tasks, entries = _listed(list_tasks)
             progress = Progress(entries)
-            if is_shared() and is_possible():
+            if tasks and is_shared() and is_possible():
                 _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
         # The frame that began last tells.
         if progress is not None and store.BEFORE_COMPILING[-1:] == [ask]:

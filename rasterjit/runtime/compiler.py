@@ -36,7 +36,8 @@ from rasterjit.runtime.state import (
     Type,
     words_of,
 )
-from rasterjit.runtime.store import Target, tell_it_goes_on
+from rasterjit.runtime.store import tell_it_goes_on
+from rasterjit.runtime.targets import Target, compiling_for, host
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
@@ -238,7 +239,8 @@ def lower(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str,
     gc.disable()  # It would only look, and free little.
     try:
         with _COMPILING:
-            returned, module, symbol = _in_llvm(value, kind, target)
+            with compiling_for(target):
+                returned, module, symbol = _in_llvm(value, kind, target)
             module = _with_c_entry(module, symbol, name, target)
             tell_it_goes_on()
             optimize(module, machine_of(target))
@@ -257,6 +259,8 @@ def _in_llvm(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, st
     try:
         return _in_drafts(value, kind, target)
     except Exception as error:
+        if target != host():
+            raise  # Stock Numba compiles for this machine alone.
         try:
             found = _in_stock(value, kind)
         except Exception:

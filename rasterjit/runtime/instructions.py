@@ -12,7 +12,7 @@ from numba.extending import intrinsic
 from rasterjit.runtime.intrinsics import CHANNELS, LANES
 from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
-from rasterjit.runtime.store import host
+from rasterjit.runtime.targets import current
 
 LANE = ir.IntType(32)
 """Whole numbers of lanes, and what names a lane."""
@@ -317,7 +317,7 @@ class _Tile:
 
     def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
         self._context, self._builder = context, builder
-        self._has_masks = "+avx512vl" in host().features
+        self._has_masks = "+avx512vl" in current().features
         self._kind = signature.args[0].dtype
         self._depths, self._numbers = (
             field(context, builder, signature.args[k], arguments[k], "data") for k in range(2)

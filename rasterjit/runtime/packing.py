@@ -19,17 +19,21 @@ from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_
 from rasterjit.runtime.jit import helper, raw_kernel
 from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, Type
 
-HEADER = object.__basicsize__
-"""Bytes of an object's header; its last word is the object's type."""
+DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = 0, 8, 16, 24, 40, 48
+"""Where, behind its header, an array keeps address, axes, lengths, strides, description, flags."""
 
-ITEMS = tuple.__basicsize__
-"""Bytes before the items of a tuple."""
+KIND = 8
+"""Where a description keeps four characters, the third its byte order, then its type number."""
 
-DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = (HEADER + n for n in (0, 8, 16, 24, 40, 48))
-"""Where an array keeps its address, number of axes, lengths, strides, description and flags."""
+LAYOUT = object.__basicsize__, tuple.__basicsize__
+"""
+Bytes of an object's header, whose last word is the object's type, and before the items of a tuple.
 
-KIND, TYPE_NUMBER = HEADER + 8, HEADER + 12
-"""Where a description keeps four characters, the third its byte order, and the type's number."""
+Releases of Python differ in them, so a plan names them and the machine code fits all.
+"""
+
+ARRAY_TYPE, READ_INT, LENGTH, HEADER, ITEMS, FIRST = (WORD * n for n in range(6))
+"""Bytes into a plan: what `pack` reads once, and the first instruction."""
 
 C_CONTIGUOUS, ALIGNED = 0x1, 0x100
 """Flags of an array."""
@@ -71,9 +75,9 @@ def copy_words(source, count, target):
 
 
 @helper
-def is_array(thing, at):
-    """Tell whether an array is of the expected type, axes and layout."""
-    word = load_int64(load_int64(thing + DESCR) + KIND)
+def is_array(thing, header, at):
+    """Tell whether an array, behind its header, is of the expected type, axes and layout."""
+    word = load_int64(load_int64(thing + DESCR) + header + KIND)
     flags = load_int64(at + WANTED_FLAGS)
     return (
         (word & np.int64(np.uint64(ORDER_AND_NUMBER))) == load_int64(at + EXPECTED)
@@ -93,7 +97,7 @@ def pack(arguments, plan, state):
         Address of a tuple.
     plan : int
         Address of the type object of arrays, the function that reads an int, the items that the
-        tuple must have, then instructions (`plan_of`).
+        tuple must have, the layout of objects, then instructions (`plan_of`).
     state : int
         Address of the block, written.
 
@@ -102,39 +106,41 @@ def pack(arguments, plan, state):
     int
         0, or the number, from 1 on, of the first instruction that found something unexpected.
     """
-    array_type, read_int = load_int64(plan), load_int64(plan + WORD)
-    at, out, number = plan + 3 * WORD, state, np.int64(1)
-    if load_int64(arguments + HEADER) != load_int64(plan + 2 * WORD):
+    array_type, read_int = load_int64(plan + ARRAY_TYPE), load_int64(plan + READ_INT)
+    header, items = load_int64(plan + HEADER), load_int64(plan + ITEMS)
+    at, out, number = plan + FIRST, state, np.int64(1)
+    if load_int64(arguments + header) != load_int64(plan + LENGTH):
         return number
     op = load_int64(at + OP)
     while op != END:
         thing = arguments
         for k in range(load_int64(at + DEPTH)):
-            thing = load_int64(thing + ITEMS + WORD * load_int64(at + PATH + WORD * k))
-        kind, expected = load_int64(thing + HEADER - WORD), load_int64(at + EXPECTED)
+            thing = load_int64(thing + items + WORD * load_int64(at + PATH + WORD * k))
+        body = thing + header
+        kind, expected = load_int64(body - WORD), load_int64(at + EXPECTED)
         if op == ARRAY:
-            if kind != array_type or not is_array(thing, at):
+            if kind != array_type or not is_array(body, header, at):
                 return number
             axes = load_int64(at + AXES)
-            store_int64(out, load_int64(thing + DATA))
-            out = copy_words(load_int64(thing + SHAPE), axes, out + WORD)
+            store_int64(out, load_int64(body + DATA))
+            out = copy_words(load_int64(body + SHAPE), axes, out + WORD)
             if load_int64(at + STRIDED):
-                out = copy_words(load_int64(thing + STRIDES), axes, out)
+                out = copy_words(load_int64(body + STRIDES), axes, out)
         elif op == INT:
             if kind != expected and kind != load_int64(at + AXES):
                 return number
             store_int64(out, call_at(read_int, thing, 0, 0))
             out += WORD
         elif op == RECORD:
-            if kind != expected or load_int64(thing + HEADER) != load_int64(at + AXES):
+            if kind != expected or load_int64(body) != load_int64(at + AXES):
                 return number
         else:
             if kind != expected and kind != load_int64(at + AXES):
                 return number
             if op == FLOAT64:
-                store_int64(out, load_int64(thing + HEADER))
+                store_int64(out, load_int64(body))
             else:
-                store_int64(out, np.int64(load_int32(thing + HEADER)))
+                store_int64(out, np.int64(load_int32(body)))
             out += WORD
         at, number = at + INSTRUCTION, number + 1
         op = load_int64(at + OP)
@@ -167,7 +173,7 @@ def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
 def plan_of(kind: RecordType) -> Any:
     """Return the plan of a kernel's arguments, a ctypes array."""
     read_int = ctypes.cast(ctypes.pythonapi.PyLong_AsLongLong, ctypes.c_void_p).value
-    words = [id(np.ndarray), read_int, len(kind.fields)]
+    words = [id(np.ndarray), read_int, len(kind.fields), *LAYOUT]
     for one in _instructions(kind, ()):
         words += one
     words += [END] * (INSTRUCTION // WORD)

@@ -9,6 +9,8 @@ so that none is ever seen half written, whoever else writes.
 
 Where Numba is missing, an entry of any version will do: the bits are the same.
 
+What came with the installation (``shipped``) is looked at first; it is never written.
+
 A checksum finds damage, not malice: a folder that others may write to is not used.
 """
 
@@ -30,10 +32,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime import numba_alone
-from rasterjit.runtime.jit import COMPILER_CLOCK, RawKernel
+from rasterjit.runtime import numba_alone, shipped
+from rasterjit.runtime.jit import COMPILER_CLOCK
 from rasterjit.runtime.locks import Lock, lock
 from rasterjit.runtime.state import RecordType, Type
+from rasterjit.runtime.targets import Target as Target
+from rasterjit.runtime.targets import host as host
 
 ROOT_USER = 0
 """May write to any folder, so its own are as good as the user's."""
@@ -67,7 +71,7 @@ COMPILER_FILES = (
 )  # fmt: skip
 """Files of this folder that every kernel follows from."""
 
-NOT_COMPILED = {"jit", "locks", "numba_alone", "store", "versions"}
+NOT_COMPILED = {"jit", "locks", "numba_alone", "shipped", "store", "targets", "versions"}
 """Files of this folder that kernels import or are loaded by, and nothing follows from."""
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -99,14 +103,6 @@ class Code(NamedTuple):
     """Keeps it there."""
 
 
-class Target(NamedTuple):
-    """What machine code is for."""
-
-    triple: str
-    cpu: str
-    features: str
-
-
 class Used(NamedTuple):
     """The forms that this process took into use, by module and name of the kernel, in order."""
 
@@ -120,30 +116,11 @@ BEFORE_COMPILING: list[Callable[[], None]] = []
 """Called before and while this process compiles a kernel, or waits for another that does."""
 
 
-@functools.cache
-def host() -> Target:
-    """
-    Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for.
-
-    Features that are not asked for may end with a preference of ours.
-    """
-    from llvmlite import binding
-
-    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
-    features = os.environ.get("NUMBA_CPU_FEATURES")
-    if features is None:
-        features = "" if cpu == "generic" else binding.get_host_cpu_features().flatten()
-        if cpu.startswith("znver"):
-            # AMD's CPUs gather more slowly than they load one by one: a seventh of shading.
-            features += ",+prefer-no-gather"
-    return Target(binding.get_process_triple(), cpu, features)
-
-
 # What it says.
 
 
 SAID: set[str] = set()
-"""What this process has told: ``damage``, ``kept``."""
+"""What this process has told: ``damage``, ``kept``, ``shipped``."""
 
 _SAYING = threading.Lock()
 
@@ -307,14 +284,9 @@ def describe(kind: Type) -> str:
     return f"{kind.record.__module__}.{kind.record.__qualname__}[{', '.join(names)}]({fields})"
 
 
-LAYOUT = f"{object.__basicsize__} {tuple.__basicsize__}"
-"""Sizes of Python's objects, which raw kernels read."""
-
-
 def name_of(kernel: Any, kind: RecordType, target: Target) -> str:
     """Return the name of the symbol of a form of a kernel, with which its file's name begins."""
-    layout = LAYOUT if isinstance(kernel, RawKernel) else ""
-    facts = (sources_hash(kernel.__module__), full_name(kernel), describe(kind), layout, *target)
+    facts = (sources_hash(kernel.__module__), full_name(kernel), describe(kind), *target)
     digest = hashlib.sha256("\n".join(facts).encode()).hexdigest()
     return f"{kernel.__name__}_{digest[:24]}"
 
@@ -497,22 +469,67 @@ def temporary_files(place: Path) -> list[Path]:
 
 
 def load(kernel: Any, kind: RecordType) -> Code:
-    """Return the machine code of a form of a kernel: from the store, or compiled and stored."""
+    """
+    Return the machine code of a form of a kernel: shipped, from the store, or compiled and stored.
+
+    Raises
+    ------
+    NoCompilerError
+        It is in neither, and Numba is not installed.
+    """
+    ready = _shipped(kernel, kind)
+    if ready is not None:
+        try:
+            return _linked(kernel, *ready, True)
+        except RuntimeError:
+            _say_unfit(f"{shipped.FOLDER}: {ready[0]} is no machine code")
     name, place = name_of(kernel, kind, host()), folder()
     if place is None:
-        return _linked(kernel, name, *_compile(kernel, kind, name), False)
+        header, code = _compile(kernel, kind, name)
+        return _linked(kernel, name, header.returns, code, False)
     path = path_of(place, name)
-    code = _loaded(kernel, kind, name, path)
-    if code is not None:
-        return code
+    loaded = _loaded(kernel, kind, name, path)
+    if loaded is not None:
+        return loaded
     with claimed(path):
-        code = _loaded(kernel, kind, name, path)
-        if code is not None:
-            return code
-        found = _compile(kernel, kind, name)
+        loaded = _loaded(kernel, kind, name, path)
+        if loaded is not None:
+            return loaded
+        header, code = _compile(kernel, kind, name)
         _sweep(place)
-        write(path, *found)
-    return _linked(kernel, name, *found, False)
+        write(path, header, code)
+    return _linked(kernel, name, header.returns, code, False)
+
+
+def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:
+    """
+    Return what came with the installation of a form: its name, its result and its object code.
+
+    None if nothing came, or if it is of no use: the first time that is told on standard error.
+    """
+    pack, problem = shipped.found()
+    if not kernel.__module__.startswith("rasterjit."):
+        return None
+    if pack is not None:
+        name = name_of(kernel, kind, pack.target)
+        try:
+            return (name, *pack.code(name))
+        except shipped.UnfitError as error:
+            problem = str(error)
+    if problem is not None:
+        _say_unfit(problem)
+    return None
+
+
+UNFIT: list[str] = []
+"""Why shipped code is of no use, as far as this process has met with it."""
+
+
+def _say_unfit(problem: str) -> None:
+    UNFIT.append(problem)
+    # Without a compiler an error says so.
+    if versions() is not None:
+        say_once("shipped", f"compiling instead of loading: {problem}; {shipped.REINSTALL}")
 
 
 def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
@@ -527,14 +544,16 @@ def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None
         _say_damaged(path, "was made for another kernel, machine or version")
         return None
     try:
-        return _linked(kernel, name, *found, True)
+        return _linked(kernel, name, found[0].returns, found[1], True)
     except RuntimeError:
         _say_damaged(path, "is no machine code")
     return None
 
 
 def is_kept(kernel: Any, kind: RecordType) -> bool:
-    """Tell whether the store has a form of a kernel."""
+    """Tell whether a form of a kernel came with the installation, or is in the store."""
+    if _shipped(kernel, kind) is not None:
+        return True
     place = folder()
     return place is not None and read(path_of(place, name_of(kernel, kind, host()))) is not None
 
@@ -559,8 +578,17 @@ def tell_it_goes_on() -> None:
             _tell()
 
 
+class NoCompilerError(ImportError):
+    """A kernel must be compiled, and Numba is not installed."""
+
+
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
     target = host()
+    if versions() is None:
+        reason = f"; {UNFIT[0]}: {shipped.REINSTALL}" if UNFIT else ""
+        raise NoCompilerError(
+            f"{full_name(kernel)} must be compiled, which needs Numba: pip install numba{reason}"
+        )
     _tell()
     with COMPILER_CLOCK.running():
         returns, code = numba_alone.compiler().compile_form(kernel, kind, name, target)
@@ -568,8 +596,13 @@ def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
 
 
 def _header(kernel: Any, kind: RecordType, returns: str) -> Header:
-    """Return what an entry says of itself."""
-    triple, cpu, _ = host()
+    """Return what an entry for this machine says of itself."""
+    return header_of(kernel, kind, returns, host())
+
+
+def header_of(kernel: Any, kind: RecordType, returns: str, target: Target) -> Header:
+    """Return what an entry for a target says of itself."""
+    triple, cpu, _ = target
     return Header(
         returns, full_name(kernel), describe(kind), sources_hash(kernel.__module__),
         versions() or "", triple, cpu,
@@ -592,7 +625,7 @@ def _linker() -> Any:
 _NUMBERS = itertools.count()
 
 
-def _linked(kernel: Any, name: str, header: Header, code: bytes, is_loaded: bool) -> Code:
+def _linked(kernel: Any, name: str, returns: str, code: bytes, is_loaded: bool) -> Code:
     """Bring object code into memory."""
     from llvmlite import binding
 
@@ -601,7 +634,7 @@ def _linked(kernel: Any, name: str, header: Header, code: bytes, is_loaded: bool
         library = builder.add_current_process().link(_linker(), f"{name}.{next(_NUMBERS)}")
         address = library[name]
     (USED.loaded if is_loaded else USED.compiled).append(full_name(kernel))
-    return Code(address, header.returns, is_loaded, library)
+    return Code(address, returns, is_loaded, library)
 
 
 # Looking after it.

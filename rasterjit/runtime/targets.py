@@ -1,0 +1,165 @@
+"""
+What machine code is for: this machine, or the CPUs that a wheel brings code for.
+
+`PLATFORMS` is the table of those. A level is a set of features that many CPUs share; a CPU runs the
+code of the best level whose features it has. The bits of a picture are the same on all of them.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+
+class Target(NamedTuple):
+    """What machine code is for."""
+
+    triple: str
+    cpu: str
+    features: str
+
+
+class Level(NamedTuple):
+    """CPUs of some age and younger."""
+
+    cpu: str
+    """As LLVM calls it; the file of its code is named by it."""
+    needs: frozenset[str]
+    """Features that a CPU must have, as LLVM calls them."""
+    features: str = ""
+    """What LLVM is told besides."""
+
+
+class Platform(NamedTuple):
+    """An operating system on a kind of CPU, for which there is a wheel."""
+
+    triple: str
+    """As LLVM calls it; the first part and the system count."""
+    tag: str
+    """Of the wheel."""
+    levels: tuple[Level, ...]
+    """The best first."""
+
+    def targets(self) -> list[Target]:
+        """Return what its code is compiled for, a target for each level."""
+        return [Target(self.triple, level.cpu, level.features) for level in self.levels]
+
+
+X86_64_V2 = frozenset(["cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3"])
+X86_64_V3 = X86_64_V2 | frozenset(
+    ["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]
+)
+X86_64_V4 = X86_64_V3 | frozenset(["avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"])
+
+PLATFORMS = {
+    "x86_64": Platform(
+        "x86_64-unknown-linux-gnu", "manylinux2014_x86_64.manylinux_2_17_x86_64",
+        (
+            # AMD's CPUs gather slowly, as do Intel's with the microcode of 2023.
+            Level("x86-64-v4", X86_64_V4, "+avx512vl,+prefer-no-gather"),
+            Level("x86-64-v3", X86_64_V3),
+            Level("x86-64-v2", X86_64_V2),
+        ),
+    ),
+}  # fmt: skip
+"""By the name that ``RASTERJIT_PLATFORMS`` has for it."""
+
+CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Environment variables that ask for another CPU than this machine's."""
+
+
+@functools.cache
+def host() -> Target:
+    """
+    Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for.
+
+    Features that are not asked for may end with a preference of ours. A level without features is
+    what wheels are made for.
+    """
+    from llvmlite import binding
+
+    triple = binding.get_process_triple()
+    chosen, features = (os.environ.get(name) for name in CHOICES)
+    level = _level_named(triple, chosen)
+    if level is not None and not features:
+        return Target(triple, level.cpu, level.features)
+    cpu = chosen or binding.get_host_cpu_name()
+    if features is None:
+        features = "" if cpu == "generic" else binding.get_host_cpu_features().flatten()
+        if cpu.startswith("znver"):
+            # AMD's CPUs gather more slowly than they load one by one: a seventh of shading.
+            features += ",+prefer-no-gather"
+    return Target(triple, cpu, features)
+
+
+def platform_of(triple: str) -> Platform | None:
+    """Return the platform of a triple; None if no wheel is made for it."""
+    kind, *rest = triple.split("-")
+    if not any(part == "linux" for part in rest):
+        return None
+    return next((one for one in PLATFORMS.values() if one.triple.split("-")[0] == kind), None)
+
+
+def _level_named(triple: str, cpu: str | None) -> Level | None:
+    platform = platform_of(triple)
+    levels = () if platform is None else platform.levels
+    return next((level for level in levels if level.cpu == cpu), None)
+
+
+def best_target(triple: str, features: frozenset[str]) -> Target | None:
+    """
+    Return the best target of a wheel whose code a CPU runs; None if there is none.
+
+    Parameters
+    ----------
+    triple : str
+        Of the machine.
+    features : frozenset of str
+        Of the CPU, as LLVM calls them.
+    """
+    platform = platform_of(triple)
+    if platform is None:
+        return None
+    pairs = zip(platform.levels, platform.targets(), strict=True)
+    return next((target for level, target in pairs if level.needs <= features), None)
+
+
+def shipped_target() -> Target | None:
+    """Return the target of the wheel's code that this process runs; None if that is for others."""
+    from llvmlite import binding
+
+    triple = binding.get_process_triple()
+    if any(name in os.environ for name in CHOICES):
+        platform, wanted = platform_of(triple), host()
+        targets = [] if platform is None else platform.targets()
+        return next((one for one in targets if one[1:] == wanted[1:]), None)
+    features = binding.get_host_cpu_features()
+    return best_target(triple, frozenset(name for name, has in features.items() if has))
+
+
+class _Compiling(threading.local):
+    """What this thread compiles for."""
+
+    target: Target | None = None
+
+
+_COMPILING = _Compiling()
+
+
+@contextmanager
+def compiling_for(target: Target) -> Iterator[None]:
+    """Let `current` be another target than this machine."""
+    before, _COMPILING.target = _COMPILING.target, target
+    try:
+        yield
+    finally:
+        _COMPILING.target = before
+
+
+def current() -> Target:
+    """Return what this thread compiles for."""
+    return _COMPILING.target or host()

@@ -1,0 +1,327 @@
+"""Machine code that came with the installation is used, and what is wrong with it is found."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from kernel_files import kernel_modules
+
+import rasterjit as rj
+from rasterjit.cli import doctor, wheels
+from rasterjit.runtime import ahead, driver, jit, shipped, store, targets
+from rasterjit.runtime.shipped import UnfitError
+
+compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
+
+TESTS = Path(__file__).parents[1]
+PLATFORM = targets.PLATFORMS["x86_64"]
+V4, V3, V2 = PLATFORM.levels
+FORMS = {"b_1": ("int", b"second"), "a_2": ("none", b"first")}
+
+
+def write_pack(place, forms, target=None, name=None):
+    """Write a file of machine code, of this machine if no target is given; return its path."""
+    target = target or store.host()
+    path = place / (name or f"{target.cpu}{shipped.SUFFIX}")
+    path.write_bytes(shipped.content_of(path.name, target, "something", forms))
+    return path
+
+
+def test_a_file_gives_what_was_written_in_any_order(tmp_path):
+    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
+    pack = shipped.read(path)
+    assert (pack.target, pack.made_with, sorted(pack.forms)) == (
+        PLATFORM.targets()[0], "something", sorted(FORMS)
+    )  # fmt: skip
+    assert {name: pack.code(name) for name in FORMS} == FORMS
+    assert pack.damaged() == []
+    other = shipped.content_of(path.name, pack.target, "something", dict(sorted(FORMS.items())))
+    assert other == pack.content
+    with pytest.raises(UnfitError, match="other sources"):
+        pack.code("c_3")
+
+
+def is_damaged(path):
+    """Tell whether the damage of a file shows, in its table or in a form."""
+    try:
+        return bool(shipped.read(path).damaged())
+    except UnfitError:
+        return True
+
+
+def test_every_damaged_byte_is_found(tmp_path):
+    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
+    content = path.read_bytes()
+    for n in range(len(content)):
+        path.write_bytes(content[:n] + bytes([content[n] ^ 16]) + content[n + 1 :])
+        assert is_damaged(path), n
+        path.write_bytes(content[:n])
+        assert is_damaged(path), n
+    path.write_bytes(content)
+    assert not is_damaged(path)
+
+
+def test_a_file_under_another_s_name_is_damaged(tmp_path):
+    path = write_pack(tmp_path, FORMS, PLATFORM.targets()[0])
+    with pytest.raises(UnfitError, match="damaged"):
+        shipped.read(path.rename(tmp_path / "x86-64-v2.kernels"))
+
+
+@pytest.mark.parametrize(
+    ("features", "cpu"),
+    [
+        (targets.X86_64_V4 | {"amx-tile"}, "x86-64-v4"), (targets.X86_64_V3, "x86-64-v3"),
+        (targets.X86_64_V4 - {"avx512vl"}, "x86-64-v3"), (targets.X86_64_V2, "x86-64-v2"),
+        (targets.X86_64_V4 - {"fma"}, "x86-64-v2"), (targets.X86_64_V2 - {"popcnt"}, None),
+    ],
+)  # fmt: skip
+def test_a_cpu_gets_the_best_level_whose_features_it_has(features, cpu):
+    for triple in ("x86_64-unknown-linux-gnu", "x86_64-conda-linux-gnu"):
+        found = targets.best_target(triple, frozenset(features))
+        assert (found and found.cpu) == cpu
+    for triple in ("x86_64-apple-darwin23", "x86_64-pc-windows-msvc", "riscv64-unknown-linux-gnu"):
+        assert targets.best_target(triple, frozenset(features)) is None
+
+
+@pytest.mark.parametrize("level", PLATFORM.levels, ids=lambda level: level.cpu)
+def test_a_level_that_the_user_names_is_the_shipped_one(monkeypatch, level):
+    from llvmlite import binding
+
+    monkeypatch.setattr(binding, "get_process_triple", lambda: PLATFORM.triple)
+    monkeypatch.setattr(targets, "host", targets.host.__wrapped__)
+    monkeypatch.setenv("NUMBA_CPU_NAME", level.cpu)
+    for features in (None, ""):
+        if features is not None:
+            monkeypatch.setenv("NUMBA_CPU_FEATURES", features)
+        assert targets.shipped_target() == (PLATFORM.triple, level.cpu, level.features)
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", "+sse4a")
+    assert targets.shipped_target() is None
+    assert targets.host() == (PLATFORM.triple, level.cpu, "+sse4a")
+
+
+@pytest.fixture
+def code():
+    """The name and the object code of a raw kernel, for this machine."""
+    target, (kind,) = store.host(), driver.run_list.declared
+    name = store.name_of(driver.run_list, kind, target)
+    from rasterjit.runtime import compiler
+
+    return name, compiler.compile_form(driver.run_list, kind, name, target)
+
+
+@pytest.fixture
+def come(tmp_path, monkeypatch):
+    """A function that lets forms come with the installation; there is a store, and it is empty."""
+    monkeypatch.setattr(store, "SAID", set())
+    monkeypatch.setattr(store, "UNFIT", [])
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    monkeypatch.setattr(shipped, "shipped_target", store.host)
+    monkeypatch.setattr(shipped, "found", shipped.found.__wrapped__)
+    place = tmp_path / "store"
+    place.mkdir(mode=0o700)
+    monkeypatch.setattr(store, "folder", lambda: place)
+    return lambda forms: write_pack(tmp_path, forms)
+
+
+def load():
+    return store.load(driver.run_list, driver.run_list.declared[0]).is_loaded
+
+
+@compiled_only
+def test_what_came_is_loaded_and_no_folder_is_looked_for(come, code, monkeypatch, capfd):
+    come(dict([code]))
+    monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
+    assert load()
+    assert store.is_kept(driver.run_list, driver.run_list.declared[0])
+    assert ahead.compiling([driver.run_list]) == []
+    assert capfd.readouterr().err == ""
+    (finding,) = doctor._shipped()
+    assert finding.passed
+    assert "1 forms" in finding.text
+
+
+def damage_code(path):
+    content = path.read_bytes()
+    path.write_bytes(content[:-9] + b"?" + content[-8:])
+
+
+def damage_table(path):
+    path.write_bytes(path.read_bytes().replace(b"something", b"anything!"))
+
+
+DAMAGES = {
+    "code": damage_code,
+    "table": damage_table,
+    "empty": lambda path: path.write_bytes(b""),
+    "missing": Path.unlink,
+    "other sources": lambda path: write_pack(path.parent, FORMS),
+}
+
+
+@compiled_only
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_of_no_use_is_named_and_compiled_anew(come, code, damage, capfd):
+    path = come(dict([code]))
+    DAMAGES[damage](path)
+    assert not store.is_kept(driver.run_list, driver.run_list.declared[0])
+    assert [load(), load()] == [False, True]
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("rasterjit: compiling instead of loading: ")
+    assert str(path) in line
+    assert shipped.REINSTALL in line
+    if damage != "other sources":
+        assert any(finding.passed is False for finding in doctor._shipped())
+
+
+@compiled_only
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_without_numba_an_error_names_what_is_of_no_use(come, code, damage, capfd, monkeypatch):
+    monkeypatch.setattr(store, "versions", lambda: None)
+    path = come(dict([code]))
+    assert load()
+    DAMAGES[damage](path)
+    with pytest.raises(store.NoCompilerError, match="pip install numba") as caught:
+        load()
+    assert str(path) in str(caught.value)
+    assert shipped.REINSTALL in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+@compiled_only
+def test_code_that_cannot_be_linked_is_compiled_anew(come, code, capfd):
+    name, (returns, content) = code
+    come({name: (returns, content[:64])})
+    assert not load()
+    assert "is no machine code" in capfd.readouterr().err
+
+
+@compiled_only
+def test_llvmlite_that_cannot_link_is_named(come, code, monkeypatch):
+    come(dict([code]))
+    monkeypatch.setattr(shipped, "LINKING", ("no_such_function",))
+    pack, problem = shipped.found()
+    assert pack is None
+    assert "llvmlite" in problem
+    assert "no_such_function" in problem
+
+
+def test_where_nothing_lacks_no_process_starts(monkeypatch):
+    monkeypatch.setattr(ahead, "available_processors", lambda: 2)
+    monkeypatch.setattr(ahead, "is_possible", lambda: pytest.fail("nobody need know"))
+    with ahead.beside(list, at_once=True):
+        pass
+
+
+@compiled_only
+def test_every_kernel_is_in_the_list():
+    done = subprocess.run(
+        [sys.executable, "-c", "import json; from rasterjit.runtime import ahead; print(json.dumps("
+         "[(one.__module__, one.__name__) for one in ahead.every_kernel()]))"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    found = [tuple(one) for one in json.loads(done.stdout)]
+    assert len(found) == len(set(found)) > 100
+    wanted = set()
+    for module in kernel_modules():
+        known = vars(__import__(module, fromlist=["*"]))
+        kinds = (jit.Kernel, jit.Stage, jit.RawKernel)
+        wanted |= {(module, name) for name, one in known.items()
+                   if isinstance(one, kinds) and one.__module__ == module}  # fmt: skip
+    assert set(found) == wanted
+    own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
+    assert wanted >= {(one.__module__, one.__name__) for one in own}
+
+
+def pure_wheel(place):
+    """Write the smallest wheel there is; return its path."""
+    path = place / "rasterjit-9-py3-none-any.whl"
+    about = "Wheel-Version: 1.0\nGenerator: x\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, text in {
+            "rasterjit/__init__.py": "", "rasterjit-9.dist-info/WHEEL": about,
+            "rasterjit-9.dist-info/RECORD": "rasterjit/__init__.py,,\n",
+        }.items():  # fmt: skip
+            archive.writestr(zipfile.ZipInfo(name, (2020, 2, 2, 0, 0, 0)), text)
+    return path
+
+
+def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
+    packs = {"b.kernels": b"2", "a.kernels": b"1"}
+    pure = pure_wheel(tmp_path)
+    made = wheels.make_wheel(pure, PLATFORM, packs)
+    assert made.name == f"rasterjit-9-py3-none-{PLATFORM.tag}.whl"
+    content = made.read_bytes()
+    assert wheels.make_wheel(pure, PLATFORM, dict(sorted(packs.items()))) == made
+    assert made.read_bytes() == content
+    with zipfile.ZipFile(made) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    assert files["rasterjit/machine_code/b.kernels"] == b"2"
+    assert files["rasterjit/__init__.py"] == b""
+    about = files["rasterjit-9.dist-info/WHEEL"].decode()
+    assert about.count("Tag: py3-none-manylinux") == 2
+    assert "Root-Is-Purelib: false\n" in about
+    assert "any" not in about.replace("manylinux", "")
+    rows = list(csv.reader(io.StringIO(files["rasterjit-9.dist-info/RECORD"].decode())))
+    assert [name for name, *_ in rows] == list(files)
+    for name, checksum, size in rows[:-1]:
+        digest = base64.urlsafe_b64encode(hashlib.sha256(files[name]).digest()).decode()
+        assert (checksum, int(size)) == ("sha256=" + digest.rstrip("="), len(files[name]))
+    with pytest.raises(ValueError, match="py3-none-any"):
+        wheels.make_wheel(made, PLATFORM, packs)
+
+
+DRAW = """
+import json, sys, warnings
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "numba":
+            raise ModuleNotFoundError("No module named 'numba'", name="numba")
+
+sys.meta_path.insert(0, Refuse())
+sys.path[:0] = sys.argv[1:]
+import frames
+import rasterjit as rj
+from rasterjit.runtime import shipped, store
+
+warnings.simplefilter("ignore")
+found = {name: found for name, found in frames.every_digest()}
+print(json.dumps([found, store.USED.compiled, shipped.found().pack.target.cpu]))
+"""
+"""Draws every recorded frame where there is no Numba."""
+
+
+@compiled_only
+@pytest.mark.takes_long
+@pytest.mark.skipif(
+    targets.platform_of(store.host().triple) is not PLATFORM, reason="a wheel of another platform"
+)
+def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
+    import frames
+
+    copy = tmp_path / "rasterjit"
+    shutil.copytree(Path(rj.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    target = PLATFORM.targets()[-1]
+    (copy / "machine_code").mkdir()
+    content = wheels.pack_of(target)
+    (copy / "machine_code" / wheels.file_name(target)).write_bytes(content)
+    assert len(content) < 2 << 20
+    places = [str(tmp_path), str(TESTS / "hard_cases"), str(TESTS)]
+    done = subprocess.run(
+        [sys.executable, "-c", DRAW, *places], capture_output=True, text=True, check=False,
+        env={**os.environ, "NUMBA_CPU_NAME": target.cpu, store.FOLDER_VARIABLE: "/dev/null/x"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert json.loads(done.stdout) == [frames.recorded(), [], target.cpu]
