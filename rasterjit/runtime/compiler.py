@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import struct
 import threading
 import warnings
 from collections.abc import Callable
@@ -325,6 +326,10 @@ def _refuse_unknown_calls(module: Any, name: str) -> None:
     called = {one.name for one in module.functions if one.is_declaration}
     unknown = {one for one in called if not one.startswith("llvm.")} - ALLOWED
     unknown |= {one.name for one in module.global_variables if one.is_declaration}
+    _refuse(unknown, name)
+
+
+def _refuse(unknown: set[str], name: str) -> None:
     if unknown:
         raise RuntimeError(f"kernel {name} needs what no store can keep: {sorted(unknown)}")
 
@@ -353,7 +358,40 @@ def compile_form(value: Any, kind: RecordType, name: str, target: Target) -> tup
     """Return what a form of a kernel returns, and its object code for a target."""
     returns, module = lower(value, kind, name, target)
     tell_it_goes_on()
-    return returns, machine_of(target).emit_object(module)
+    code = machine_of(target).emit_object(module)
+    _refuse(needed_symbols(code) - ALLOWED, name)
+    return returns, code
+
+
+ELF, SYMBOL_TABLE, SYMBOL, NOWHERE = b"\x7fELF\x02\x01", 2, 24, 0
+"""How 64-bit object code of Linux begins, the kind of the section that lists its symbols, bytes of
+each of these, and the number of the section of one that is elsewhere."""
+
+
+def needed_symbols(code: bytes) -> set[str]:
+    """
+    Return the names that object code needs from elsewhere.
+
+    LLVM's language does not tell them all: LLVM calls functions of its own choice. Only object
+    code of Linux is read; of others, none are known.
+    """
+    if not code.startswith(ELF):
+        return set()
+    (start,) = struct.unpack_from("<Q", code, 0x28)
+    size, count = struct.unpack_from("<HH", code, 0x3A)
+    # Name, kind, flags, address, offset, length, link and further facts of each.
+    sections = [struct.unpack_from("<IIQQQQII", code, start + size * k) for k in range(count)]
+    found = set()
+    for _, kind, _, _, offset, length, link, _ in sections:
+        if kind != SYMBOL_TABLE:
+            continue
+        texts = sections[link][4]
+        for at in range(offset + SYMBOL, offset + length, SYMBOL):
+            name, _, _, section = struct.unpack_from("<IBBH", code, at)
+            if section == NOWHERE:
+                begin = texts + name
+                found.add(code[begin : code.index(b"\0", begin)].decode())
+    return found
 
 
 def assembly(value: Any, kind: RecordType, target: Target) -> str:

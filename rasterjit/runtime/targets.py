@@ -65,6 +65,11 @@ PLATFORMS = {
             Level("x86-64-v2", X86_64_V2),
         ),
     ),
+    "aarch64": Platform(
+        "aarch64-unknown-linux-gnu", "manylinux2014_aarch64.manylinux_2_17_aarch64",
+        # ARMv8.0, with the vectors of 128 bits that all have.
+        (Level("generic", frozenset()),),
+    ),
 }  # fmt: skip
 """By the name that ``RASTERJIT_PLATFORMS`` has for it."""
 
