@@ -25,7 +25,7 @@ import pytest
 from kernel_files import kernel_modules
 
 import rasterjit as rj
-from rasterjit.runtime import store
+from rasterjit.runtime import compiler, store
 
 PACKAGE = Path(rj.__file__).parent
 TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
@@ -33,42 +33,66 @@ compiled_only = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set: there is no machine code"
 )
 
-FUSED = re.compile(r"\bv?fn?m(?:add|sub)(?:add|sub)?(?:132|213|231)?[ps][sdh]\b|\bfmadd\b|\bfmla\b")
-"""A product and a sum in one instruction, on x86 or Arm."""
+FUSED = re.compile(
+    # x86, with the order of its operands.
+    r"\bv?fn?m(?:add|sub)(?:add|sub)?(?:132|213|231)?[ps][sdh]\b"
+    # ARM: numbers, vectors of NEON, those of SVE, and the steps to a quotient or a root.
+    r"|\bfn?m(?:add|sub|ad|sb|l[as](?:l[bt]?2?)?)\b|\bfcmla\b|\bb?fmmla\b|\bbf(?:dot|ml[as]l?[bt]?)\b"
+    r"|\bfr(?:ecp|sqrt)s\b|\bftmad\b"
+)
+"""A product and a sum in one instruction, on x86 or ARM."""
+
+ESTIMATED = re.compile(
+    r"\bv?r(?:cp|sqrt)(?:14|28)?[ps][sdh]\b|\bv?exp2[ps][sd]\b"
+    r"|\b[fu]r(?:ecp|sqrt)e\b|\bfrecpx\b|\bfexpa\b"
+)
+"""An estimate, whose bits are the maker's affair, on x86 or ARM."""
 
 MATH = [
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "exp2",
-    "expm1", "log", "log2", "log10", "log1p", "pow", "powi", "cbrt", "hypot", "fma",
+    "expm1", "log", "log2", "log10", "log1p", "pow", "powi", "cbrt", "hypot", "fma", "sincos",
+    "fmod",
 ]  # fmt: skip
 CALLED_MATH = re.compile(
-    r"(?:__svml_|_ZGV|amd_vr|npy_|numba_)?\b_*(?:"
-    + "|".join(MATH)
-    + r")[fl]?\d*(?:_\w+)?(?:@PLT)?$"
+    r"(?:__svml_|_ZGV|amd_vr|npy_|numba_)?\b_*(?:" + "|".join(MATH) + r")[fl]?\d*(?:_\w+)?$"
 )
 """A function of a math library, of its vector version, or of Numba's own."""
 
-CALL = re.compile(r"\b(?:callq?|jmpq?)\s+\*?(?:\[?rip \+ )?([A-Za-z_.][\w.$@]*)")
-ADDRESS = re.compile(r"\bmovabsq?\s+\$([A-Za-z_.][\w.$@]*)")
-"""Where x86 code names a function: it calls it, or loads its address first."""
+CALL = re.compile(r"^\s+(?:callq?|jmpq?|bl?)\s+\*?(?:\[?rip \+ )?([A-Za-z_.][\w.$]*)")
+ADDRESS = re.compile(
+    r"\bmovabsq?\s+\$([A-Za-z_.][\w.$]*)|\b([A-Za-z_.][\w.$]*)@GOT"
+    r"|^\s+adrp\s+\w+, ([A-Za-z_.][\w.$]*)|:(?:got|got_lo12|lo12|abs_g3):([A-Za-z_.][\w.$]*)"
+)
+"""Where code of x86 or ARM names a function: it calls it, or loads its address first."""
 
-WIDTHS = ("xmm", "ymm", "zmm")
-"""Vector registers of x86: 128, 256 and 512 bits."""
+WIDTHS = {
+    "xmm": r"%xmm", "ymm": r"%ymm", "zmm": r"%zmm",
+    "neon": r"\bv\d+\.(?:16b|8h|4s|2d)\b|\bq\d+\b", "sve": r"\bz\d+\.[bhsdq]\b|\bz\d+\b",
+}  # fmt: skip
+"""Vector registers: of x86, 128, 256 and 512 bits; of ARM, 128 bits and as many as there are."""
 
 
 def names_called(assembly):
     """Return the functions that the assembly names as something to call."""
-    return {
-        name.removesuffix("@PLT")
-        for line in assembly.splitlines()
-        for name in (*CALL.findall(line), *ADDRESS.findall(line))
-    }
+    found = set()
+    for line in assembly.splitlines():
+        found.update(CALL.findall(line))
+        found.update(name for names in ADDRESS.findall(line) for name in names if name)
+    return found
 
 
 def cpu_dependent(assembly):
-    """Return the fused operations and the math functions in the assembly."""
-    return sorted(set(FUSED.findall(assembly))) + sorted(
+    """Return the fused operations, the estimates and the math functions in the assembly."""
+    found = {*FUSED.findall(assembly), *ESTIMATED.findall(assembly)}
+    return sorted(found) + sorted(
         name for name in names_called(assembly) if CALLED_MATH.match(name)
     )
+
+
+def vectors_used(code):
+    """Return how often the assembly of kernels names vector registers of each kind."""
+    whole = "".join(assembly for _, _, assembly, _ in code)
+    return {kind: len(re.findall(pattern, whole)) for kind, pattern in WIDTHS.items()}
 
 
 DISASSEMBLE = """
@@ -78,37 +102,53 @@ from importlib import import_module
 import rasterjit as rj
 from rasterjit.runtime import compiler, driver, jit, packing, store
 
-if sys.argv[1:]:
-    rj.render(rj.load(sys.argv[1]), size=(32, 24), threads=1)
-used = {{*store.USED.loaded, *store.USED.compiled}}
+target, some, model = json.loads(sys.argv[1])
+target = store.Target(*target) if target else store.host()
+if model:
+    rj.render(rj.load(model), size=(32, 24), threads=1)
+used = {{*store.USED.loaded, *store.USED.compiled, *some}}
 for name in {names!r}:
     import_module(name)
 every = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
 compiled = [one for one in every if not used or store.full_name(one) in used]
-forms = [(one, kind) for one in compiled for kind in one.declared]
 names = [one.__name__ for one in compiled]
-code = [
-    (one.__name__, str(kind), compiler.assembly(one, kind, store.host())) for one, kind in forms
-]
+code = []
+for one in compiled:
+    for kind in one.declared:
+        returns, module = compiler.lower(one, kind, one.__name__, target)
+        machine = compiler.machine_of(target)
+        needed = sorted(compiler.needed_symbols(machine.emit_object(module)))
+        code.append((one.__name__, str(kind), machine.emit_assembly(module), needed))
 print(json.dumps([names, code]))
 """
 """An entry of the store has no assembly: compile once more all that there is, or a file needs."""
+
+ARM = "aarch64-unknown-linux-gnu"
+ARM_CPUS = ("generic", "neoverse-v1")
+"""Two that code is made for: with 128 bits of NEON alone, and with SVE, of any length."""
+
+EVERY_KERNEL = bool(os.environ.get("EVERY_KERNEL"))
+
+
+def disassembled(target=None, some=(), model=""):
+    """Return the names of kernels, and (name, signature, assembly, symbols) of all their forms."""
+    asked = json.dumps([target, some, model])
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules()), asked],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
 
 
 @pytest.fixture(scope="module")
 def compiled():
     """
-    The names of kernels, and (name, signature, assembly) of all their forms.
+    The kernels as this machine runs them.
 
     Those that the teapot needs; ``EVERY_KERNEL`` in the environment asks for all.
     """
-    files = [] if os.environ.get("EVERY_KERNEL") else [str(TEAPOT)]
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules()), *files],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    names, code = json.loads(done.stdout)
-    assert len(names) >= (100 if not files else 15)
+    names, code = disassembled(model="" if EVERY_KERNEL else str(TEAPOT))
+    assert len(names) >= (100 if EVERY_KERNEL else 15)
     return names, code
 
 
@@ -116,20 +156,26 @@ def compiled():
 @pytest.mark.compiles_first
 @compiled_only
 def test_no_kernel_fuses_or_calls_a_math_library(compiled):
-    names, code = compiled
-    assert {name for name, _, _ in code} >= set(names), "a kernel that declares no form"
-    for name, signature, assembly in code:
+    check_independence(*compiled)
+
+
+def check_independence(names, code):
+    """Fail if a kernel has no form, or one of another CPU than its neighbours."""
+    assert {name for name, *_ in code} >= set(names), "a kernel that declares no form"
+    for name, signature, assembly, needed in code:
         assert name in assembly
         assert cpu_dependent(assembly) == [], (name, signature)
+        assert set(needed) <= compiler.ALLOWED, (name, signature)
 
 
 @pytest.mark.takes_long
 @pytest.mark.compiles_first
 @compiled_only
 def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
-    used = {width: sum(a.count(f"%{width}") for _, _, a in compiled[1]) for width in WIDTHS}
+    used = vectors_used(compiled[1])
     if platform.machine().lower() not in ("x86_64", "amd64"):
-        pytest.skip(f"{platform.machine()} has other registers")
+        assert used["neon"] > 0
+        return
     assert used["xmm"] > 0
     if numba.config.CPU_NAME == "generic":
         assert used["ymm"] == used["zmm"] == 0
@@ -137,6 +183,105 @@ def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
     if "avx512f" not in store.cpu_features()[1]:
         pytest.skip("this CPU has no AVX-512")
     assert used["zmm"] > 0
+
+
+A_FEW = (
+    "rasterjit.pipeline.visibility.nearest.draw_tiles",
+    "rasterjit.pipeline.lighting.light_stages.add_shiny_lights",
+)
+"""Kernels that are looked at in any case: with vectors, with powers."""
+
+
+@pytest.fixture(scope="module", params=ARM_CPUS)
+def compiled_for_arm(request):
+    """The kernels as an ARM machine runs them: a few, or all with ``EVERY_KERNEL``."""
+    names, code = disassembled((ARM, request.param, ""), () if EVERY_KERNEL else A_FEW)
+    assert len(names) >= (100 if EVERY_KERNEL else len(A_FEW))
+    return request.param, names, code
+
+
+@compiled_only
+def test_no_kernel_fuses_or_calls_a_math_library_on_arm(compiled_for_arm):
+    _, names, code = compiled_for_arm
+    check_independence(names, code)
+
+
+@compiled_only
+def test_kernels_are_compiled_for_the_arm_that_was_asked_for(compiled_for_arm):
+    cpu, _, code = compiled_for_arm
+    used = vectors_used(code)
+    assert used["neon"] > 0
+    assert (used["sve"] > 0) == (cpu != "generic")
+    assert used["xmm"] == used["ymm"] == used["zmm"] == 0
+
+
+# What the look at machine code must find, planted.
+
+MACHINES = {
+    "x86": store.Target("x86_64-unknown-linux-gnu", "x86-64-v3", ""),
+    "x86 of 512 bits": store.Target("x86_64-unknown-linux-gnu", "x86-64-v4", ""),
+    **{f"ARM {cpu}": store.Target(ARM, cpu, "") for cpu in ARM_CPUS},
+}
+every_machine = pytest.mark.parametrize("machine", MACHINES)
+
+
+def code_for(machine, kind, text, result="%r", more=""):
+    """Return assembly and object code of a function of three arguments x, y and z of a kind."""
+    from llvmlite import binding
+
+    made = compiler.machine_of(MACHINES[machine])
+    module = binding.parse_assembly(
+        f"define {kind} @planted({kind} %x, {kind} %y, {kind} %z) "
+        f"{{\n{text}\nret {kind} {result}\n}}\n{more}"
+    )
+    module.triple = MACHINES[machine].triple
+    compiler.optimize(module, made)
+    return made.emit_assembly(module), made.emit_object(module)
+
+
+@compiled_only
+@every_machine
+@pytest.mark.parametrize("kind", ["float", "double", "<8 x float>", "<3 x double>"])
+@pytest.mark.parametrize("operation", ["fadd {0} %p, %z", "fsub {0} %p, %z", "fsub {0} %z, %p"])
+@pytest.mark.parametrize("sign", ["", "\n%n = fneg {0} %r"])
+def test_look_at_machine_code_finds_a_fused(machine, kind, operation, sign):
+    fused = f"%p = fmul contract {kind} %x, %y\n%r = {operation} {sign}"
+    fused = fused.replace("fadd", "fadd contract").replace("fsub", "fsub contract").format(kind)
+    result = "%n" if sign else "%r"
+    assert cpu_dependent(code_for(machine, kind, fused, result)[0])
+    apart = fused.replace("contract", "")
+    assert cpu_dependent(code_for(machine, kind, apart, result)[0]) == []
+
+
+ESTIMATES = {
+    "x86": ("x86.sse.rcp.ps", "x86.sse.rsqrt.ps"),
+    "ARM": ("aarch64.neon.frecpe.v4f32", "aarch64.neon.frsqrte.v4f32"),
+}
+
+
+@compiled_only
+@every_machine
+@pytest.mark.parametrize("which", [0, 1])
+def test_look_at_machine_code_finds_an_estimate(machine, which):
+    kind, name = "<4 x float>", f"llvm.{ESTIMATES[machine.split()[0]][which]}"
+    called = f"%r = call {kind} @{name}({kind} %x)"
+    declared = f"declare {kind} @{name}({kind})"
+    assert cpu_dependent(code_for(machine, kind, called, more=declared)[0])
+    assert cpu_dependent(code_for(machine, kind, f"%r = fdiv {kind} %x, %y")[0]) == []
+
+
+@compiled_only
+@every_machine
+def test_object_code_that_calls_a_math_library_names_it(machine):
+    """What `compiler.compile_form` refuses, by `compiler.needed_symbols`."""
+    called = "%r = call double @llvm.sin.f64(double %x)"
+    declared = "declare double @llvm.sin.f64(double)"
+    assembly, code = code_for(machine, "double", called, more=declared)
+    assert cpu_dependent(assembly) == ["sin"]
+    assert "sin" in compiler.needed_symbols(code) - compiler.ALLOWED
+    assert (
+        compiler.needed_symbols(code_for(machine, "double", "%r = fadd double %x, %y")[1]) == set()
+    )
 
 
 @compiled_only

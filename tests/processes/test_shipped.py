@@ -281,35 +281,12 @@ def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
         wheels.make_wheel(made, PLATFORM, packs)
 
 
-DRAW = """
-import json, sys, warnings
-
-class Refuse:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "numba":
-            raise ModuleNotFoundError("No module named 'numba'", name="numba")
-
-sys.meta_path.insert(0, Refuse())
-sys.path[:0] = sys.argv[1:]
-import frames
-import rasterjit as rj
-from rasterjit.runtime import shipped, store
-
-warnings.simplefilter("ignore")
-found = {name: found for name, found in frames.every_digest()}
-print(json.dumps([found, store.USED.compiled, shipped.found().pack.target.cpu]))
-"""
-"""Draws every recorded frame where there is no Numba."""
-
-
 @compiled_only
 @pytest.mark.takes_long
 @pytest.mark.skipif(
     targets.platform_of(store.host().triple) is not PLATFORM, reason="a wheel of another platform"
 )
 def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
-    import frames
-
     copy = tmp_path / "rasterjit"
     shutil.copytree(Path(rj.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
     target = PLATFORM.targets()[-1]
@@ -317,11 +294,11 @@ def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
     content = wheels.pack_of(target)
     (copy / "machine_code" / wheels.file_name(target)).write_bytes(content)
     assert len(content) < 2 << 20
-    places = [str(tmp_path), str(TESTS / "hard_cases"), str(TESTS)]
+    program = TESTS / "hard_cases" / "shipped_frames.py"
     done = subprocess.run(
-        [sys.executable, "-c", DRAW, *places], capture_output=True, text=True, check=False,
+        [sys.executable, str(program), str(tmp_path)], capture_output=True, text=True, check=False,
         env={**os.environ, "NUMBA_CPU_NAME": target.cpu, store.FOLDER_VARIABLE: "/dev/null/x"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
-    assert json.loads(done.stdout) == [frames.recorded(), [], target.cpu]
+    assert done.stdout.endswith(f"{target.cpu}\n")
