@@ -10,19 +10,34 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry.setup import GUARD, NEAR
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import texture_places
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.pipeline.surface.samples import (
+    COLUMN,
+    COLUMN_OF,
     COUNTS,
+    END_PATCH,
+    FIRST,
+    FIRST_PATCH,
     INTERVAL_COLUMN,
     INTERVAL_ROW,
     INTERVAL_START,
     INTERVAL_STOP,
     INTERVALS,
+    KIND,
+    ROW,
+    ROW_OF,
+    SEGMENTS,
+    SPAN,
+    A,
+    B,
     Block,
+    C,
 )
 from rasterjit.pipeline.surface.texture_lookup import U, V
+from rasterjit.pipeline.surface.textures import vertex_place
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.rendering import stage_list
@@ -32,7 +47,7 @@ from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
-from rasterjit.runtime.state import float64
+from rasterjit.runtime.state import float32, float64
 
 ROUNDINGS = Fraction(2) ** -48
 """Error of a coordinate, as a share of the largest way between vertices."""
@@ -50,29 +65,58 @@ def take_places(block: Block, count, taken: float64[:, :, ::1]):
             taken[row, column + n, 1] = block.places[V, start + n]
 
 
+@stage
+def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
+    """Write the coordinates of all samples by `place_exactly`: the twin of `find_places`."""
+    whole = block.whole
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+            first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
+            a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+            column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+            if segment[KIND] != SPAN:
+                column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
+            ends = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
+            texture_places.place_exactly(
+                first, end, (a, b, c), ends, column, row, block.places, geometry
+            )
+
+
+def take(positions, uv, face_id, viewport, by=texture_places.find_places):
+    """Return the coordinates where one triangle is seen, and its vertices on the screen."""
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
+    faces = np.array([(0, 1, 2)], np.int32)
+    geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
+    taken = np.full((*face_id.shape, 2), np.nan)
+    columns = face_id.shape[1]
+    listed = (
+        np.ascontiguousarray(face_id), 0, columns, faces, np.array([0, 1]),
+        np.zeros(4, np.float32), 0, np.empty((columns, 0, 4), np.float32),
+        np.empty((columns, 0), np.uint32),
+    )  # fmt: skip
+    BLOCKS.block[:COUNTS] = 0
+    steps = [
+        Step(list_samples, listed), Step(by, (np.float32(uv), geometry)),
+        Step(take_places, (taken,)),
+    ]  # fmt: skip
+    StageList(steps).run(BLOCKS.block, BLOCK)
+    return taken, screen
+
+
+def seen(positions, size, bits):
+    """Return the face seen at each pixel, of one triangle."""
+    quality, faces = rj.Quality(subpixel_bits=bits), np.array([(0, 1, 2)], np.int32)
+    return rj.rasterize(positions, faces, size, quality=quality, threads=1).face_id
+
+
 def place(points, w, uv, bits=8, face_id=None):
     """Return where one triangle is seen, the coordinates there, and its snapped corners."""
     size = 64, 64
     positions = naive.clip_from_screen(points, size, 0.0, w)
-    faces = np.array([(0, 1, 2)], np.int32)
-    viewport, workers = viewport_of(size, bits), threads.Workers(1)
-    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     if face_id is None:
-        quality = rj.Quality(subpixel_bits=bits)
-        face_id = rj.rasterize(positions, faces, size, quality=quality, threads=1).face_id
-    geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
-    taken = np.full((*size, 2), np.nan)
-    listed = (
-        np.ascontiguousarray(face_id), 0, size[1], faces, np.array([0, 1]),
-        np.zeros(4, np.float32), 0, np.empty((size[1], 0, 4), np.float32),
-        np.empty((size[1], 0), np.uint32),
-    )  # fmt: skip
-    BLOCKS.block[:COUNTS] = 0
-    steps = [
-        Step(list_samples, listed), Step(texture_places.find_places, (np.float32(uv), geometry)),
-        Step(take_places, (taken,)),
-    ]  # fmt: skip
-    StageList(steps).run(BLOCKS.block, BLOCK)
+        face_id = seen(positions, size, bits)
+    taken, screen = take(positions, uv, face_id, viewport_of(size, bits))
     return face_id, taken, screen.xy[:3].tolist()
 
 
@@ -121,6 +165,40 @@ def test_faces_beyond_float64_are_placed_by_exact_weights(w):
     uv = [(0.5, -3.0), (7.0, 0.25), (2.0, 9.0)]
     points, bits = (wide, 12) if w[0] == 1.0 else (plain, 8)
     assert check(points, np.array(w), uv, every=7, bits=bits) > 20
+
+
+def clipped_faces():
+    """Yield clip positions of triangles that cross the near plane or the guard band, and which."""
+    rng = np.random.default_rng(7)
+    for n in range(12):
+        positions = np.concatenate([rng.normal(size=(3, 2)), np.zeros((3, 1)), np.ones((3, 1))], 1)
+        if n % 2 == 0:
+            positions[:, 2:] = np.array([(0.1, 1.0), (0.3, 0.7), (-2.0, -0.9)])
+            yield positions, NEAR
+        else:
+            positions[n % 3, :2] *= 1e4
+            yield positions, GUARD
+
+
+@pytest.mark.parametrize("bits", [4, 8, 12])
+@pytest.mark.parametrize(
+    ("size", "region"), [((64, 64), None), ((150, 37), None), ((150, 37), Region(70, 9, 61, 23))]
+)
+def test_clipped_faces_are_placed_as_sample_by_sample(size, region, bits):
+    viewport = viewport_of(size, bits, region)
+    left, top, columns, rows = region or (0, 0, *size)
+    uv, counts = [(0.5, -3.0), (7.0, 0.25), (2.0, 900.0)], {NEAR: 0, GUARD: 0}
+    for positions, plane in clipped_faces():
+        face_id = seen(positions, size, bits)[top : top + rows, left : left + columns]
+        # Long runs, and runs of one and two samples.
+        for shown in (face_id, np.where(np.arange(columns) % 7 % 3 < 2, face_id, np.int32(-1))):
+            quick, screen = take(positions, uv, shown, viewport)
+            slow, _ = take(positions, uv, shown, viewport, by=place_slowly)
+            assert np.bitwise_or.reduce(screen.codes[:3]) & plane
+            assert quick.tobytes() == slow.tobytes()
+            assert not np.isnan(quick[shown == 0]).any()
+            counts[plane] += int((shown == 0).sum())
+    assert min(counts.values()) > 300
 
 
 def test_where_a_run_is_cut_changes_no_bit():

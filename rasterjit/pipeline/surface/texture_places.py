@@ -9,8 +9,8 @@ sample lies on, as w is. The weights
 
 are quotients of sums without cancellation, off by some 2**-52 of themselves, for one division a
 sample. That moves coordinates by far less than the step that positions on a texture are rounded
-to. Faces that were clipped, whose edges are not known, and those that may leave what float64 holds
-take the weights of others.
+to. Edge functions of clipped faces are not known, and those of some others may leave what float64
+holds: samples on such faces take weights from `barycentric`.
 
 A patch is worked out at once, be it a long run or a few samples: its lanes are free, while vertices
 would have to be written for each sample. Where a sample lies depends on its face and its pixel
@@ -92,9 +92,10 @@ def place_exactly(first, end, corners, ends, column, row, places, geometry):
 @disjoint_helper
 def place_clipped(u, v, corners, ends, column, row, clip, viewport):
     """
-    Do what `place_exactly` does, for a face that was clipped.
+    Write the coordinates of some samples of a clipped face, with the bits of `place_exactly`.
 
-    Without branches or calls between samples, so that it vectorizes.
+    Takes the parts of rows U and V that hold these samples. The loop has no branch for faces that
+    were not clipped, so that it vectorizes.
     """
     a, b, c = corners
     pa, pb, pc = ends
