@@ -138,12 +138,13 @@ def shipped_target() -> Target | None:
     from llvmlite import binding
 
     triple = binding.get_process_triple()
-    if any(name in os.environ for name in CHOICES):
+    chosen, features = (os.environ.get(name) for name in CHOICES)
+    if chosen or features is not None:
         platform, wanted = platform_of(triple), host()
         targets = [] if platform is None else platform.targets()
         return next((one for one in targets if one[1:] == wanted[1:]), None)
-    features = binding.get_host_cpu_features()
-    return best_target(triple, frozenset(name for name, has in features.items() if has))
+    here = binding.get_host_cpu_features()
+    return best_target(triple, frozenset(name for name, has in here.items() if has))
 
 
 class _Compiling(threading.local):

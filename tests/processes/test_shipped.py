@@ -110,6 +110,16 @@ def test_a_level_that_the_user_names_is_the_shipped_one(monkeypatch, level):
     assert targets.host() == (PLATFORM.triple, level.cpu, "+sse4a")
 
 
+def test_an_empty_name_of_a_cpu_asks_for_none(monkeypatch):
+    from llvmlite import binding
+
+    monkeypatch.setattr(binding, "get_process_triple", lambda: PLATFORM.triple)
+    monkeypatch.setattr(binding, "get_host_cpu_features", lambda: dict.fromkeys(V3.needs, True))
+    monkeypatch.delenv("NUMBA_CPU_FEATURES", raising=False)
+    monkeypatch.setenv("NUMBA_CPU_NAME", "")
+    assert targets.shipped_target() == PLATFORM.targets()[1]
+
+
 @pytest.fixture
 def code():
     """The name and the object code of a raw kernel, for this machine."""
