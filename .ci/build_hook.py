@@ -3,7 +3,8 @@ Put wheels with machine code beside the pure wheel that hatchling makes.
 
 ``RASTERJIT_PLATFORMS`` names the platforms (``rasterjit/runtime/targets.py``), with commas between
 them; ``none`` makes the pure wheel alone. If it is not set, ``python -m build`` makes those of all
-platforms, since it builds wheels from the source distribution; whoever installs compiles nothing.
+platforms, since it builds wheels from the source distribution. Who installs one with pip compiles
+nothing; other installers are not told from builders.
 """
 
 from __future__ import annotations

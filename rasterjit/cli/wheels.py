@@ -140,8 +140,13 @@ def check() -> bool:
     files = sorted(shipped.FOLDER.glob(f"*{shipped.SUFFIX}"))
     same = bool(files)
     for path in files:
-        pack = shipped.read(path)
-        is_same = path.read_bytes() == pack_of(pack.target)
+        try:
+            pack = shipped.read(path)
+        except (shipped.UnfitError, OSError) as error:
+            print(error)
+            same = False
+            continue
+        is_same = pack.content == pack_of(pack.target)
         print(f"{path}: {'the same' if is_same else 'other'} bytes (made with {pack.made_with})")
         same = same and is_same
     print(f"here: {made_with()}")

@@ -507,9 +507,9 @@ def _shipped(kernel: Any, kind: RecordType) -> tuple[str, str, bytes] | None:
 
     None if nothing came, or if it is of no use: the first time that is told on standard error.
     """
-    pack, problem = shipped.found()
     if not kernel.__module__.startswith("rasterjit."):
         return None
+    pack, problem = shipped.found()
     if pack is not None:
         name = name_of(kernel, kind, pack.target)
         try:
