@@ -3,8 +3,8 @@ Put wheels with machine code beside the pure wheel that hatchling makes.
 
 ``RASTERJIT_PLATFORMS`` names the platforms (``rasterjit/runtime/targets.py``), with commas between
 them; ``none`` makes the pure wheel alone. If it is not set, ``python -m build`` makes those of all
-platforms, since it builds wheels from the source distribution. Who installs one with pip compiles
-nothing; other installers are not told from builders.
+platforms, since it builds wheels from the source distribution. pip gets the pure wheel, whatever is
+set; other installers are not told from builders.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ STANDARD = "standard"
 """hatchling's name for a wheel that is no editable installation."""
 
 PIP = "PIP_BUILD_TRACKER"
-"""Set while pip builds, which keeps one wheel alone."""
+"""Set while pip builds, which would throw all but the pure wheel away."""
 
 
 class MachineCode(BuildHookInterface):
@@ -33,10 +33,12 @@ class MachineCode(BuildHookInterface):
 
     def platforms(self) -> list[str]:
         """Return the names of the platforms to make wheels for."""
+        if PIP in os.environ:
+            return []
         chosen = os.environ.get(VARIABLE)
         if chosen is not None:
             return [name for name in chosen.replace(",", " ").split() if name != "none"]
-        if PIP in os.environ or not (Path(self.root) / "PKG-INFO").is_file():
+        if not (Path(self.root) / "PKG-INFO").is_file():
             return []
         sys.path.insert(0, str(Path(self.root) / "rasterjit" / "runtime"))
         try:
