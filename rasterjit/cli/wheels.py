@@ -26,7 +26,7 @@ from rasterjit.runtime import ahead, jit, numba_alone, shipped, store
 from rasterjit.runtime.ahead import Task
 from rasterjit.runtime.targets import PLATFORMS, Platform, Target
 
-PLACE = "rasterjit/machine_code"
+PLACE = f"{shipped.FOLDER.parent.name}/{shipped.FOLDER.name}"
 """Folder of the code in a wheel."""
 
 MODE = 0o100644 << 16
@@ -81,12 +81,7 @@ def pack_of(target: Target) -> bytes:
                 forms[path.stem] = kept[0].returns, kept[1]
     if len(forms) != len(tasks):
         raise RuntimeError(f"{len(forms)} of {len(tasks)} forms were compiled and kept")
-    return shipped.content_of(file_name(target), target, made_with(), forms)
-
-
-def file_name(target: Target) -> str:
-    """Return the name of the file of a target's machine code."""
-    return f"{target.cpu}{shipped.SUFFIX}"
+    return shipped.content_of(shipped.file_name(target), target, made_with(), forms)
 
 
 def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
@@ -131,6 +126,17 @@ def make_wheel(pure: Path, platform: Platform, packs: dict[str, bytes]) -> Path:
     return made
 
 
+def other_sources(pure: Path) -> list[str]:
+    """Return the names of the sources in a wheel that are not what is compiled here, sorted."""
+    base = store.ROOT.parent
+    with zipfile.ZipFile(pure) as archive:
+        return sorted(
+            name for name in archive.namelist()
+            if name.endswith(".py")
+            and not ((base / name).is_file() and archive.read(name) == (base / name).read_bytes())
+        )  # fmt: skip
+
+
 def _digest(content: bytes) -> str:
     return base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
 
@@ -138,6 +144,8 @@ def _digest(content: bytes) -> str:
 def check() -> bool:
     """Compile again what came with this installation; print and return whether it is the same."""
     files = sorted(shipped.FOLDER.glob(f"*{shipped.SUFFIX}"))
+    if not files:
+        print(f"no machine code came with this installation: {shipped.FOLDER} has none")
     same = bool(files)
     for path in files:
         try:
@@ -166,8 +174,15 @@ def main(arguments: Sequence[str]) -> int:
         usage = f"WHEEL PLATFORM ... (of {', '.join(PLATFORMS)}), or check"
         print(f"python -m rasterjit.cli.wheels {usage}", file=sys.stderr)
         return 2
+    others = other_sources(Path(wheel))
+    if others:
+        print(
+            f"{wheel} is of other sources than {store.ROOT}, which would be compiled: "
+            f"{len(others)} files differ, {others[0]} first", file=sys.stderr,
+        )  # fmt: skip
+        return 2
     for name in names:
-        packs = {file_name(one): pack_of(one) for one in PLATFORMS[name].targets()}
+        packs = {shipped.file_name(one): pack_of(one) for one in PLATFORMS[name].targets()}
         print(make_wheel(Path(wheel), PLATFORMS[name], packs), flush=True)
     return 0
 

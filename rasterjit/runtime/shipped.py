@@ -126,6 +126,11 @@ def _checksum(name: str, table: bytes) -> bytes:
     return hashlib.sha256(name.encode() + b"\0" + table).digest()
 
 
+def file_name(target: Target) -> str:
+    """Return the name of the file of a target's machine code."""
+    return f"{target.cpu}{SUFFIX}"
+
+
 def read(path: Path) -> Pack:
     """
     Return a file of machine code.
@@ -170,7 +175,7 @@ def found() -> Found:
     target = shipped_target()
     if target is None:
         return Found(None, None)
-    path = FOLDER / f"{target.cpu}{SUFFIX}"
+    path = FOLDER / file_name(target)
     problem = _cannot_link()
     if problem is not None:
         return Found(None, f"{path} is of no use: {problem}")

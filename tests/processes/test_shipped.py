@@ -30,10 +30,10 @@ V4, V3, V2 = PLATFORM.levels
 FORMS = {"b_1": ("int", b"second"), "a_2": ("none", b"first")}
 
 
-def write_pack(place, forms, target=None, name=None):
+def write_pack(place, forms, target=None):
     """Write a file of machine code, of this machine if no target is given; return its path."""
     target = target or store.host()
-    path = place / (name or f"{target.cpu}{shipped.SUFFIX}")
+    path = place / shipped.file_name(target)
     path.write_bytes(shipped.content_of(path.name, target, "something", forms))
     return path
 
@@ -253,13 +253,13 @@ def test_every_kernel_is_in_the_list():
     assert wanted >= {(one.__module__, one.__name__) for one in own}
 
 
-def pure_wheel(place):
-    """Write the smallest wheel there is; return its path."""
+def pure_wheel(place, source=""):
+    """Write the smallest wheel there is, with a source; return its path."""
     path = place / "rasterjit-9-py3-none-any.whl"
     about = "Wheel-Version: 1.0\nGenerator: x\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     with zipfile.ZipFile(path, "w") as archive:
         for name, text in {
-            "rasterjit/__init__.py": "", "rasterjit-9.dist-info/WHEEL": about,
+            "rasterjit/__init__.py": source, "rasterjit-9.dist-info/WHEEL": about,
             "rasterjit-9.dist-info/RECORD": "rasterjit/__init__.py,,\n",
         }.items():  # fmt: skip
             archive.writestr(zipfile.ZipInfo(name, (2020, 2, 2, 0, 0, 0)), text)
@@ -291,6 +291,17 @@ def test_a_platform_s_wheel_is_the_pure_one_with_machine_code(tmp_path):
         wheels.make_wheel(made, PLATFORM, packs)
 
 
+def test_a_wheel_of_other_sources_gets_no_machine_code(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(jit, "DISABLED", False)
+    monkeypatch.setattr(jit, "CHECKED", False)
+    monkeypatch.setattr(wheels, "pack_of", lambda target: b"code")
+    for source, status in (("edited", 2), (Path(rj.__file__).read_text(), 0)):
+        wheel = pure_wheel(tmp_path, source)
+        assert wheels.main([str(wheel), "x86_64"]) == status
+        assert ("rasterjit/__init__.py" in capsys.readouterr().err) == (status == 2)
+        assert len(list(tmp_path.iterdir())) == (1 if status else 2)
+
+
 @compiled_only
 @pytest.mark.takes_long
 @pytest.mark.skipif(
@@ -302,7 +313,7 @@ def test_all_frames_are_drawn_from_what_came_without_numba(tmp_path):
     target = PLATFORM.targets()[-1]
     (copy / "machine_code").mkdir()
     content = wheels.pack_of(target)
-    (copy / "machine_code" / wheels.file_name(target)).write_bytes(content)
+    (copy / "machine_code" / shipped.file_name(target)).write_bytes(content)
     assert len(content) < 2 << 20
     program = TESTS / "hard_cases" / "shipped_frames.py"
     done = subprocess.run(
