@@ -17,8 +17,7 @@ def first_tasks() -> list[Task]:
 
 def lacking() -> list[Task]:
     """Return tasks that compile every form of every kernel and stage that is not there."""
-    # What has several forms takes longest: first, so that no process ends long after the others.
-    return ahead.compiling(sorted(ahead.every_kernel(), key=lambda one: -len(one.declared)))
+    return ahead.compiling(ahead.every_kernel())
 
 
 def compile_all(tell: Callable[[int, int], None]) -> None:

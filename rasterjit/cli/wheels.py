@@ -26,6 +26,9 @@ from rasterjit.runtime import ahead, jit, numba_alone, shipped, store
 from rasterjit.runtime.ahead import Task
 from rasterjit.runtime.targets import PLATFORMS, Platform, Target
 
+HERE = "rasterjit.cli.wheels"
+"""This module, whatever it was started as."""
+
 PLACE = f"{shipped.FOLDER.parent.name}/{shipped.FOLDER.name}"
 """Folder of the code in a wheel."""
 
@@ -66,9 +69,9 @@ def pack_of(target: Target) -> bytes:
     """
     with tempfile.TemporaryDirectory(prefix="rasterjit-") as place:
         tasks = [
-            Task(__name__.replace("__main__", "rasterjit.cli.wheels"), "compile_for",
+            Task(HERE, "compile_for",
                  (one.__module__, one.__name__, number, place, *target))
-            for one in sorted(ahead.every_kernel(), key=lambda one: -len(one.declared))
+            for one in ahead.every_kernel()
             for number in range(len(one.declared))
         ]  # fmt: skip
         # Here, what went wrong shows.

@@ -98,7 +98,7 @@ class Code(NamedTuple):
     address: int
     returns: str
     is_loaded: bool
-    """From the store, not compiled by this process."""
+    """It came with the installation or from the store; this process did not compile it."""
     library: Any
     """Keeps it there."""
 

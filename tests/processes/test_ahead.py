@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import shutil
@@ -16,7 +15,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.cli import warmup
@@ -483,25 +481,6 @@ def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
     }
     assert here == [given[-1].arguments]
     assert told == [(n, len(given)) for n in range(len(given) + 1)]
-
-
-IN_A_FRESH_PROCESS = """
-import json
-from rasterjit.cli import warmup
-from rasterjit.runtime import jit
-print(json.dumps(sorted(f"{one.__module__}.{one.__name__}" for one in (*jit.KERNELS, *jit.STAGES))))
-"""
-
-
-@compiled_only
-def test_the_list_of_warmup_has_every_kernel_of_the_package():
-    done = subprocess.run(
-        [sys.executable, "-c", IN_A_FRESH_PROCESS], capture_output=True, text=True, check=True
-    )
-    for module in kernel_modules():
-        importlib.import_module(module)
-    own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
-    assert json.loads(done.stdout) == sorted(f"{one.__module__}.{one.__name__}" for one in own)
 
 
 @compiled_only
