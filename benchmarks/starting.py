@@ -309,11 +309,9 @@ def installed(wheel: Path, place: Path) -> str:
 
 def run_pip(python: str, *arguments: str) -> None:
     """Run pip; raise `subprocess.CalledProcessError` with what it says if it fails."""
-    # Bytecode belongs to an installation.
-    kept = {name: text for name, text in os.environ.items() if name != NO_BYTECODE}
     subprocess.run(
         [python, "-m", "pip", "-q", "--disable-pip-version-check", *arguments],
-        check=True, capture_output=True, text=True, env=kept,
+        check=True, capture_output=True, text=True,
     )  # fmt: skip
 
 
