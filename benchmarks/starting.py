@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
 import statistics
 import subprocess
@@ -192,8 +193,8 @@ class Environment(click.ParamType):
 )  # fmt: skip
 @click.option(
     "--wheel", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="A wheel, which is installed by pip in a new environment.  [default: the newest platform "
-    "wheel in dist/, if any]",
+    help="A wheel, which is installed by pip in a new environment.  [default: the newest for this "
+    "machine in dist/, if any]",
 )  # fmt: skip
 @click.option("--against", metavar="COMMIT", help="A commit, which is measured as well.")
 @click.option(
@@ -258,7 +259,7 @@ def entrants(
         )
     wheel = wheel or newest_wheel(ROOT / "dist")
     if wheel is None:
-        left_out["RasterJIT, wheel"] = "no platform wheel in dist/, and no --wheel"
+        left_out["RasterJIT, wheel"] = "no wheel for this machine in dist/, and no --wheel"
     else:
         try:
             python = installed(wheel, folder / "wheel")
@@ -286,8 +287,8 @@ def entrants(
 
 
 def newest_wheel(folder: Path) -> Path | None:
-    """Return the newest wheel with machine code in a folder, if there is one."""
-    wheels = [path for path in folder.glob("rasterjit-*.whl") if not path.stem.endswith("-any")]
+    """Return the newest wheel with machine code for this machine in a folder, if there is one."""
+    wheels = folder.glob(f"rasterjit-*_{platform.machine().lower()}.whl")
     return max(wheels, key=lambda path: path.stat().st_mtime, default=None)
 
 

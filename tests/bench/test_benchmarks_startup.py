@@ -129,13 +129,15 @@ def test_an_environment_is_asked_what_it_has_without_importing_it():
     assert not starting.is_installed(sys.executable, "no_such_package.module")
 
 
-def test_the_newest_wheel_with_machine_code_is_taken_and_one_that_fails_is_told(
+def test_the_newest_wheel_for_this_machine_is_taken_and_one_that_fails_is_told(
     monkeypatch, tmp_path
 ):
+    monkeypatch.setattr(starting.platform, "machine", lambda: "x86_64")
     assert starting.newest_wheel(tmp_path / "nowhere") is None
-    names = ("py3-none-any", "py3-none-manylinux_2_17_x86_64", "py3-none-manylinux_2_28_x86_64")
-    for n, tag in enumerate(names):
-        path = tmp_path / f"rasterjit-0.1.0-{tag}.whl"
+    # The newest first.
+    tags = ("any", "manylinux_2_17_aarch64", "manylinux_2_17_x86_64", "manylinux_2_28_x86_64")
+    for n, tag in enumerate(tags):
+        path = tmp_path / f"rasterjit-0.1.0-py3-none-{tag}.whl"
         path.write_bytes(b"no wheel")
         os.utime(path, (0, 100 - n))
     wheel = starting.newest_wheel(tmp_path)

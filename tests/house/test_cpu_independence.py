@@ -160,7 +160,7 @@ def test_no_kernel_fuses_or_calls_a_math_library(compiled):
 
 
 def check_independence(names, code):
-    """Fail if a kernel has no form, or one of another CPU than its neighbours."""
+    """Fail if a kernel has no form, or a form whose bits depend on the CPU."""
     assert {name for name, *_ in code} >= set(names), "a kernel that declares no form"
     for name, signature, assembly, needed in code:
         assert name in assembly
