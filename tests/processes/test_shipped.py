@@ -16,10 +16,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from kernel_files import kernel_modules
 
 import rasterjit as rj
-from rasterjit.cli import doctor, wheels
+from rasterjit.cli import commands, doctor, wheels
 from rasterjit.runtime import ahead, driver, jit, shipped, store, targets
 from rasterjit.runtime.shipped import UnfitError
 
@@ -227,6 +228,28 @@ def test_llvmlite_that_cannot_link_is_named(come, code, monkeypatch):
     assert "no_such_function" in problem
 
 
+@compiled_only
+def test_where_all_came_warmup_compiles_nothing_and_needs_no_folder(come, code, monkeypatch):
+    come(dict([code]))
+    monkeypatch.setattr(ahead, "every_kernel", lambda: [driver.run_list])
+    monkeypatch.setattr(store, "folder", lambda: pytest.fail("it is not needed"))
+    done = CliRunner().invoke(commands.program, ["warmup"])
+    assert (done.exit_code, done.output.partition(":")[0]) == (0, "nothing to compile")
+
+
+@compiled_only
+@pytest.mark.parametrize("has_come", [True, False])
+def test_doctor_asks_for_a_folder_only_where_something_is_compiled(come, monkeypatch, has_come):
+    if has_come:
+        come(FORMS)
+    else:
+        monkeypatch.setattr(shipped, "found", lambda: shipped.Found(None, None))
+    monkeypatch.setattr(store, "folder", lambda: None)
+    monkeypatch.setattr(store, "USED", store.Used([], []))
+    (finding,) = doctor._store()
+    assert finding.passed is (None if has_come else False)
+
+
 def test_where_nothing_lacks_no_process_starts(monkeypatch):
     monkeypatch.setattr(ahead, "available_processors", lambda: 2)
     monkeypatch.setattr(ahead, "is_possible", lambda: pytest.fail("nobody need know"))
@@ -307,6 +330,22 @@ def test_a_wheel_of_other_sources_gets_no_machine_code(tmp_path, monkeypatch, ca
         assert wheels.main([str(wheel), "x86_64"]) == status
         assert ("rasterjit/__init__.py" in capsys.readouterr().err) == (status == 2)
         assert len(list(tmp_path.iterdir())) == (1 if status else 2)
+
+
+def test_a_check_tells_the_same_bytes_from_others_and_from_none(come, monkeypatch, capsys):
+    path = come(FORMS)
+    content = path.read_bytes()
+    for installed, made, words in (
+        (content, content, "the same bytes"), (content, b"others", "other bytes"),
+        (content[:-1], content, "other bytes"), (b"", content, "damaged"),
+        (None, content, "no machine code"),
+    ):  # fmt: skip
+        path.unlink(missing_ok=True)
+        if installed is not None:
+            path.write_bytes(installed)
+        monkeypatch.setattr(wheels, "pack_of", lambda target, made=made: made)
+        assert wheels.check() == (words == "the same bytes")
+        assert words in capsys.readouterr().out
 
 
 @compiled_only
