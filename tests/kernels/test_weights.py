@@ -30,11 +30,15 @@ from rasterjit.runtime.state import float64
 SIZE = 64, 64
 TOWARD = np.array([0.0, 0.0, 1.0, 0.0])
 """A viewer far away."""
-EYE = {
-    "passes": [(-9.0, -4.0, 0.0, 1.0), (9.0, -5.0, 0.0, 1.0), (0.3, 2.0, -1.0, -0.5)],
-    "is in front": [(-9000.0, -4.0, 0.0, 1.0), (9000.0, -5.0, 0.0, 1.0), (0.3, 9.0, 0.5, 2.0)],
+TRIANGLES = {
+    "passes the eye": [(-9.0, -4.0, 0.0, 1.0), (9.0, -5.0, 0.0, 1.0), (0.3, 2.0, -1.0, -0.5)],
+    "is wider than the guard band": [
+        (-9000.0, -4.0, 0.0, 1.0),
+        (9000.0, -5.0, 0.0, 1.0),
+        (0.3, 9.0, 0.5, 2.0),
+    ],
 }
-"""Clip positions of triangles that are cut: one that passes the eye, and one that is very wide."""
+"""Clip positions, x y z w, of triangles that are cut."""
 
 
 @stage
@@ -78,9 +82,9 @@ def weigh(positions, face_id, mirrored=1.0):
     return taken, slow
 
 
-@pytest.mark.parametrize("triangle", EYE)
+@pytest.mark.parametrize("triangle", TRIANGLES)
 def test_weights_of_a_clipped_face_are_those_of_each_sample_in_runs_of_any_length(triangle):
-    positions = np.array(EYE[triangle])
+    positions = np.array(TRIANGLES[triangle])
     whole, slow = weigh(positions, np.zeros(SIZE, np.int32))
     assert len(np.unique(whole[:, :, 0])) > 1000
     assert np.float32(whole[:, :, :2]).tobytes() == slow[:, :, 1:].tobytes()
@@ -92,7 +96,7 @@ def test_weights_of_a_clipped_face_are_those_of_each_sample_in_runs_of_any_lengt
 
 
 def test_a_clipped_face_shows_one_side_which_a_mirrored_object_turns_round():
-    positions = np.array(EYE["passes"])
+    positions = np.array(TRIANGLES["passes the eye"])
     face_id = np.zeros(SIZE, np.int32)
     sides = [weigh(positions, face_id, mirrored)[0][:, :, 2] for mirrored in (1.0, -1.0)]
     assert [len(np.unique(side)) for side in sides] == [1, 1]
