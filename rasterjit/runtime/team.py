@@ -27,7 +27,7 @@ from rasterjit.runtime.intrinsics import (
     store_int64,
     swap_shared,
 )
-from rasterjit.runtime.jit import MACHINE, raw_kernel
+from rasterjit.runtime.jit import LOCKED_MACHINE, MACHINE, raw_kernel
 from rasterjit.runtime.state import LINE, WORD
 
 PATIENCE = 3e-4
@@ -99,8 +99,14 @@ def add_call(team, first, stop):
 
 
 @functools.cache
-def _machine(kernel: Any) -> Any:
-    return MACHINE(kernel.address())
+def _make_calls() -> Any:
+    return MACHINE(make_calls.address())
+
+
+@functools.cache
+def _add_call() -> Any:
+    # Python's lock, once released, might not be back soon.
+    return LOCKED_MACHINE(add_call.address())
 
 
 @functools.cache
@@ -109,7 +115,7 @@ def _looks_a_second() -> float:
     words, looks, seconds = lined_up(4 * LINE // WORD), 2048, []
     for _ in range(3):
         begun = time.perf_counter()
-        _machine(make_calls)(words.ctypes.data, 1, looks)
+        _make_calls()(words.ctypes.data, 1, looks)
         seconds.append(time.perf_counter() - begun)
     return looks / min(seconds)
 
@@ -155,7 +161,9 @@ class Team:
         scratch : int
             Words of each thread's scratch memory, zero at first; calls leave it as they find it.
         """
-        self._make_calls()
+        if self._kept:
+            # The last step was interrupted.
+            self._make_calls()
         if most > len(self._calls):
             self._calls = np.zeros((most, CALL // WORD), np.int64)
         stride = -(-scratch * WORD // LINE) * LINE // WORD
@@ -175,7 +183,7 @@ class Team:
         count = len(self._kept)
         self._calls[count, :2] = call[:2]
         self._kept.append(call.kept)
-        _machine(add_call)(self._address, 0, 0)
+        _add_call()(self._address, 0, 0)
         return count + 1
 
     def finish(self) -> list[int]:
@@ -186,7 +194,7 @@ class Team:
         return self._calls[:count, -1].tolist()
 
     def _make_calls(self) -> None:
-        while not _machine(make_calls)(self._address, 0, self._looks):
+        while not _make_calls()(self._address, 0, self._looks):
             # Another thread, in a call, may have no processor at the moment.
             time.sleep(0)
         self._kept.clear()
@@ -194,7 +202,7 @@ class Team:
     def help(self, member: int) -> None:
         """Make calls, in another thread, as long as there are some now and then."""
         try:
-            _machine(make_calls)(self._address, member, self._looks)
+            _make_calls()(self._address, member, self._looks)
         finally:
             self.asleep.add(member)
 
