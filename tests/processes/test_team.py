@@ -8,12 +8,12 @@ import time
 
 import numpy as np
 import pytest
+from processes.small_kernels import count_up, note_scratch
 
 from rasterjit.runtime import threads as sharing
 from rasterjit.runtime.state import LINE, WORD
 from rasterjit.runtime.team import Call, Team
 from rasterjit.runtime.threads import Workers
-from tests.processes.small_kernels import count_up, note_scratch
 
 pytestmark = pytest.mark.needs_jit
 
