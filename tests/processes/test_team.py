@@ -8,14 +8,15 @@ import time
 
 import numpy as np
 import pytest
-from processes.small_kernels import count_up, note_scratch
+from small_kernels import count_up, note_scratch
 
+from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
 from rasterjit.runtime.state import LINE, WORD
 from rasterjit.runtime.team import Call, Team
 from rasterjit.runtime.threads import Workers
 
-pytestmark = pytest.mark.needs_jit
+pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
 SECONDS = 60.0
 """After which a thread that is waited for is lost."""
