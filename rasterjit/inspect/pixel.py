@@ -260,7 +260,8 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     alone[tile + 1 :] = 1
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
     arguments = (
-        np.array([tile], np.int32), alone, bottomless, viewport, (depth, face_id), *drawer[:2],
+        np.array([tile], np.int32), nearest.ALL, alone, bottomless, viewport, (depth, face_id),
+        *drawer[:2],
     )  # fmt: skip
     found = []
     for triangle in near:

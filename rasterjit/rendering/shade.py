@@ -24,6 +24,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.rendering import layers, srgb8, stage_list
 from rasterjit.rendering.effects import prepare_effects
+from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import Active, FrameContext, Rows, acting
@@ -200,6 +201,11 @@ def shade_in_bands(
         linear = np.empty((height, 0, 4), np.float32)
     per_task = rows_per_task(face_id.shape, workers)
     shader = shader.ready(kept)
+
+    in_machine_code = not (jit.DISABLED or jit.CHECKED)
+    if in_machine_code and workers.threads > 1 and per_task < height and not shader.has_behind:
+        shader.shading.shade_bands(face_id, per_task, linear, packed, workers)
+        return
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))

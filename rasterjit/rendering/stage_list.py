@@ -8,7 +8,7 @@ the block of samples that they work on, and ``runtime/driver.py`` for what runs 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,9 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.driver import BlockMemory, StageList, Step
-from rasterjit.runtime.state import type_named
+from rasterjit.runtime.state import size_of, type_named
+from rasterjit.runtime.team import Call
+from rasterjit.runtime.threads import Workers
 from rasterjit.survey.effect import Active, Look, acting
 
 BLOCK = type_named(Block)
@@ -473,18 +475,60 @@ class Shading:
             faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
             linear = linear.reshape(count, linear.shape[2], 4)
         painted = self._painted if background is None else background
-        own = faces, first_row, height, painted, linear, color
-        # Each thread has a list of its own, which serves all rows that it shades.
-        spare = self._spare[bool(linear.shape[1]), bool(color.shape[1])]
-        try:
-            stages = spare.pop()
-            stages.renew(self._output(*own))
-        except IndexError:
-            stages = self.listed(*own)
+        stages = self._take(faces, first_row, height, painted, linear, color)
         stages.run(BLOCKS.block, BLOCK)
+        self._put_back(stages, linear, color)
+
+    def shade_bands(
+        self,
+        face_id: NDArray[np.int32],
+        rows_of_band: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+        workers: Workers,
+    ) -> None:
+        """
+        Write the colour of a frame in bands of rows, shared among threads.
+
+        Parameters
+        ----------
+        face_id : (H, W) int32
+        rows_of_band : int
+        linear, color : arrays
+            As `shade` takes them.
+        workers : Workers
+        """
+        listed = []
+
+        def calls() -> Iterator[Call]:
+            for first in range(0, len(face_id), rows_of_band):
+                band = slice(first, first + rows_of_band)
+                faces, parts = face_id[band], (linear[band], color[band])
+                stages = self._take(faces, first, len(faces), self._painted, *parts)
+                listed.append(stages)
+                yield stages.call()
+
+        count = -(-len(face_id) // rows_of_band)
+        workers.call_machine(calls(), count, size_of(BLOCK))
+        for stages in listed:
+            self._put_back(stages, linear, color)
+
+    def _take(self, *own: Any) -> StageList:
+        """Return a list of stages that is not in use, for what `listed` takes."""
+        *_, linear, color = own
+        try:
+            stages = self._spare[bool(linear.shape[1]), bool(color.shape[1])].pop()
+        except IndexError:
+            return self.listed(*own)
+        stages.renew(self._output(*own))
+        return stages
+
+    def _put_back(
+        self, stages: StageList, linear: NDArray[np.float32], color: NDArray[np.uint32]
+    ) -> None:
         # The pictures are not for it to keep.
         stages.let_go()
-        spare.append(stages)
+        self._spare[bool(linear.shape[1]), bool(color.shape[1])].append(stages)
 
     def listed(
         self,

@@ -630,8 +630,8 @@ class Desk:
         drawer = nearest.tile_drawer(binned, faces, screen, np.float32)
         self._kept.append(drawer)
         drawn = self._bound(
-            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), list_starts, self._tile_depths,
-            viewport, (self._depth, self._face_id), *drawer[:3],
+            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, list_starts,
+            self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
         )  # fmt: skip
         finding = (
             transformed, clipped, placed, counted, in_pieces, projected, set_up, started, sorted_in,

@@ -20,6 +20,7 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.intrinsics import call_at, load_int64
 from rasterjit.runtime.jit import Stage, raw_kernel
 from rasterjit.runtime.state import WORD, RecordType, arrays_of_block, pack_slowly, size_of
+from rasterjit.runtime.team import Call
 
 
 class Step(NamedTuple):
@@ -142,6 +143,11 @@ class StageList:
             self._run_in_python(arrays_of_block(kind, block))
             return
         _runner()(ctypes.addressof(self._table()), block.ctypes.data, 0)
+
+    def call(self) -> Call:
+        """Return how a thread runs the stages, with a block of samples as its scratch memory."""
+        table = self._table()
+        return Call(run_list.address(), ctypes.addressof(table), (self, table))
 
     def bound(self, block: NDArray[np.int64]) -> BoundList:
         """Return how machine code runs the stages with a block of samples."""

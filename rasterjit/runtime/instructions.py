@@ -680,6 +680,67 @@ def store_int64(typing_context: Any, address: Any, value: Any) -> Any:
 
 
 @intrinsic
+def add_to(typing_context: Any, row: Any, place: Any, value: Any) -> Any:
+    """Add to an element of a row of int64 that threads share, in one step; return what it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, index, added = arguments
+        element = builder.gep(field(context, builder, row, array, "data"), [index])
+        return builder.atomic_rmw("add", element, added, "acq_rel")
+
+    return types.int64(row, types.intp, types.int64), generate
+
+
+@intrinsic
+def load_shared(typing_context: Any, address: Any) -> Any:
+    """Return the word at an address, which other threads write, and see what they wrote before."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load_atomic(_pointer(builder, arguments[0], 64), "acquire", 8)
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def add_shared(typing_context: Any, address: Any, value: Any) -> Any:
+    """Add to the word at an address in one step; return what it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _pointer(builder, arguments[0], 64)
+        return builder.atomic_rmw("add", place, arguments[1], "acq_rel")
+
+    return types.int64(types.int64, types.int64), generate
+
+
+@intrinsic
+def swap_shared(typing_context: Any, address: Any, expected: Any, value: Any) -> Any:
+    """Write the word at an address if it is as expected, in one step; return what it was."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _pointer(builder, arguments[0], 64)
+        pair = builder.cmpxchg(place, *arguments[1:], "acq_rel", "acquire")
+        return builder.extract_value(pair, 0)
+
+    return types.int64(types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def rest(typing_context: Any) -> Any:
+    """Tell the processor that a loop waits for another thread."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        name, given = "llvm.x86.sse2.pause", []
+        if current().triple.startswith("aarch64"):
+            # "yield"
+            name, given = "llvm.aarch64.hint", [LANE(1)]
+        kind = ir.FunctionType(ir.VoidType(), [one.type for one in given])
+        builder.call(builder.module.declare_intrinsic(name, (), kind), given)
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@intrinsic
 def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any) -> Any:
     """Call ``int64 f(int64, int64, int64)`` at an address."""
 

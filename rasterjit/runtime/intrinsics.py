@@ -9,6 +9,7 @@ in Python; ``instructions`` has the machine's.
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ LANES = 8
 
 CHANNELS = 4
 """Channels of a texel: a 128-bit register of 32-bit numbers."""
+
+_ADDING = threading.Lock()
 
 
 @intrinsic
@@ -258,6 +261,39 @@ def load_int32(address: Any) -> Any:
 def store_int64(address: Any, value: Any) -> Any:
     """Write the word at an address."""
     raise NotImplementedError("machine code writes memory")
+
+
+@intrinsic
+def add_to(row: Any, place: Any, value: Any) -> Any:
+    """Add to an element of a row of int64 that threads share, in one step; return what it was."""
+    with _ADDING:
+        before = row[place]
+        row[place] += value
+    return before
+
+
+@intrinsic
+def load_shared(address: Any) -> Any:
+    """Return the word at an address, which other threads write, and see what they wrote before."""
+    raise NotImplementedError("machine code reads memory")
+
+
+@intrinsic
+def add_shared(address: Any, value: Any) -> Any:
+    """Add to the word at an address in one step; return what it was."""
+    raise NotImplementedError("machine code writes memory")
+
+
+@intrinsic
+def swap_shared(address: Any, expected: Any, value: Any) -> Any:
+    """Write the word at an address if it is as expected, in one step; return what it was."""
+    raise NotImplementedError("machine code writes memory")
+
+
+@intrinsic
+def rest() -> Any:
+    """Tell the processor that a loop waits for another thread."""
+    raise NotImplementedError("machine code waits")
 
 
 @intrinsic

@@ -156,7 +156,10 @@ class Form:
 
     def run(self, block: Any) -> Any:
         """Run the machine code with a state block."""
-        word = self._run(ctypes.addressof(block), 0, 0)
+        return self.returned(self._run(ctypes.addressof(block), 0, 0))
+
+    def returned(self, word: int) -> Any:
+        """Return what the kernel returns, given the word that the machine code returned."""
         return word if self._returns is None else self._returns(word)
 
 

@@ -6,6 +6,7 @@ The tasks write to places of their own, so the result has the same bits for any 
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import sys
@@ -19,6 +20,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rasterjit.runtime.jit import Kernel
+from rasterjit.runtime.team import PATIENCE, Call, Team
 
 LEAST_BYTES = 1 << 15
 """Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
@@ -50,6 +54,8 @@ class Workers:
         self.threads = available_processors() if threads is None else threads
         self.memory = Memory()
         self._pool: ThreadPoolExecutor | None = None
+        self._team: Team | None = None
+        self._team_lock = threading.Lock()
         self._process = os.getpid()
         self._closed = 0
         self._frame = threading.local()
@@ -65,6 +71,10 @@ class Workers:
             In `run`, if `close` was called since the frame began.
         """
         self.memory.next_frame()
+        team = self._team
+        if team is not None and self._process == os.getpid():
+            # There will be as much to do as in the last frame.
+            self._wake(team, team.next_frame())
         before = getattr(self._frame, "begun_at", None)
         self._frame.begun_at = self._closed
         try:
@@ -84,13 +94,9 @@ class Workers:
         calls = list(arguments)
         if self.threads == 1 or len(calls) <= 1:
             return [task(*call) for call in calls]
-        if self._process != os.getpid():
-            # A forked process has the pool but none of its threads.
-            self._pool, self._process = None, os.getpid()
-        pool = self._pool
-        if pool is None:
-            pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="rasterjit")
-            self._pool = pool
+        if self._team is not None:
+            self._team.dismiss()
+        pool = self._awake_pool()
         tasks, helpers = _Tasks(task, calls), []
         try:
             for _ in range(min(self.threads, len(calls)) - 1):
@@ -108,6 +114,79 @@ class Workers:
         self._check(begun_at)
         return tasks.results()
 
+    def call(self, kernel: Any, arguments: Iterable[tuple]) -> list[Any]:
+        """
+        Call a kernel for each tuple, in this thread and others; return what it returned, in order.
+
+        The same as `run`, but the threads do without Python's lock from call to call, and others
+        begin while arguments are still being made.
+        """
+        calls, forms = list(arguments), []
+        if self.threads == 1 or len(calls) <= 1 or type(kernel) is not Kernel:
+            return self.run(kernel, calls)
+
+        def bound() -> Iterator[Call]:
+            for own in calls:
+                form, block = kernel.bind(own)
+                forms.append(form)
+                yield Call(form.address, ctypes.addressof(block), block)
+
+        words = self.call_machine(bound(), len(calls))
+        return [form.returned(word) for form, word in zip(forms, words, strict=True)]
+
+    def call_machine(self, calls: Iterable[Call], most: int, scratch: int = 0) -> list[int]:
+        """
+        Make calls of machine code, in this thread and others; return what they returned.
+
+        Parameters
+        ----------
+        calls : iterable of Call
+        most : int
+            How many they are at most.
+        scratch : int
+            Words of each thread's scratch memory: see `Team.begin`.
+        """
+        begun_at = getattr(self._frame, "begun_at", None)
+        begun_at = self._closed if begun_at is None else begun_at
+        self._check(begun_at)
+        self._awake_pool()
+        with self._team_lock:
+            if self._team is None:
+                # Who waits for a call takes no processor from those who make one.
+                is_crowded = self.threads > available_processors()
+                self._team = Team(self.threads - 1, 0.0 if is_crowded else PATIENCE)
+            team = self._team
+            try:
+                team.begin(most, scratch)
+                for call in calls:
+                    self._wake(team, team.add(call))
+            finally:
+                words = team.finish()
+        self._check(begun_at)
+        return words
+
+    def _wake(self, team: Team, calls: int) -> None:
+        """Wake as many of a team as so many calls keep busy; without a pool they sleep on."""
+        pool = self._pool
+        while pool is not None and team.awake < calls and team.asleep:
+            try:
+                pool.submit(team.help, team.asleep.pop())
+            except (KeyError, RuntimeError):
+                # Another thread wakes them, or the pool was closed.
+                return
+
+    def _awake_pool(self) -> ThreadPoolExecutor:
+        """Return the pool of this process."""
+        if self._process != os.getpid():
+            # A forked process has the pool but none of its threads.
+            self._pool, self._team, self._process = None, None, os.getpid()
+            self._team_lock = threading.Lock()
+        pool = self._pool
+        if pool is None:
+            pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="rasterjit")
+            self._pool, self._team = pool, None
+        return pool
+
     def _check(self, begun_at: int) -> None:
         """Raise a RuntimeError if `close` was called since."""
         if begun_at != self._closed:
@@ -117,6 +196,8 @@ class Workers:
         """Let the threads go, and do not wait: who still draws is told by a ``RuntimeError``."""
         self._closed += 1
         pool, self._pool = self._pool, None
+        if self._team is not None:
+            self._team.dismiss()
         if pool is not None:
             pool.shutdown(wait=False, cancel_futures=True)
         self.memory.clear()
@@ -323,11 +404,13 @@ IDLE_REFERENCES = _references(_Block(1))
 """Reference count of a block that only its shelf holds; each view adds one."""
 
 
-def count_per_task(count: int, least: int, workers: Workers) -> int:
-    """Return how much of something one task does: all of it on one thread."""
+def count_per_task(
+    count: int, least: int, workers: Workers, tasks: int = TASKS_PER_THREAD
+) -> int:  # fmt: skip
+    """Return how much of something one task does, of so many a thread: all of it on one thread."""
     if workers.threads == 1:
         return max(count, 1)
-    return max(least, -(-count // (TASKS_PER_THREAD * workers.threads)))
+    return max(least, -(-count // (tasks * workers.threads)))
 
 
 def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:

@@ -101,5 +101,5 @@ def draw_tile(positions, faces, column, row, bits=8):
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
     drawer = nearest.tile_drawer(binned, drawn, screen)
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    nearest.draw_tiles(tiles, starts, tile_depths, viewport, frame, *drawer[:3])
+    nearest.draw_tiles(tiles, nearest.ALL, starts, tile_depths, viewport, frame, *drawer[:3])
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

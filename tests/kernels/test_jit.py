@@ -121,5 +121,5 @@ def test_every_stage_has_one_type_and_a_state_that_packs_natively():
 def test_a_wrong_argument_is_named_by_the_form_that_the_others_suit():
     numbers = [np.zeros(1, kind) for kind in (np.int32, np.int64)]
     for depths in map(np.dtype, ("float32", "float64", "int32")):
-        with pytest.raises(TypeError, match=r"draw_tiles\.3 must be Viewport\(.*\), got 3"):
-            nearest.draw_tiles(*numbers, np.zeros(1, depths), 3, 4, 5, 6, 7)
+        with pytest.raises(TypeError, match=r"draw_tiles\.4 must be Viewport\(.*\), got 3"):
+            nearest.draw_tiles(*numbers, numbers[1], np.zeros(1, depths), 3, 4, 5, 6, 7)

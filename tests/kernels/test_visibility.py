@@ -213,14 +213,14 @@ def test_a_tile_is_written_whatever_the_memory_held(kind):
         drawer.scratch[0][:], drawer.scratch[1][:] = 1000 + junk, junk
         frame = np.full(size[::-1], junk, kind), np.full(size[::-1], junk, np.int32)
         tiles = np.arange(4, dtype=np.int32)
-        nearest.draw_tiles(tiles, starts, floors, viewport, frame, *drawer[:3])
+        nearest.draw_tiles(tiles, nearest.ALL, starts, floors, viewport, frame, *drawer[:3])
         frames.append(frame)
         assert ((frame[1] == 0) | (frame[1] == -1)).all()
         assert (frame[0] == np.where(frame[1] == 0, kind(32), empty)).all()
         assert 0 < (frame[1] == 0).sum() < 1000
         # Tiles without a list are written to the frame alone.
         drawer.scratch[0][:] = junk
-        nearest.draw_tiles(tiles[1:], starts, floors, viewport, frame, *drawer[:3])
+        nearest.draw_tiles(tiles[1:], nearest.ALL, starts, floors, viewport, frame, *drawer[:3])
         assert (drawer.scratch[0] == junk).all()
     for one, other in zip(*frames, strict=True):
         assert one.tobytes() == other.tobytes()
@@ -367,7 +367,7 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
         drawer = nearest.tile_drawer(listed, faces, screen, kind)
         frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
         starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
-        nearest.draw_tiles(only, starts, floor, viewport, frame, *drawer[:3])
+        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
         return frame, drawer.drawing.cell_depths
 
     (have, have_faces), cells = drawn(0, count)

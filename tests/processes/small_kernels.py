@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.runtime.intrinsics import call_at, flat
-from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.intrinsics import call_at, flat, load_int64, store_int64
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, raw_kernel
 
 
 class Line(NamedTuple):
@@ -69,3 +69,18 @@ def has_index(row, n):
 def call(words):
     """Call a kernel by its words; return what it returns."""
     return call_at(words[0], words[1], np.int64(0), np.int64(0))
+
+
+@kernel
+def count_up(row, number):
+    """Add 1 to the first element; return the number."""
+    row[0] += 1
+    return number
+
+
+@raw_kernel
+def note_scratch(state, scratch, stop):
+    """Write the address of the scratch memory to the state, and count calls in that memory."""
+    store_int64(state, scratch)
+    store_int64(scratch, load_int64(scratch) + 1)
+    return np.int64(0)

@@ -448,7 +448,7 @@ def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypa
     kernels = visibility.draw_tiles, projection.transform_vertices
 
     def draw(*arguments):
-        tile_depths, _, frame, scratch, _, holes = arguments[2:]
+        tile_depths, _, frame, scratch, _, holes = arguments[3:]
         kinds.append((tile_depths.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
         kernels[0](*arguments)
 

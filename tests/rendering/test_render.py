@@ -247,20 +247,20 @@ def test_what_tiles_are_drawn_with_is_made_once_for_each_thread(cube, camera, mo
 
 
 def test_a_few_thousand_faces_are_set_up_by_all_threads(monkeypatch):
-    real, tasks = sharing.Workers.run, {}
+    real, tasks = sharing.Workers.call, {}
 
-    def run(workers, task, arguments):
+    def call(workers, kernel, arguments):
         calls = list(arguments)
-        tasks[getattr(task, "__name__", "")] = len(calls)
-        return real(workers, task, calls)
+        tasks[kernel.__name__] = len(calls)
+        return real(workers, kernel, calls)
 
-    monkeypatch.setattr(sharing.Workers, "run", run)
+    monkeypatch.setattr(sharing.Workers, "call", call)
     mesh, camera = wavy_grid(80), rj.PerspectiveCamera((0.5, -2.0, 1.2), (0, 0, 0))
     rj.render(mesh, camera, size=SIZE, threads=1)
-    assert tasks["set_up_triangles"] == tasks["fill_some"] == 1
+    assert tasks["set_up_triangles"] == tasks["transform_vertices"] == 1
     rj.render(mesh, camera, size=SIZE, threads=2)
     assert tasks["set_up_triangles"] >= 4
-    assert tasks["fill_some"] >= 2
+    assert tasks["transform_vertices"] >= 2
 
 
 def test_close_by_another_thread_as_a_frame_is_drawn_is_said(monkeypatch):

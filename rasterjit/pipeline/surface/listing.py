@@ -8,6 +8,7 @@ from rasterjit.pipeline.geometry.setup import last_at_most
 from rasterjit.pipeline.surface.samples import (
     COLUMN,
     COLUMN_OF,
+    COUNTS,
     END_PATCH,
     FACE,
     FIRST,
@@ -133,7 +134,8 @@ def list_samples(
     Parameters
     ----------
     block : Block
-        ``counts`` is 0 where a band begins. Writes everything about segments, patches, intervals.
+        ``counts`` is 0 where a band begins, and behind its end. Writes everything about segments,
+        patches, intervals.
     face_id : (R, W) int32
         The visible faces of the band, -1 where nothing is; or several images of it, one below the
         other.
@@ -213,6 +215,8 @@ def list_samples(
     counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND] = row, at, owner
     counts[SEGMENTS], counts[PATCHES], counts[INTERVALS] = k, r, last + 1
     if n == 0:
+        for number in range(COUNTS):
+            counts[number] = 0
         return np.int64(-1)
     whole[FIRST, r] = n
     gather_corners(r, faces, whole)

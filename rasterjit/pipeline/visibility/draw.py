@@ -40,8 +40,11 @@ VERTICES_PER_TASK = 65536
 LEAST_VERTICES = 4096
 """Fewest vertices taken to the screen by one task, if there are several threads."""
 
-TILES_PER_TASK = 8
-"""Fewest tiles drawn by one task, if there are several threads."""
+EVEN_TASKS = 4
+"""Tasks of each thread, of what takes equally long: faces to set up, vertices."""
+
+TILES_PER_TASK = 4
+"""Tiles that a thread takes at a time, if there are several threads."""
 
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
@@ -147,18 +150,20 @@ def transform(
     objects = vertex_starts, _rounded(relative_from_model, kind)
     matrix = _rounded(clip_from_relative, kind)
 
-    def transform_some(first: int) -> None:
-        some = first, min(first + per_task, count)
-        scratch = projection.scratch_memory(kind)
-        projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
-
-    workers.run(transform_some, [(n,) for n in range(0, count, per_task)])
+    own = positions, objects, matrix, clip_positions
+    workers.call(
+        projection.transform_positions,
+        [
+            ((n, min(n + per_task, count)), *own, projection.scratch_memory(kind))
+            for n in range(0, count, per_task)
+        ],
+    )
     return clip_positions
 
 
 def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
     """Return how much of something one task does, not more than the most."""
-    return min(count_per_task(count, least, workers), most)
+    return min(count_per_task(count, least, workers, EVEN_TASKS), most)
 
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
@@ -243,16 +248,15 @@ def _to_screen(
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
     per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
 
-    def fill_some(first: int) -> int:
-        some = first, min(first + per_task, count)
-        if count <= per_task:
+    calls = []
+    for first in range(0, count, per_task):
+        if first == 0:
             scratch = kept.made("projecting", projection.scratch_memory, precision)
         else:
             scratch = projection.scratch_memory(precision)
-        return kernel(some, *arguments, screen, scratch)
-
+        calls.append(((first, min(first + per_task, count)), *arguments, screen, scratch))
     seen = 0
-    for bits in workers.run(fill_some, [(n,) for n in range(0, count, per_task)]):
+    for bits in workers.call(kernel, calls):
         seen |= bits
     return screen, seen
 
@@ -523,7 +527,7 @@ def set_up(
     sums = np.zeros((chunks, 5), np.int64)
     batches = [kept.empty("batch", setup.BATCH_SHAPE, np.int32)]
     batches += [np.empty(setup.BATCH_SHAPE, np.int32) for _ in range(1, chunks)]
-    ends = workers.run(
+    ends = workers.call(
         setup.set_up_triangles,
         [
             (
@@ -563,7 +567,7 @@ def set_up_and_bin(
     cursors = kept.empty("cursors", (len(parts), tiles), np.int64)
     binning.start_lists(counts, starts, cursors)
     binned = kept.at_least("binned", int(starts[-1]), np.int32)
-    workers.run(
+    workers.call(
         binning.bin_triangles,
         [
             (triangles[part], boxes[part], columns, faces, screen, viewport, cursors[n], binned)
@@ -578,7 +582,7 @@ def set_up_and_bin(
     holes = np.empty(0, np.int64), np.empty(0, np.float32)
     if alpha_tests is not None:
         holes = alpha_tests.face_starts, alpha_tests.cutoffs
-    workers.run(
+    workers.call(
         find_tile_depths,
         [
             (
@@ -612,20 +616,17 @@ def draw(
     """Draw all tiles, each by one thread."""
     kept = kept or Kept(workers.memory, lasts=False)
     tiles = kept.made("tiles", _count, len(starts) - 1)
-    per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
+    per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
     kind = frame[0].dtype
     # A drawer for each thread: to make it takes longer than to draw a few tiles.
     drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
-
-    def draw_some(some: NDArray[np.int32]) -> None:
-        try:
-            drawer = drawers.pop()
-        except IndexError:
-            drawer = nearest.tile_drawer(binned, faces, screen, kind, alpha_tests)
-        nearest.draw_tiles(some, starts, tile_depths, viewport, frame, *drawer[:3])
-        drawers.append(drawer)
-
-    workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
+    tasks = -(-len(tiles) // per_task)
+    threads = min(workers.threads, tasks)
+    while len(drawers) < threads:
+        drawers.append(nearest.tile_drawer(binned, faces, screen, kind, alpha_tests))
+    taken = np.array([0, per_task]) if tasks > 1 else nearest.ALL
+    own = tiles, taken, starts, tile_depths, viewport, frame
+    workers.call(nearest.draw_tiles, [(*own, *drawer[:3]) for drawer in drawers[:threads]])
 
 
 def whole_faces(faces: NDArray[np.int32]) -> Faces:

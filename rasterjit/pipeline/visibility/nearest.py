@@ -103,7 +103,14 @@ from rasterjit.pipeline.visibility.alpha_test import (
     find_owner,
     keep,
 )
-from rasterjit.runtime.intrinsics import call_bound, draw_box, fill_rows, flat, least_in_rows
+from rasterjit.runtime.intrinsics import (
+    add_to,
+    call_bound,
+    draw_box,
+    fill_rows,
+    flat,
+    least_in_rows,
+)
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
@@ -603,10 +610,24 @@ def drawn_into(
     return Bound(draw_planned, asked, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
 
 
+ALL = np.empty(0, np.int64)
+"""In place of a count of tiles taken, where one thread draws all."""
+
+
+@helper
+def next_taken(taken, count):
+    """Take the next of so many tiles; return the first of them, and one past the last."""
+    if taken.shape[0] == 0:
+        return np.int64(0), np.int64(0)
+    first = min(add_to(taken, 0, taken[1]), np.int64(count))
+    return first, min(first + taken[1], np.int64(count))
+
+
 @kernel
 def draw_tiles(
-    tiles: int32[::1], starts: int64[::1], tile_depths: stored[::1], viewport: Viewport,
-    frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH, drawing: Drawing, holes: Holes,
+    tiles: int32[::1], taken: int64[::1], starts: int64[::1], tile_depths: stored[::1],
+    viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH,
+    drawing: Drawing, holes: Holes,
 ):  # fmt: skip
     """
     Draw some of the frame's tiles.
@@ -615,6 +636,9 @@ def draw_tiles(
     ----------
     tiles : (N,) int32
         Tile numbers, row by row.
+    taken : (2,) int64, or (0,)
+        How many of them threads have taken, changed, and how many each takes at a time; `ALL`: they
+        are all for this thread.
     starts : (tiles + 1,) int64
         Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list that the drawer was made
         for, which ascend.
@@ -630,8 +654,14 @@ def draw_tiles(
     depth, face_id = frame
     depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    for n in range(tiles.shape[0]):
+    n, stop = np.int64(0), np.int64(0 if taken.shape[0] else tiles.shape[0])
+    while True:
+        if n == stop:
+            n, stop = next_taken(taken, tiles.shape[0])
+            if n == stop:
+                return
         number = np.int64(tiles[n])
+        n += 1
         window = tile_window(number, columns, viewport)
         first, end = starts[number], starts[number + 1]
         if first == end:
