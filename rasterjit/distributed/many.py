@@ -7,7 +7,8 @@ scene to the workers, submits frames and collects them. `draw_frame` is the work
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,14 +19,15 @@ from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import Cull, RenderPlan
+from rasterjit.rendering.late import LateFrame
+from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.pool import RendererPool
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
     AHEAD,
     PROGRESS,
     Options,
     Progress,
-    RendererPool,
     check_arguments,
     check_cameras,
     check_prefetch,
@@ -115,39 +117,28 @@ def render_many(
     if client is not None:
         return farm_out(scene, cameras, options, threads, prefetch, progress, client)
     count, own = share_threads(threads, workers)
-    most = check_prefetch(prefetch) or AHEAD * count
-    pool = RendererPool(scene, options, count, own)
+    pool = RendererPool(
+        scene, options, count, own, check_prefetch(prefetch),
+        len(cameras) if isinstance(cameras, Sequence) else None,
+    )  # fmt: skip
     settled = settle_all(scene, cameras, options)
-    return with_bar(draw_all(pool, settled, most), cameras, progress)
+    return with_bar(draw_all(pool, settled), cameras, progress)
 
 
-class FarFrame(Frame):
+class FarFrame(LateFrame):
     """A frame that a worker drew; its plan is made here, when it is first asked for."""
 
     def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: Options) -> None:
-        self._plan: RenderPlan | None = None
-        self._asked = scene, camera, options
-        super().__init__(drawn[0], None, drawn[1])
-
-    @property
-    def plan(self) -> RenderPlan:
-        """What was decided for this frame."""
-        if self._plan is None:
-            scene, camera, options = self._asked
-            self._plan = planning.plan_frame(
-                scene, camera, options.size, options.quality, options.outputs, options.background,
-                options.cull,
-            )  # fmt: skip
-        return self._plan
+        self._scene = scene
+        make_plan = partial(
+            planning.plan_frame, scene, camera, options.size, options.quality, options.outputs,
+            options.background, options.cull,
+        )  # fmt: skip
+        super().__init__(drawn[0], make_plan, drawn[1])
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
-        counts = [len(node.mesh.faces) for node in self._asked[0].nodes]
-        return np.cumsum([0, *counts])
-
-    @plan.setter
-    def plan(self, value: RenderPlan | None) -> None:
-        self._plan = value
+        return np.cumsum([0, *(len(node.mesh.faces) for node in self._scene.nodes)])
 
 
 def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
@@ -184,9 +175,16 @@ class Farm:
     options : Options
     threads : int
         Of each task.
+    ahead : int
+        Most frames that are begun ahead.
     """
 
-    def __init__(self, client: Client, scene: Scene, options: Options, threads: int) -> None:
+    at_once = 1
+
+    def __init__(
+        self, client: Client, scene: Scene, options: Options, threads: int, ahead: int
+    ) -> None:
+        self.ahead = ahead
         self._client, self._scene, self._options = client, scene, options
         self._shared = share_scene(scene, options, threads)
         self._sent: Future | None = None
@@ -204,8 +202,9 @@ class Farm:
         self._begun.clear()
         self._sent = None
 
-    def submit(self, camera: Camera) -> tuple[int, Camera]:
+    def submit(self, cameras: list[Camera]) -> tuple[int, Camera]:
         """Begin a frame."""
+        (camera,) = cameras
         self._count += 1
         self._begin(self._count, camera)
         return self._count, camera
@@ -249,6 +248,6 @@ def farm_out(
     client = check_client(client)
     own = thread_count("threads", threads) or 1
     most = check_prefetch(prefetch) or AHEAD * max(1, sum(client.nthreads().values()))
-    farm = Farm(client, scene, options, own)
+    farm = Farm(client, scene, options, own, most)
     settled = settle_all(scene, cameras, options)
-    return with_bar(draw_all(farm, settled, most), cameras, progress)
+    return with_bar(draw_all(farm, settled), cameras, progress)

@@ -91,6 +91,10 @@ BY_KERNEL = (
 )  # fmt: skip
 """Outputs of which NumPy does nothing view by view; attributes of vertices, too."""
 
+COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
+           "clipped", "pixels_covered")  # fmt: skip
+"""What is counted of each view: names of ``Stats``."""
+
 LEAST_SHARE = 1e-30
 """Near planes that are a smaller share of the farthest distance are looked at view by view: the
 depth format may not hold what is far."""
@@ -785,6 +789,31 @@ class Desk:
         self._calls.append((*bound.words, 0))
 
 
+class Outcome(NamedTuple):
+    """What became of some views."""
+
+    counts: NDArray[np.int64]
+    """(N, 9): ``COUNTED`` of each; anything of those that were not drawn."""
+    is_drawn: NDArray[np.bool_]
+    """(N,): False for those that must be drawn alone."""
+    told: Told
+    """What there is to warn of of those that were drawn."""
+
+
+def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
+    """Return ``COUNTED`` of views, (N, 9), given what `Desk.draw` counted; each has all faces."""
+    lost = totals[:, : drawing_views.COVERED]
+    outside, degenerate, culled, unsampled, invalid = lost.T
+    of_all = np.full(len(totals), faces)
+    return np.stack(
+        (
+            of_all, outside, culled, degenerate, unsampled, invalid, of_all - lost.sum(axis=1),
+            totals[:, drawing_views.CUT], totals[:, drawing_views.COVERED],
+        ),
+        axis=1,
+    )  # fmt: skip
+
+
 class Drawer:
     """
     Draws groups of views in one thread.
@@ -804,11 +833,9 @@ class Drawer:
             self._shared.give_back(kind, *taken)
         self._desks.clear()
 
-    def draw(
-        self, numbers: range, cameras: Sequence[Camera], places: Float64 | None
-    ) -> tuple[list[NDArray[np.int64]], list[int], Told]:
+    def draw(self, numbers: range, cameras: Sequence[Camera], places: Float64 | None) -> Outcome:
         """
-        Draw views; return the totals of those drawn, the numbers of the others, what to warn of.
+        Draw views; leave out those that must be drawn alone.
 
         Parameters
         ----------
@@ -820,29 +847,28 @@ class Drawer:
             Where the objects stand in each; None: as in the scene.
         """
         prepared = self._shared.prepare(cameras, places)
-        left, totals, told = [], [], Told()
+        counts, told = np.zeros((len(numbers), len(COUNTED)), np.int64), Told()
+        is_drawn = np.zeros(len(numbers), np.bool_)
         of_kinds: dict[tuple | None, list[int]] = {}
         for n, kind in enumerate(prepared.kinds):
             of_kinds.setdefault(kind, []).append(n)
         for kind, chosen in of_kinds.items():
-            pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
             desk = (
                 None if kind is None else self._desk(kind, numbers[chosen[0]], cameras[chosen[0]])
             )
             if desk is None:
-                left += pairs[:, 1].tolist()
                 continue
-            counted, is_drawn = desk.draw(prepared, pairs)
-            left += pairs[~is_drawn, 1].tolist()
-            totals.append(counted[is_drawn])
-            # Note what there is to warn of.
-            is_empty = counted[:, : drawing_views.COVERED].sum(axis=1) == self._faces
-            for n, number in pairs[is_drawn & is_empty].tolist():
-                if n not in prepared.cuts:
-                    told.add(number, {"view": NOTHING_IN_VIEW})
-            for n, number in pairs[is_drawn].tolist() if prepared.cuts else ():
-                told.add(number, prepared.cuts.get(n, {}))
-        return totals, sorted(left), told
+            pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
+            totals, is_drawn[chosen] = desk.draw(prepared, pairs)
+            counts[chosen] = counts_of(totals, self._faces)
+        # Note what there is to warn of.
+        is_empty = counts[:, COUNTED.index("drawn")] == 0
+        for n in np.flatnonzero(is_drawn & is_empty).tolist():
+            if n not in prepared.cuts:
+                told.add(numbers[n], {"view": NOTHING_IN_VIEW})
+        for n in np.flatnonzero(is_drawn).tolist() if prepared.cuts else ():
+            told.add(numbers[n], prepared.cuts.get(n, {}))
+        return Outcome(counts, is_drawn, told)
 
     @property
     def _faces(self) -> int:
