@@ -13,7 +13,9 @@ import math
 import os
 import queue
 from collections import deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -82,6 +84,13 @@ class Begun(NamedTuple):
     notices: dict[str, str]
     error: Exception | None = None
 
+    def taken(self, told: set[str]) -> Frame:
+        """Return the frame, and warn of what was not told, or raise the error."""
+        if self.error is not None:
+            raise self.error
+        notices.warn(self.notices, told)
+        return self.frame
+
 
 class Shared(NamedTuple):
     """What the threads that draw groups of views share."""
@@ -91,6 +100,15 @@ class Shared(NamedTuple):
     moment: Moment
     count: int
     """How many views are drawn in one go."""
+
+    @classmethod
+    def of(
+        cls, scene: Scene, cache: SceneCache, options: Options, first: RenderPlan, count: int
+    ) -> Shared:
+        """Return what it takes to draw groups of so many views, given the plan of one."""
+        kept = Kept(cache)
+        kept.first = first
+        return cls(kept, Projections(options.size), Moment(scene, cache, options), count)
 
 
 class Artist:
@@ -120,7 +138,7 @@ class Artist:
         if self._drawer is not None:
             self._drawer.close()
 
-    def draw(self, cameras: list[Camera], shared: Shared | None) -> deque[Begun]:
+    def draw(self, cameras: Sequence[Camera], shared: Shared | None) -> deque[Begun]:
         """Draw views until one fails."""
         found: dict[int, Begun] = {}
         if len(cameras) > 1 and shared is not None:
@@ -147,7 +165,7 @@ class Artist:
             return Begun(None, {}, error)
         return Begun(frame, notices.notices_of(frame.plan, frame.stats))
 
-    def _draw_together(self, cameras: list[Camera], shared: Shared) -> dict[int, Begun]:
+    def _draw_together(self, cameras: Sequence[Camera], shared: Shared) -> dict[int, Begun]:
         """Draw those views, by their numbers, that have a place in a group."""
         clock = StageClock()
         if self._drawer is None:
@@ -250,13 +268,10 @@ class RendererPool:
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        frame, found, error = begun.result().popleft()
-        if error is not None:
-            raise error
-        if not self._is_decided:
-            self._decide(frame)
-        notices.warn(found, self._told)
-        return frame
+        one = begun.result().popleft()
+        if one.frame is not None and not self._is_decided:
+            self._decide(one.frame)
+        return one.taken(self._told)
 
     def _decide(self, first: Frame) -> None:
         """Decide how many views are drawn in one go from now on, given the first frame."""
@@ -271,10 +286,7 @@ class RendererPool:
         count = views_at_once(first.plan, scene, cache, options, self._threads, room)
         if count == 1:
             return
-        kept = Kept(cache)
-        kept.first = first.plan
-        moment = Moment(scene, cache, options)
-        self._shared = Shared(kept, Projections(options.size), moment, count)
+        self._shared = Shared.of(scene, cache, options, first.plan, count)
         self.at_once, self.ahead = count, self._prefetch or turns * count
 
     def _draw(self, cameras: list[Camera]) -> deque[Begun]:
@@ -284,3 +296,39 @@ class RendererPool:
             return artist.draw(cameras, self._shared)
         finally:
             self._idle.put(artist)
+
+
+def draw_in_turns(
+    scene: Scene, cameras: Sequence[Camera], options: Options, threads: int
+) -> Iterator[Frame]:
+    """
+    Yield one frame for each camera, in order; nothing is drawn while the caller has one.
+
+    Each is drawn by all threads, or some are drawn in one go by each of them. As `render_many`
+    draws them they are the same, without what is drawn ahead: the caller's work takes longer.
+    """
+    cache = prepare(scene.nodes, None, options.quality, scene.environment is not None)
+    told: set[str] = set()
+    with ExitStack() as stack:
+        alone = stack.enter_context(closing(Artist(scene, options, threads, cache)))
+        first = alone.draw(cameras[:1], None).popleft().taken(told)
+        room = -(-(len(cameras) - 1) // threads)
+        count = views_at_once(first.plan, scene, cache, options, 1, room)
+        shared = Shared.of(scene, cache, options, first.plan, count)
+        yield first
+        artists, each = [alone], map
+        if count > 1:
+            artists = [
+                stack.enter_context(closing(Artist(scene, options, 1, cache)))
+                for _ in range(threads)
+            ]
+            if threads > 1:
+                pool = ThreadPoolExecutor(threads, thread_name_prefix="rasterjit-turns")
+                each = stack.enter_context(pool).map
+        for start in range(1, len(cameras), count * len(artists)):
+            starts = range(start, start + count * len(artists), count)
+            groups = [cameras[n : n + count] for n in starts]
+            drawn = each(lambda artist, group: artist.draw(group, shared), artists, groups)
+            for begun in list(drawn):
+                while begun:
+                    yield begun.popleft().taken(told)
