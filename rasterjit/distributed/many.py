@@ -73,6 +73,13 @@ def render_many(
     iterator, or leaving the loop by an error or Ctrl-C, ends all threads as soon as the frames that
     are just drawn are done.
 
+    Small views that `rasterjit.render_batch` draws in machine code from view to view are drawn so
+    here, too: several in one go, up to 32, where faces and pixels of a view are 131,072 together
+    at most, as those of 256x256 with 60,000 faces, a thread draws each, and ``prefetch`` has room.
+    Larger ones would gain nothing. The first frames are drawn alone, and tell whether it can be.
+    The statistics of frames that were drawn in one go have one time beside compiling, ``"all
+    stages"``: the same share for each; their plans are made when they are asked for.
+
     Parameters
     ----------
     what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
@@ -91,7 +98,9 @@ def render_many(
         frame soonest. With a client it must be None: its cluster has workers of its own.
     prefetch : int, optional
         Most frames that are drawn, or being drawn, ahead of the one taken last. Default: two for
-        each worker.
+        each worker; two groups for each, where views are drawn several in one go and ``cameras``
+        is a sequence. Of cameras that come as they are asked for, with ``prefetch=128`` two
+        workers have groups of 32.
     progress : {"none", "bar"}
         Whether a bar on standard error shows how many frames were taken.
     client : distributed.Client, optional
@@ -105,7 +114,8 @@ def render_many(
     ------
     ValueError
         Naming the argument that is wrong, at once; an item of ``cameras`` that are no sequence, but
-        come as they are asked for, after the frames before it.
+        come as they are asked for, after the frames before it. So does a view that cannot be drawn,
+        by its camera: ``cameras[3]``.
     RuntimeError
         If frames are taken in a forked process from an iterator that its parent began.
     """
