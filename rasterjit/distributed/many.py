@@ -2,14 +2,15 @@
 Render many frames of one scene: on this machine, or on the machines of a cluster.
 
 `render_many` chooses between the two. For a cluster, `Farm` is the client's side: it sends the
-scene to the workers, submits frames and collects them. `draw_frame` is the worker's side.
+scene to the workers, submits frames and collects them. `draw_frames` is the worker's side.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,8 @@ from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.late import LateFrame
 from rasterjit.rendering.plan import Cull
-from rasterjit.rendering.pool import RendererPool
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.pool import Artist, Begun, GrowingPace, RendererPool
 from rasterjit.rendering.stream import (
-    AHEAD,
     PROGRESS,
     Options,
     Progress,
@@ -127,12 +126,15 @@ def render_many(
     if client is not None:
         return farm_out(scene, cameras, options, threads, prefetch, progress, client)
     count, own = share_threads(threads, workers)
-    pool = RendererPool(
-        scene, options, count, own, check_prefetch(prefetch),
-        len(cameras) if isinstance(cameras, Sequence) else None,
-    )  # fmt: skip
+    pace = GrowingPace(scene, options, count, own, check_prefetch(prefetch), count_of(cameras))
+    pool = RendererPool(scene, options, count, own, pace)
     settled = settle_all(scene, cameras, options)
     return with_bar(draw_all(pool, settled), cameras, progress)
+
+
+def count_of(cameras: Iterable[Camera]) -> int | None:
+    """Return how many cameras there are; ``None`` if they come as they are asked for."""
+    return len(cameras) if isinstance(cameras, Sequence) else None
 
 
 class FarFrame(LateFrame):
@@ -153,25 +155,38 @@ class FarFrame(LateFrame):
 
 def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
     """Return what all frames have in common; ``threads`` are those of each task."""
-    return SharedScene(_renderer, scene, options, threads)
+    return SharedScene(Artist, scene, options, threads)
 
 
-def _renderer(scene: Scene, options: Options, threads: int) -> Renderer:
-    """Return a renderer on a worker."""
-    # What there is to warn of goes to the caller.
-    return Renderer.of_many(options.size, options.quality, threads)
+def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | Exception]:
+    """
+    Draw frames on a worker, which keeps what frames of one scene have in common.
+
+    What there is to warn of goes to the caller; an error of another view than the first, too, in
+    its place at the end.
+    """
+    with shared.renderer() as artist:
+        begun = artist.draw(cameras)
+    if begun[0].error is not None:
+        raise begun[0].error
+    return [one.error or as_drawn(one) for one in begun]
 
 
-def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:
-    """Draw a frame on a worker, which keeps what frames of one scene have in common."""
-    scene, options, _ = shared.arguments
-    with shared.renderer() as renderer:
-        frame = renderer.render(
-            scene, camera, outputs=options.outputs, background=options.background, cull=options.cull
-        )
+def as_drawn(one: Begun) -> Drawn:
+    """Return what a worker sends back of a frame."""
     # Counted where the faces are: they do not travel for it.
-    _ = frame.stats.pixels_covered
-    return frame.arrays(), frame.stats, notices.notices_of(frame.plan, frame.stats)
+    _ = one.frame.stats.pixels_covered
+    return one.frame.arrays(), one.frame.stats, one.notices
+
+
+class Task(NamedTuple):
+    """Frames that a worker draws in one go."""
+
+    number: int
+    cameras: list[Camera]
+    """Of the frames that are not taken."""
+    drawn: deque[Drawn | Exception]
+    """What came back of those."""
 
 
 class Farm:
@@ -185,16 +200,13 @@ class Farm:
     options : Options
     threads : int
         Of each task.
-    ahead : int
-        Most frames that are begun ahead.
+    pace : GrowingPace
     """
 
-    at_once = 1
-
     def __init__(
-        self, client: Client, scene: Scene, options: Options, threads: int, ahead: int
+        self, client: Client, scene: Scene, options: Options, threads: int, pace: GrowingPace
     ) -> None:
-        self.ahead = ahead
+        self.pace = pace
         self._client, self._scene, self._options = client, scene, options
         self._shared = share_scene(scene, options, threads)
         self._sent: Future | None = None
@@ -212,32 +224,39 @@ class Farm:
         self._begun.clear()
         self._sent = None
 
-    def submit(self, cameras: list[Camera]) -> tuple[int, Camera]:
-        """Begin a frame."""
-        (camera,) = cameras
+    def submit(self, cameras: list[Camera]) -> Task:
+        """Begin frames, in one task."""
         self._count += 1
-        self._begin(self._count, camera)
-        return self._count, camera
+        self._begin(self._count, cameras)
+        return Task(self._count, cameras, deque())
 
-    def take(self, begun: tuple[int, Camera]) -> Frame:
-        """Return a frame when it is done, wherever that is."""
-        number, camera = begun
+    def take(self, begun: Task) -> Frame:
+        """Return the next frame of a task when it is done, wherever that is."""
+        number, cameras, drawn = begun
 
         def again() -> None:
             # An earlier frame may have seen to it already.
             if self._sent.status != "finished":
                 self._send()
-            self._begin(number, camera)
+            self._begin(number, cameras)
 
-        drawn = retried(lambda: result_of(self._begun[number], self._client), "the scene", again)
-        del self._begun[number]
-        notices.warn(drawn[2], self._told)
-        return FarFrame(drawn, self._scene, camera, self._options)
+        if number in self._begun:
+            drawn += retried(
+                lambda: result_of(self._begun[number], self._client), "the scene", again
+            )
+            del self._begun[number]
+        one = drawn.popleft()
+        if isinstance(one, Exception):
+            raise one
+        notices.warn(one[2], self._told)
+        frame = FarFrame(one, self._scene, cameras.pop(0), self._options)
+        self.pace.see(frame, None)
+        return frame
 
-    def _begin(self, number: int, camera: Camera) -> None:
+    def _begin(self, number: int, cameras: list[Camera]) -> None:
         """Send a task; those of earlier frames go first."""
         self._begun[number] = self._client.submit(
-            draw_frame, self._sent, camera, pure=False, priority=-number
+            draw_frames, self._sent, list(cameras), pure=False, priority=-number
         )
 
     def _send(self) -> None:
@@ -257,7 +276,8 @@ def farm_out(
     """Yield frames in the order of the cameras; see `rasterjit.render_many`."""
     client = check_client(client)
     own = thread_count("threads", threads) or 1
-    most = check_prefetch(prefetch) or AHEAD * max(1, sum(client.nthreads().values()))
-    farm = Farm(client, scene, options, own, most)
+    workers = max(1, sum(client.nthreads().values()))
+    pace = GrowingPace(scene, options, workers, own, check_prefetch(prefetch), count_of(cameras))
+    farm = Farm(client, scene, options, own, pace)
     settled = settle_all(scene, cameras, options)
     return with_bar(draw_all(farm, settled), cameras, progress)

@@ -306,7 +306,7 @@ class Drawn(NamedTuple):
 def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
     """Draw all views."""
     cache, count = kept.cache, len(views.cameras)
-    by_work = WORK_PER_GROUP // work_of(views.options.size, cache)
+    by_work = WORK_PER_GROUP // work_of(views.options.size, views.scene)
     most = max(1, min(VIEWS_PER_GROUP, by_work, -(-count // workers)))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
@@ -322,9 +322,10 @@ def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: in
     return Drawn(totals, told)
 
 
-def work_of(size: tuple[int, int], cache: SceneCache) -> int:
+def work_of(size: tuple[int, int], scene: Scene) -> int:
     """Return the faces and pixels of a view of a size in pixels, about; see ``WORK_PER_GROUP``."""
-    return math.prod(size) + len(cache.shapes.arrays.faces) + MATRIX_WORK * len(cache.matrices)
+    faces = sum(len(node.mesh.faces) for node in scene.nodes)
+    return math.prod(size) + faces + MATRIX_WORK * len(scene.nodes)
 
 
 class Draws(Protocol):

@@ -28,7 +28,7 @@ from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.kept import Kept
 from rasterjit.rendering.late import LateFrame, Moment
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.stream import AHEAD, Options
+from rasterjit.rendering.stream import AHEAD, Options, Pace
 from rasterjit.rendering.together import COUNTED, Drawer, Projections, Together, can_share
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
@@ -66,15 +66,68 @@ def views_at_once(
     room : int
         Most that may be drawn in one go.
     """
-    if threads > 1 or not together.is_possible(options) or not can_share(plan, scene, cache):
+    work = batch.work_of(options.size, scene)
+    if threads > 1 or room < 2 or work > MOST_WORK:
         return 1
-    work = batch.work_of(options.size, cache)
-    if work > MOST_WORK:
+    if not together.is_possible(options) or not can_share(plan, scene, cache):
         return 1
     shapes = batch.shapes_of(scene, 1, options).values()
     view_bytes = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes)
     most = room, batch.VIEWS_PER_GROUP, batch.WORK_PER_GROUP // work, BYTES_AT_ONCE // view_bytes
     return max(1, min(most))
+
+
+class GrowingPace(Pace):
+    """
+    Few views alone at first: they are there soonest. Then groups, if the first frame allows it.
+
+    Parameters
+    ----------
+    scene : Scene
+    options : Options
+    workers : int
+        How many threads, or processes, draw views.
+    threads : int
+        How many draw each view with one of those.
+    prefetch : int, optional
+        Most frames that are drawn, or being drawn, ahead of the one taken last. Default: of each
+        worker one in work, one waiting; or one group of each, where all cameras are known.
+    count : int, optional
+        How many cameras there are; ``None`` -> they come as they are asked for.
+    """
+
+    def __init__(
+        self, scene: Scene, options: Options, workers: int, threads: int,
+        prefetch: int | None = None, count: int | None = None,
+    ) -> None:  # fmt: skip
+        turns = AHEAD * workers
+        super().__init__(1, min(prefetch or turns, turns))
+        self._scene, self._options, self._threads = scene, options, threads
+        self._turns, self._prefetch, self._count = turns, prefetch, count
+        self._is_decided = False
+
+    def see(self, first: Frame, cache: SceneCache | None) -> None:
+        """Decide once, given the first frame, and what is known of its scene."""
+        if self._is_decided:
+            return
+        self._is_decided = True
+        begun, self.ahead = self.ahead, self._prefetch or self._turns
+        room = self.ahead // self._turns
+        if self._prefetch is None and self._count is not None:
+            # All of them have their share of what is not begun.
+            room = -(-(self._count - begun) // self._turns)
+        scene, options = self._scene, self._options
+        # The plan is made for it, if it is there late.
+        if room < 2 or batch.work_of(options.size, scene) > MOST_WORK:
+            return
+        cache = cache or prepare_for(scene, options)
+        self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, room)
+        self.ahead = self._prefetch or self._turns * self.at_once
+
+
+def prepare_for(scene: Scene, options: Options) -> SceneCache:
+    """Return what views of a scene have in common."""
+    return prepare(scene.nodes, None, options.quality, scene.environment is not None)
 
 
 class Begun(NamedTuple):
@@ -103,9 +156,10 @@ class Shared(NamedTuple):
 
     @classmethod
     def of(
-        cls, scene: Scene, cache: SceneCache, options: Options, first: RenderPlan, count: int
-    ) -> Shared:
-        """Return what it takes to draw groups of so many views, given the plan of one."""
+        cls, scene: Scene, cache: SceneCache, options: Options, count: int,
+        first: RenderPlan | None = None,
+    ) -> Shared:  # fmt: skip
+        """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
         kept = Kept(cache)
         kept.first = first
         return cls(kept, Projections(options.size), Moment(scene, cache, options), count)
@@ -121,16 +175,20 @@ class Artist:
     options : Options
     threads : int
         That draw each frame.
-    cache : SceneCache
+    cache : SceneCache, optional
         Of the scene.
     """
 
-    def __init__(self, scene: Scene, options: Options, threads: int, cache: SceneCache) -> None:
+    def __init__(
+        self, scene: Scene, options: Options, threads: int, cache: SceneCache | None = None
+    ) -> None:
+        cache = cache or prepare_for(scene, options)
         self._scene, self._options, self._cache = scene, options, cache
         # The pool tells once, for all of them.
         self._renderer = Renderer.of_many(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
         self._drawer: Drawer | None = None
+        self._shared: Shared | None = None
 
     def close(self) -> None:
         """Let its threads and its memory go."""
@@ -138,10 +196,18 @@ class Artist:
         if self._drawer is not None:
             self._drawer.close()
 
-    def draw(self, cameras: Sequence[Camera], shared: Shared | None) -> deque[Begun]:
-        """Draw views until one fails."""
+    def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[Begun]:
+        """
+        Draw views until one fails.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera
+        shared : Shared, optional
+            Default: nothing is shared with other threads.
+        """
         found: dict[int, Begun] = {}
-        if len(cameras) > 1 and shared is not None:
+        if len(cameras) > 1:
             try:
                 found = self._draw_together(cameras, shared)
             except Exception:
@@ -165,11 +231,15 @@ class Artist:
             return Begun(None, {}, error)
         return Begun(frame, notices.notices_of(frame.plan, frame.stats))
 
-    def _draw_together(self, cameras: Sequence[Camera], shared: Shared) -> dict[int, Begun]:
+    def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
         """Draw those views, by their numbers, that have a place in a group."""
         clock = StageClock()
-        if self._drawer is None:
-            self._drawer = self._group_drawer(shared)
+        if self._drawer is None or self._shared is None:
+            self._shared = shared or Shared.of(
+                self._scene, self._cache, self._options, len(cameras)
+            )
+            self._drawer = self._group_drawer(self._shared)
+        moment = self._shared.moment
         counts, is_drawn, told = self._drawer.draw(range(len(cameras)), cameras, None)
         clock("all stages")
         drawn = np.flatnonzero(is_drawn).tolist()
@@ -180,7 +250,7 @@ class Artist:
             named = dict(zip(COUNTED, counted, strict=False))
             seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
             stats = Stats(**named, seconds=seconds, face_id=covered)
-            plan = partial(shared.moment.plan, cameras[n])
+            plan = partial(moment.plan, cameras[n])
             found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
         return found
 
@@ -208,27 +278,15 @@ class RendererPool:
         How many threads draw views.
     threads : int
         How many draw each view with one of those.
-    prefetch : int, optional
-        Most frames that are drawn, or being drawn, ahead of the one taken last. Default: of each
-        worker one in work, one waiting; or one group of each, where all cameras are known.
-    count : int, optional
-        How many cameras there are; ``None`` -> they come as they are asked for.
-
-    Attributes
-    ----------
-    at_once, ahead : int
-        As `stream.in_order` reads them. The first views are drawn alone: they are there soonest.
+    pace : GrowingPace
     """
 
     def __init__(
-        self, scene: Scene, options: Options, workers: int, threads: int,
-        prefetch: int | None = None, count: int | None = None,
-    ) -> None:  # fmt: skip
+        self, scene: Scene, options: Options, workers: int, threads: int, pace: GrowingPace
+    ) -> None:
         self._scene, self._options = scene, options
         self._workers, self._threads = workers, threads
-        self._prefetch, self._count = prefetch, count
-        self.at_once, self.ahead = 1, min(prefetch or AHEAD * workers, AHEAD * workers)
-        self._is_decided = False
+        self.pace = pace
         self._process = os.getpid()
         self._idle: queue.SimpleQueue[Artist] = queue.SimpleQueue()
         self._artists: list[Artist] = []
@@ -241,8 +299,7 @@ class RendererPool:
         self._process = os.getpid()
         self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
         # They share what follows from the scene alone.
-        has_environment = self._scene.environment is not None
-        self._cache = prepare(self._scene.nodes, None, self._options.quality, has_environment)
+        self._cache = prepare_for(self._scene, self._options)
         for _ in range(self._workers):
             artist = Artist(self._scene, self._options, self._threads, self._cache)
             self._artists.append(artist)
@@ -268,26 +325,13 @@ class RendererPool:
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        one = begun.result().popleft()
-        if one.frame is not None and not self._is_decided:
-            self._decide(one.frame)
-        return one.taken(self._told)
-
-    def _decide(self, first: Frame) -> None:
-        """Decide how many views are drawn in one go from now on, given the first frame."""
-        self._is_decided = True
-        turns, begun = AHEAD * self._workers, self.ahead
-        self.ahead = self._prefetch or turns
-        room = self.ahead // turns
-        if self._prefetch is None and self._count is not None:
-            # All of them have their share of what is not begun.
-            room = -(-(self._count - begun) // turns)
-        scene, cache, options = self._scene, self._cache, self._options
-        count = views_at_once(first.plan, scene, cache, options, self._threads, room)
-        if count == 1:
-            return
-        self._shared = Shared.of(scene, cache, options, first.plan, count)
-        self.at_once, self.ahead = count, self._prefetch or turns * count
+        frame = begun.result().popleft().taken(self._told)
+        self.pace.see(frame, self._cache)
+        if self._shared is None and self.pace.at_once > 1:
+            self._shared = Shared.of(
+                self._scene, self._cache, self._options, self.pace.at_once, frame.plan
+            )
+        return frame
 
     def _draw(self, cameras: list[Camera]) -> deque[Begun]:
         """Draw frames in one go."""
@@ -307,14 +351,14 @@ def draw_in_turns(
     Each is drawn by all threads, or some are drawn in one go by each of them. As `render_many`
     draws them they are the same, without what is drawn ahead: the caller's work takes longer.
     """
-    cache = prepare(scene.nodes, None, options.quality, scene.environment is not None)
+    cache = prepare_for(scene, options)
     told: set[str] = set()
     with ExitStack() as stack:
         alone = stack.enter_context(closing(Artist(scene, options, threads, cache)))
-        first = alone.draw(cameras[:1], None).popleft().taken(told)
+        first = alone.draw(cameras[:1]).popleft().taken(told)
         room = -(-(len(cameras) - 1) // threads)
         count = views_at_once(first.plan, scene, cache, options, 1, room)
-        shared = Shared.of(scene, cache, options, first.plan, count)
+        shared = Shared.of(scene, cache, options, count, first.plan)
         yield first
         artists, each = [alone], map
         if count > 1:

@@ -118,13 +118,27 @@ def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Ite
     yield from cameras
 
 
+class Pace:
+    """
+    How many views are begun.
+
+    Parameters
+    ----------
+    at_once : int
+        In one go.
+    ahead : int
+        Ahead of the one taken last, at most; at least ``at_once``.
+    """
+
+    def __init__(self, at_once: int, ahead: int) -> None:
+        self.at_once, self.ahead = at_once, ahead
+
+
 class Pool(Protocol):
     """Draws frames, several at once; to be entered before, and left after the last."""
 
-    at_once: int
-    """How many views are begun in one go."""
-    ahead: int
-    """Most frames that are begun ahead of the one taken last; at least ``at_once``."""
+    pace: Pace
+    """It may change with each frame that is taken."""
 
     def __enter__(self) -> Any:
         """Begin."""
@@ -147,17 +161,17 @@ def draw_all(pool: Pool, cameras: Iterable[Camera]) -> Iterator[Frame]:
 
 def in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
     """
-    Yield frames in the order of the cameras, with at most ``pool.ahead`` begun ahead.
+    Yield frames in the order of the cameras, at the pool's pace.
 
     An invalid camera, or an error of the iterable, is raised after the frames before it.
     """
-    source = Source(cameras)
+    source, pace = Source(cameras), pool.pace
     # What was begun in one go, and how many frames of it are still to be taken.
     begun: deque[list[Any]] = deque()
     ahead = taken = 0
     while True:
-        while not source.is_over and ahead + pool.at_once <= pool.ahead:
-            some = source.next(pool.at_once)
+        while not source.is_over and ahead + pace.at_once <= pace.ahead:
+            some = source.next(pace.at_once)
             if some:
                 begun.append([pool.submit(some), len(some)])
                 ahead += len(some)
