@@ -2,7 +2,7 @@
 Measure thousands of small pictures: ``render_batch`` beside the peers, in one run.
 
 ``python -m benchmarks.batch [--views N] [--sizes 64 128] [--instructions native avx2] [--rounds N]
-[--output FILE]``
+[--output FILE]``, or ``python -m benchmarks.batch --streams [--views N] [--sizes 64 128 256]``
 
 Five thousand faces with colours of vertices, seen from N sides; every picture is read back.
 RasterJIT and llvmpipe draw on two threads, and on one; tinydisplay has one. The batch on two
@@ -10,6 +10,10 @@ threads draws all views; the others, whose views take as long however many there
 All take turns, round by round; a row has the median time of a view, and the median of the rounds'
 ratios to RasterJIT's batch on two threads. The last pictures are compared before a time counts.
 Four minutes for both sizes and both sets of instructions, on a machine with nothing else to do.
+
+With ``--streams``: how many frames a second `render_many` draws, and a data set writes (colour
+alone, and with depth), of the same faces, small views several in one go and each view alone, in
+turns; ratios of frames a second and of processor time are the medians of the rounds'. Six minutes.
 """
 
 from __future__ import annotations
@@ -17,18 +21,30 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from benchmarks import instructions as sets
 from benchmarks.against_peers import OTHERS_PATIENCE, planned
 from benchmarks.contestants import contestant
+from benchmarks.contestants.rasterjit_ import make_scene
+from benchmarks.many import seconds_of
 from benchmarks.pairing import Effort, Run, measure, paired_ratios
 from benchmarks.pictures import needed
 from benchmarks.report import machine
 from benchmarks.rows import check_picture, verdict
 from benchmarks.scenes import find_scene
 from benchmarks.targets import OPENGL, TINYDISPLAY, Target
+from rasterjit import fit_camera, orbit_direction, render_many
+from rasterjit.dataset.mesh import render_views
+from rasterjit.dataset.recipe import Recipe
+from rasterjit.rendering import pool
+from rasterjit.runtime.threads import available_processors
 
 OWN = "rasterjit_batch"
 
@@ -88,28 +104,110 @@ def line_of(row: dict[str, object]) -> str:
     return f"{text}  {row['check']}".rstrip()
 
 
+@contextmanager
+def each_alone() -> Iterator[None]:
+    """Let views of `render_many` and of data sets be drawn one by one."""
+    most, pool.MOST_WORK = pool.MOST_WORK, 0
+    try:
+        yield
+    finally:
+        pool.MOST_WORK = most
+
+
+def streams(side: int, views: int) -> dict[str, Callable[[], object]]:
+    """Return what draws all views of a scene, by name."""
+    scene = make_scene(find_scene(f"batch_64:{views}"))
+    cameras = [fit_camera(scene, orbit_direction(360.0 * n / views, 20.0)) for n in range(views)]
+    size = side, side
+
+    def draw(threads: int) -> None:
+        for _ in render_many(scene, cameras, size=size, threads=threads):
+            pass
+
+    def write(threads: int, *outputs: str) -> None:
+        recipe = Recipe(views=views, size=size, outputs=outputs)
+        with tempfile.TemporaryDirectory() as folder:
+            render_views(scene, folder, recipe, threads=threads)
+
+    found: dict[str, Callable[[], object]] = {}
+    for threads in sorted({1, available_processors()}):
+        ways = {
+            "render_many": partial(draw, threads),
+            "data set of color": partial(write, threads, "color"),
+            "data set of color, depth": partial(write, threads, "color", "depth"),
+        }
+        found |= {
+            f"{name}, {threads} thread{'s'[threads == 1 :]}": one for name, one in ways.items()
+        }
+    return found
+
+
+def measure_streams(side: int, views: int, rounds: int) -> list[dict[str, object]]:
+    """Time views drawn in one go and alone in turns; return a row for each way to draw them."""
+    rows = []
+    for name, draw in streams(side, views).items():
+        walls: dict[bool, list[float]] = {True: [], False: []}
+        worked: dict[bool, list[float]] = {True: [], False: []}
+        for number in range(rounds + 1):
+            for alone in (True, False) if number % 2 else (False, True):
+                with each_alone() if alone else nullcontext():
+                    since = time.process_time()
+                    walls[alone].append(seconds_of(draw))
+                    worked[alone].append(time.process_time() - since)
+        # The first compiles and warms up.
+        for seconds in (*walls.values(), *worked.values()):
+            del seconds[0]
+        rows.append({
+            "name": name,
+            "alone": views / statistics.median(walls[True]),
+            "frames a second": views / statistics.median(walls[False]),
+            "ratio": statistics.median(paired_ratios(walls[True], walls[False])),
+            "ratio of processor time": statistics.median(
+                paired_ratios(worked[True], worked[False])
+            ),
+        })  # fmt: skip
+    return rows
+
+
 def main() -> None:
     """Measure, and print what was found."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument("--views", type=int, default=10_000)
-    parser.add_argument("--sizes", type=int, nargs="+", default=(64, 128), choices=(64, 128))
+    parser.add_argument("--views", type=int)
+    parser.add_argument("--sizes", type=int, nargs="+", choices=(64, 128, 256))
+    parser.add_argument("--streams", action="store_true", help="render_many and data sets")
     parser.add_argument("--instructions", nargs="+", default=sets.SETS, choices=sets.SETS)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--output", type=Path, help="a JSON file")
     arguments = parser.parse_args()
+    sizes = arguments.sizes or ((64, 128, 256) if arguments.streams else (64, 128))
+    views = arguments.views or (200 if arguments.streams else 10_000)
     found: dict[str, dict[int, list[dict[str, object]]]] = {}
+    if arguments.streams:
+        rows = found.setdefault("streams", {})
+        for side in sizes:
+            print(
+                f"{views} views of {side} x {side}: frames a second, several in one go", flush=True
+            )
+            rows[side] = measure_streams(side, views, arguments.rounds)
+            for row in rows[side]:
+                print(
+                    f"  {row['name']:<34}{row['frames a second']:8.0f}, each alone "
+                    f"{row['alone']:6.0f}: {row['ratio']:.2f} x, processor time "
+                    f"{row['ratio of processor time']:.2f} x"
+                )
+        arguments.instructions = ()
     for instructions in arguments.instructions:
         if (reason := sets.missing(instructions)) is not None:
             print(reason)
             continue
         rows = found.setdefault(sets.name_of(instructions), {})
-        for side in arguments.sizes:
-            title = f"{arguments.views} views of {side} x {side}, {sets.name_of(instructions)}"
+        for side in sizes:
+            title = f"{views} views of {side} x {side}, {sets.name_of(instructions)}"
             print(title, flush=True)
-            rows[side] = measure_size(side, arguments.views, arguments.rounds, instructions)
+            rows[side] = measure_size(side, views, arguments.rounds, instructions)
             print(*map(line_of, rows[side]), sep="\n", flush=True)
     if arguments.output is not None:
-        content = {"machine": machine(), "views": arguments.views, "found": found}
+        content = {"machine": machine(), "views": views, "found": found}
         arguments.output.write_text(json.dumps(content, indent=1) + "\n")
 
 

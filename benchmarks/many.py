@@ -108,7 +108,7 @@ def measure_cluster(
 
     from distributed import Client, LocalCluster
 
-    from rasterjit.distributed.many import draw_frame, share_scene
+    from rasterjit.distributed.many import draw_frames, share_scene
     from rasterjit.rendering.stream import Options
 
     cameras = list(around(scene, frames))
@@ -134,7 +134,7 @@ def measure_cluster(
         found["seconds a task"] = task_seconds(clients[1])
         found["bytes a second"] = transfer_rate(clients[1])
     options = Options(size, rj.Quality.standard(), ("color",), None, "none")
-    found["bytes a frame"] = size_sent(draw_frame(share_scene(scene, options, 1), cameras[0]))
+    found["bytes a frame"] = size_sent(draw_frames(share_scene(scene, options, 1), cameras[:1])[0])
     return found
 
 

@@ -22,7 +22,7 @@ import shutil
 import uuid
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,8 @@ from rasterjit.io.meshes import load
 from rasterjit.io.whole import replacing
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.pool import draw_in_turns
+from rasterjit.rendering.stream import check_arguments, share_threads
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.scene import Scene
@@ -158,6 +159,7 @@ def render_views(
         If a file cannot be written.
     """
     place = _checked(scene, folder, recipe, name, check)
+    count, _ = share_threads(threads, None)
     with _failing(place, name):
         cameras = view_cameras(scene, recipe, name)
         units_a_code = max(camera.far for camera in cameras) / DEPTH_CODES
@@ -166,13 +168,15 @@ def render_views(
     for output in recipe.outputs:
         if output != "coco":
             (place / _folder(output)).mkdir(exist_ok=True)
-    with Renderer(recipe.size, quality=recipe.quality, threads=threads) as renderer:
+    with _failing(place, name):
+        _, options = check_arguments(
+            scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
+        )
+    with closing(draw_in_turns(scene, cameras, options, count)) as drawn:
         for number, camera in enumerate(cameras):
             check()
             with _failing(place, name):
-                frame = renderer.render(
-                    scene, camera, outputs=recipe.frame_outputs(), background=recipe.background
-                )
+                frame = next(drawn)
             try:
                 paths = _write(frame, place, number, recipe, units_a_code)
             except ValueError as error:

@@ -2,13 +2,15 @@
 Render many frames of one scene: on this machine, or on the machines of a cluster.
 
 `render_many` chooses between the two. For a cluster, `Farm` is the client's side: it sends the
-scene to the workers, submits frames and collects them. `draw_frame` is the worker's side.
+scene to the workers, submits frames and collects them. `draw_frames` is the worker's side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +20,13 @@ from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import Cull, RenderPlan
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.late import LateFrame
+from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.pool import Artist, Begun, GrowingPace, RendererPool
 from rasterjit.rendering.stream import (
-    AHEAD,
     PROGRESS,
     Options,
     Progress,
-    RendererPool,
     check_arguments,
     check_cameras,
     check_prefetch,
@@ -71,6 +72,13 @@ def render_many(
     iterator, or leaving the loop by an error or Ctrl-C, ends all threads as soon as the frames that
     are just drawn are done.
 
+    Small views that `rasterjit.render_batch` draws in machine code from view to view are drawn so
+    here, too: several in one go, up to 32, where faces and pixels of a view are 131,072 together
+    at most, as those of 256x256 with 60,000 faces, a thread draws each, and ``prefetch`` has room.
+    Larger ones would gain nothing. The first frames are drawn alone, and tell whether it can be.
+    The statistics of frames that were drawn in one go have one time beside compiling, ``"all
+    stages"``: the same share for each; their plans are made when they are asked for.
+
     Parameters
     ----------
     what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
@@ -89,7 +97,9 @@ def render_many(
         frame soonest. With a client it must be None: its cluster has workers of its own.
     prefetch : int, optional
         Most frames that are drawn, or being drawn, ahead of the one taken last. Default: two for
-        each worker.
+        each worker; two groups for each, where views are drawn several in one go and ``cameras``
+        is a sequence. Of cameras that come as they are asked for, with ``prefetch=128`` two
+        workers have groups of 32.
     progress : {"none", "bar"}
         Whether a bar on standard error shows how many frames were taken.
     client : distributed.Client, optional
@@ -103,7 +113,8 @@ def render_many(
     ------
     ValueError
         Naming the argument that is wrong, at once; an item of ``cameras`` that are no sequence, but
-        come as they are asked for, after the frames before it.
+        come as they are asked for, after the frames before it. So does a view that cannot be drawn,
+        by its camera: ``cameras[3]``.
     RuntimeError
         If frames are taken in a forked process from an iterator that its parent began.
     """
@@ -115,62 +126,67 @@ def render_many(
     if client is not None:
         return farm_out(scene, cameras, options, threads, prefetch, progress, client)
     count, own = share_threads(threads, workers)
-    most = check_prefetch(prefetch) or AHEAD * count
-    pool = RendererPool(scene, options, count, own)
+    pace = GrowingPace(scene, options, count, own, check_prefetch(prefetch), count_of(cameras))
+    pool = RendererPool(scene, options, count, own, pace)
     settled = settle_all(scene, cameras, options)
-    return with_bar(draw_all(pool, settled, most), cameras, progress)
+    return with_bar(draw_all(pool, settled), cameras, progress)
 
 
-class FarFrame(Frame):
+def count_of(cameras: Iterable[Camera]) -> int | None:
+    """Return how many cameras there are; ``None`` if they come as they are asked for."""
+    return len(cameras) if isinstance(cameras, Sequence) else None
+
+
+class FarFrame(LateFrame):
     """A frame that a worker drew; its plan is made here, when it is first asked for."""
 
     def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: Options) -> None:
-        self._plan: RenderPlan | None = None
-        self._asked = scene, camera, options
-        super().__init__(drawn[0], None, drawn[1])
-
-    @property
-    def plan(self) -> RenderPlan:
-        """What was decided for this frame."""
-        if self._plan is None:
-            scene, camera, options = self._asked
-            self._plan = planning.plan_frame(
-                scene, camera, options.size, options.quality, options.outputs, options.background,
-                options.cull,
-            )  # fmt: skip
-        return self._plan
+        self._scene = scene
+        make_plan = partial(
+            planning.plan_frame, scene, camera, options.size, options.quality, options.outputs,
+            options.background, options.cull,
+        )  # fmt: skip
+        super().__init__(drawn[0], make_plan, drawn[1])
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
-        counts = [len(node.mesh.faces) for node in self._asked[0].nodes]
-        return np.cumsum([0, *counts])
-
-    @plan.setter
-    def plan(self, value: RenderPlan | None) -> None:
-        self._plan = value
+        return np.cumsum([0, *(len(node.mesh.faces) for node in self._scene.nodes)])
 
 
 def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
     """Return what all frames have in common; ``threads`` are those of each task."""
-    return SharedScene(_renderer, scene, options, threads)
+    return SharedScene(Artist, scene, options, threads)
 
 
-def _renderer(scene: Scene, options: Options, threads: int) -> Renderer:
-    """Return a renderer on a worker."""
-    # What there is to warn of goes to the caller.
-    return Renderer.of_many(options.size, options.quality, threads)
+def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | Exception]:
+    """
+    Draw frames on a worker, which keeps what frames of one scene have in common.
+
+    What there is to warn of goes to the caller; an error of another view than the first, too, in
+    its place at the end.
+    """
+    with shared.renderer() as artist:
+        begun = artist.draw(cameras)
+    if begun[0].error is not None:
+        raise begun[0].error
+    return [one.error or as_drawn(one) for one in begun]
 
 
-def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:
-    """Draw a frame on a worker, which keeps what frames of one scene have in common."""
-    scene, options, _ = shared.arguments
-    with shared.renderer() as renderer:
-        frame = renderer.render(
-            scene, camera, outputs=options.outputs, background=options.background, cull=options.cull
-        )
+def as_drawn(one: Begun) -> Drawn:
+    """Return what a worker sends back of a frame."""
     # Counted where the faces are: they do not travel for it.
-    _ = frame.stats.pixels_covered
-    return frame.arrays(), frame.stats, notices.notices_of(frame.plan, frame.stats)
+    _ = one.frame.stats.pixels_covered
+    return one.frame.arrays(), one.frame.stats, one.notices
+
+
+class Task(NamedTuple):
+    """Frames that a worker draws in one go."""
+
+    number: int
+    cameras: list[Camera]
+    """Of the frames that are not taken."""
+    drawn: deque[Drawn | Exception]
+    """What came back of those."""
 
 
 class Farm:
@@ -184,9 +200,13 @@ class Farm:
     options : Options
     threads : int
         Of each task.
+    pace : GrowingPace
     """
 
-    def __init__(self, client: Client, scene: Scene, options: Options, threads: int) -> None:
+    def __init__(
+        self, client: Client, scene: Scene, options: Options, threads: int, pace: GrowingPace
+    ) -> None:
+        self.pace = pace
         self._client, self._scene, self._options = client, scene, options
         self._shared = share_scene(scene, options, threads)
         self._sent: Future | None = None
@@ -204,31 +224,39 @@ class Farm:
         self._begun.clear()
         self._sent = None
 
-    def submit(self, camera: Camera) -> tuple[int, Camera]:
-        """Begin a frame."""
+    def submit(self, cameras: list[Camera]) -> Task:
+        """Begin frames, in one task."""
         self._count += 1
-        self._begin(self._count, camera)
-        return self._count, camera
+        self._begin(self._count, cameras)
+        return Task(self._count, cameras, deque())
 
-    def take(self, begun: tuple[int, Camera]) -> Frame:
-        """Return a frame when it is done, wherever that is."""
-        number, camera = begun
+    def take(self, begun: Task) -> Frame:
+        """Return the next frame of a task when it is done, wherever that is."""
+        number, cameras, drawn = begun
 
         def again() -> None:
             # An earlier frame may have seen to it already.
             if self._sent.status != "finished":
                 self._send()
-            self._begin(number, camera)
+            self._begin(number, cameras)
 
-        drawn = retried(lambda: result_of(self._begun[number], self._client), "the scene", again)
-        del self._begun[number]
-        notices.warn(drawn[2], self._told)
-        return FarFrame(drawn, self._scene, camera, self._options)
+        if number in self._begun:
+            drawn += retried(
+                lambda: result_of(self._begun[number], self._client), "the scene", again
+            )
+            del self._begun[number]
+        one = drawn.popleft()
+        if isinstance(one, Exception):
+            raise one
+        notices.warn(one[2], self._told)
+        frame = FarFrame(one, self._scene, cameras.pop(0), self._options)
+        self.pace.see(frame, None)
+        return frame
 
-    def _begin(self, number: int, camera: Camera) -> None:
+    def _begin(self, number: int, cameras: list[Camera]) -> None:
         """Send a task; those of earlier frames go first."""
         self._begun[number] = self._client.submit(
-            draw_frame, self._sent, camera, pure=False, priority=-number
+            draw_frames, self._sent, list(cameras), pure=False, priority=-number
         )
 
     def _send(self) -> None:
@@ -248,7 +276,8 @@ def farm_out(
     """Yield frames in the order of the cameras; see `rasterjit.render_many`."""
     client = check_client(client)
     own = thread_count("threads", threads) or 1
-    most = check_prefetch(prefetch) or AHEAD * max(1, sum(client.nthreads().values()))
-    farm = Farm(client, scene, options, own)
+    workers = max(1, sum(client.nthreads().values()))
+    pace = GrowingPace(scene, options, workers, own, check_prefetch(prefetch), count_of(cameras))
+    farm = Farm(client, scene, options, own, pace)
     settled = settle_all(scene, cameras, options)
-    return with_bar(draw_all(farm, settled, most), cameras, progress)
+    return with_bar(draw_all(farm, settled), cameras, progress)

@@ -37,7 +37,7 @@ from rasterjit.rendering.stream import (
     check_item,
     share_threads,
 )
-from rasterjit.rendering.together import Projections, Together
+from rasterjit.rendering.together import COUNTED, Projections, Together
 from rasterjit.rendering.views import naming, plan_views
 from rasterjit.runtime.ahead import beside
 from rasterjit.scene.background import Background
@@ -63,10 +63,6 @@ PIXEL_BYTES = 4
 
 MATRIX_WORK = 64
 """What an object costs beside a face: its matrices are found for all views of a group at once."""
-
-COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
-           "clipped", "pixels_covered")  # fmt: skip
-"""What is added up of the statistics of all views."""
 
 
 def render_batch(
@@ -154,7 +150,7 @@ def render_batch(
         with naming(f"cameras[{number}]"):
             projections.of(camera)
     places = check_transforms(transforms, len(eyes), scene)
-    arrays = check_out(out, _shapes(scene, len(eyes), options), places)
+    arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
     drawn = Drawn(np.zeros(len(COUNTED), np.int64), Told())
@@ -212,7 +208,7 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
     return found
 
 
-def _shapes(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:
+def shapes_of(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return the shape and the dtype of each output of all views."""
     shapes, (width, height) = {}, options.size
     for name in options.outputs:
@@ -285,14 +281,17 @@ class AllViews(NamedTuple):
 
     def scene_of(self, number: int) -> Scene:
         """Return the scene as it is in a view."""
-        if self.places is None:
-            return self.scene
-        changed = copy.copy(self.scene)
-        changed.nodes = [
-            Node(node.mesh, name=node.name, world_from_model=matrix)
-            for node, matrix in zip(self.scene.nodes, self.places[number], strict=True)
-        ]
-        return changed
+        return self.scene if self.places is None else scene_at(self.scene, self.places[number])
+
+
+def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
+    """Return a scene whose objects stand elsewhere, (O, 4, 4): ``world_from_model`` of each."""
+    changed = copy.copy(scene)
+    changed.nodes = [
+        Node(node.mesh, name=node.name, world_from_model=matrix)
+        for node, matrix in zip(scene.nodes, places, strict=True)
+    ]
+    return changed
 
 
 class Drawn(NamedTuple):
@@ -306,9 +305,9 @@ class Drawn(NamedTuple):
 
 def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
     """Draw all views."""
-    cache, count, (width, height) = kept.cache, len(views.cameras), views.options.size
-    work = width * height + len(cache.shapes.arrays.faces) + MATRIX_WORK * len(cache.matrices)
-    most = max(1, min(VIEWS_PER_GROUP, WORK_PER_GROUP // work, -(-count // workers)))
+    cache, count = kept.cache, len(views.cameras)
+    by_work = WORK_PER_GROUP // work_of(views.options.size, views.scene)
+    most = max(1, min(VIEWS_PER_GROUP, by_work, -(-count // workers)))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
     if together.is_possible(views.options):
@@ -321,6 +320,12 @@ def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: in
         totals += drawn.totals
         told.join(drawn.told)
     return Drawn(totals, told)
+
+
+def work_of(size: tuple[int, int], scene: Scene) -> int:
+    """Return the faces and pixels of a view of a size in pixels, about; see ``WORK_PER_GROUP``."""
+    faces = sum(len(node.mesh.faces) for node in scene.nodes)
+    return math.prod(size) + faces + MATRIX_WORK * len(scene.nodes)
 
 
 class Draws(Protocol):
@@ -428,24 +433,15 @@ class InGroups:
     def __init__(self, views: AllViews, cache: SceneCache, shared: Together) -> None:
         self._views = views
         self._drawer, self._alone = together.Drawer(shared), OneByOne(views, cache)
-        self._faces = len(cache.shapes.arrays.faces)
 
     def __call__(self, group: range) -> Drawn:
         """Draw some views."""
         views, some = self._views, slice(group.start, group.stop)
         places = None if views.places is None else views.places[some]
-        counted, left, told = self._drawer.draw(group, views.cameras[some], places)
-        totals, others = self._alone(left)
+        counts, is_drawn, told = self._drawer.draw(group, views.cameras[some], places)
+        totals, others = self._alone([group[n] for n in np.flatnonzero(~is_drawn).tolist()])
         told.join(others)
-        for rows in counted:
-            outside, degenerate, culled, unsampled, invalid, covered, cut = rows.sum(
-                axis=0
-            ).tolist()
-            faces = len(rows) * self._faces
-            drawn = faces - (outside + degenerate + culled + unsampled + invalid)
-            own = faces, outside, culled, degenerate, unsampled, invalid, drawn, cut, covered
-            totals += np.array(own)
-        return Drawn(totals, told)
+        return Drawn(totals + counts[is_drawn].sum(axis=0), told)
 
     def close(self) -> None:
         """Give back what it drew in."""

@@ -26,6 +26,10 @@ class Told:
             if kind not in self._found or number < self._found[kind][0]:
                 self._found[kind] = number, text
 
+    def of(self, number: int) -> dict[str, str]:
+        """Return what a view is the first of to warn of, by kind."""
+        return {kind: text for kind, (first, text) in self._found.items() if first == number}
+
     def join(self, other: Told) -> None:
         """Add what there is to warn of of other views."""
         for kind, (number, text) in other._found.items():

@@ -8,20 +8,16 @@ stage, or for a stage that only one thread runs. ``benchmarks/many.py`` measures
 from __future__ import annotations
 
 import operator
-import os
-import queue
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, nullcontext
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering import notices, plan
-from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.views import settle_together
+from rasterjit.rendering import plan
+from rasterjit.rendering.views import naming, settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera
@@ -29,7 +25,6 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, thread_count
 from rasterjit.survey import contents
-from rasterjit.survey.cache import prepare
 
 AHEAD = 2
 """Frames begun for each worker before any is taken: one in work, one waiting."""
@@ -112,79 +107,6 @@ def share_threads(threads: Any, workers: Any) -> tuple[int, int]:
     return count, total // count
 
 
-class RendererPool:
-    """
-    Renderers of one scene, each drawing one frame at a time.
-
-    Parameters
-    ----------
-    scene : Scene
-    options : Options
-    workers : int
-        How many renderers there are.
-    threads : int
-        Of each renderer.
-    """
-
-    def __init__(self, scene: Scene, options: Options, workers: int, threads: int) -> None:
-        self._scene, self._options = scene, options
-        self._workers, self._threads = workers, threads
-        self._process = os.getpid()
-        self._idle: queue.SimpleQueue[Renderer] = queue.SimpleQueue()
-        self._renderers: list[Renderer] = []
-        self._pool: ThreadPoolExecutor | None = None
-        self._told: set[str] = set()
-
-    def __enter__(self) -> RendererPool:
-        self._process = os.getpid()
-        self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
-        # They share what follows from the scene alone.
-        has_environment = self._scene.environment is not None
-        cache = prepare(self._scene.nodes, None, self._options.quality, has_environment)
-        for _ in range(self._workers):
-            # The pool tells once, for all of them.
-            renderer = Renderer.of_many(
-                self._options.size, self._options.quality, self._threads, cache
-            )
-            self._renderers.append(renderer)
-            self._idle.put(renderer)
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        # A forked process has none of the threads, and must not wait for them.
-        if self._process != os.getpid():
-            return
-        self._pool.shutdown(wait=True, cancel_futures=True)
-        for renderer in self._renderers:
-            renderer.close()
-
-    def submit(self, camera: Camera) -> Future[Frame]:
-        """Begin a frame."""
-        return self._pool.submit(self._draw, camera)
-
-    def take(self, frame: Future[Frame]) -> Frame:
-        """Return a frame when it is done."""
-        if self._process != os.getpid():
-            raise RuntimeError(
-                "frames cannot be taken from an iterator that was begun before the process was "
-                "forked: its threads are in the parent; call render_many again here"
-            )
-        drawn = frame.result()
-        notices.warn(notices.notices_of(drawn.plan, drawn.stats), self._told)
-        return drawn
-
-    def _draw(self, camera: Camera) -> Frame:
-        """Draw one frame."""
-        _, _, outputs, background, cull = self._options
-        renderer = self._idle.get()
-        try:
-            return renderer.render(
-                self._scene, camera, outputs=outputs, background=background, cull=cull
-            )
-        finally:
-            self._idle.put(renderer)
-
-
 def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Iterable[Camera]:
     """
     Yield the cameras of all frames, with planes that they leave open in one place for all.
@@ -196,53 +118,105 @@ def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Ite
     yield from cameras
 
 
-def draw_all(pool: Any, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
-    """Yield the frames of a pool with the methods of `RendererPool`; close it after the last."""
-    with pool:
-        yield from in_order(cameras, pool.submit, pool.take, prefetch)
-
-
-def in_order(
-    cameras: Iterable[Camera],
-    submit: Callable[[Camera], Any],
-    take: Callable[[Any], Frame],
-    prefetch: int,
-) -> Iterator[Frame]:
+class Pace:
     """
-    Yield frames in the order of the cameras, with at most ``prefetch`` begun ahead.
+    How many views are begun.
+
+    Parameters
+    ----------
+    at_once : int
+        In one go.
+    ahead : int
+        Ahead of the one taken last, at most; at least ``at_once``.
+    """
+
+    def __init__(self, at_once: int, ahead: int) -> None:
+        self.at_once, self.ahead = at_once, ahead
+
+
+class Pool(Protocol):
+    """Draws frames, several at once; to be entered before, and left after the last."""
+
+    pace: Pace
+    """It may change with each frame that is taken."""
+
+    def __enter__(self) -> Any:
+        """Begin."""
+
+    def __exit__(self, *error: Any) -> None:
+        """End."""
+
+    def submit(self, cameras: list[Camera]) -> Any:
+        """Begin the frames of some cameras."""
+
+    def take(self, begun: Any) -> Frame:
+        """Return the next of frames that were begun in one go, when it is done."""
+
+
+def draw_all(pool: Pool, cameras: Iterable[Camera]) -> Iterator[Frame]:
+    """Yield the frames of a pool; close it after the last."""
+    with pool:
+        yield from in_order(cameras, pool)
+
+
+def in_order(cameras: Iterable[Camera], pool: Pool) -> Iterator[Frame]:
+    """
+    Yield frames in the order of the cameras, at the pool's pace.
 
     An invalid camera, or an error of the iterable, is raised after the frames before it.
+    """
+    source, pace = Source(cameras), pool.pace
+    # What was begun in one go, and how many frames of it are still to be taken.
+    begun: deque[list[Any]] = deque()
+    ahead = taken = 0
+    while True:
+        while not source.is_over and ahead + pace.at_once <= pace.ahead:
+            some = source.next(pace.at_once)
+            if some:
+                begun.append([pool.submit(some), len(some)])
+                ahead += len(some)
+        if not begun:
+            break
+        # What is wrong with the first may be wrong with all.
+        with naming(f"cameras[{taken}]") if taken else nullcontext():
+            frame = pool.take(begun[0][0])
+        begun[0][1] -= 1
+        if begun[0][1] == 0:
+            begun.popleft()
+        ahead, taken = ahead - 1, taken + 1
+        yield frame
+        # The frame is the caller's alone: no reference stays while the next one is waited for.
+        del frame
+    if source.failure is not None:
+        raise source.failure
+
+
+class Source:
+    """
+    Cameras that are asked for as they are needed.
 
     Parameters
     ----------
     cameras : iterable of Camera
-    submit : callable
-        Begins a frame.
-    take : callable
-        Returns the frame that was begun, when it is done.
-    prefetch : int
     """
-    source = enumerate(cameras)
-    begun: deque[Any] = deque()
-    failure: Exception | None = None
-    is_over = False
-    while True:
-        while not is_over and len(begun) < prefetch:
-            try:
-                number, camera = next(source)
-                begun.append(submit(check_item(number, camera)))
-            except StopIteration:
-                is_over = True
-            except Exception as error:
-                failure, is_over = error, True
-        if not begun:
-            break
-        frame = take(begun.popleft())
-        yield frame
-        # The frame is the caller's alone: no reference stays while the next one is waited for.
-        del frame
-    if failure is not None:
-        raise failure
+
+    def __init__(self, cameras: Iterable[Camera]) -> None:
+        self._cameras = enumerate(cameras)
+        self.is_over = False
+        self.failure: Exception | None = None
+        """What ended it; ``None`` -> nothing, or it came to its end."""
+
+    def next(self, count: int) -> list[Camera]:
+        """Return the next cameras, so many unless it ends."""
+        found: list[Camera] = []
+        try:
+            while len(found) < count:
+                found.append(check_item(*next(self._cameras)))
+        except StopIteration:
+            self.is_over = True
+        except Exception as error:
+            self.failure, self.is_over = error, True
+        return found
 
 
 def check_item(number: int, camera: Any) -> Camera:

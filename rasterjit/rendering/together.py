@@ -27,7 +27,15 @@ from rasterjit.pipeline import encode
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
-from rasterjit.pipeline.records import Faces, Lighting, Objects, Placement, Surface
+from rasterjit.pipeline.records import (
+    Faces,
+    Lighting,
+    Objects,
+    Placement,
+    ScreenVertices,
+    Surface,
+    Viewport,
+)
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
@@ -90,6 +98,10 @@ BY_KERNEL = (
     "barycentric", "uv", "normal", "geometric_normal", "position", "object_position",
 )  # fmt: skip
 """Outputs of which NumPy does nothing view by view; attributes of vertices, too."""
+
+COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
+           "clipped", "pixels_covered")  # fmt: skip
+"""What is counted of each view: names of ``Stats``."""
 
 LEAST_SHARE = 1e-30
 """Near planes that are a smaller share of the farthest distance are looked at view by view: the
@@ -484,10 +496,9 @@ class Desk:
 
     def __init__(self, plan: RenderPlan, cache: SceneCache) -> None:
         self._plan, self._cache, self._kept = plan, cache, []
-        arrays, (width, height) = cache.shapes.arrays, plan.size
         self._places: list[tuple[str, int]] = []
         self._targets: list[tuple[str, int, int]] = []
-        self._find(arrays, width, height)
+        self._find()
         self._calls: list[tuple[int, int, int, int]] = []
         if plan.facts.is_colored:
             self._shade()
@@ -549,16 +560,17 @@ class Desk:
         self._kept.append(bound)
         return bound
 
-    def _find(self, arrays: Any, width: int, height: int) -> None:
+    def _find(self) -> None:
         """Bind what finds the faces."""
         plan, cache = self._plan, self._cache
+        arrays = cache.shapes.arrays
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
         viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
-        number = len(arrays.faces)
-        cuts, room = room_to_cut(number)
+        _, room = room_to_cut(len(arrays.faces))
         screen = draw.screen_arrays(count + room, Memory())
         clip_positions = np.empty((count, 4), np.float64)
+        faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
         owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
@@ -566,42 +578,81 @@ class Desk:
             projection.transform_vertices, (0, count), positions, owned, clip, (0.0, 0.0, 0.0),
             viewport, screen, scratch,
         )  # fmt: skip
-        # What is cut.
-        faces = Faces(
-            arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32)
-        )  # fmt: skip
-        cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
-        vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
-        polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
-        clipped = self._bound(clipping.find_clipped_faces, arrays.faces, screen.codes[:count], cut)
         placed = self._bound(
             projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
             scratch,
         )  # fmt: skip
+        self._targets.append(("coefficients", transformed.place_of(4), 3))
+        clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
+        listed = self._list_and_draw(faces, screen, viewport)
+        finding = transformed, clipped, placed, *cut, *listed
+        self._finding = np.array([one.words for one in finding], np.int64)
+        self._geometry = draw.geometry_of(
+            arrays.faces, screen, clip_positions, viewport, plan.is_affine
+        )
+        self._placement = Placement(
+            arrays.face_starts,
+            arrays.positions,
+            self._field("relative_rows", (objects, 3, 4), np.float64),
+            self._field("normal_matrices", (objects, 3, 3), np.float64),
+            self._field("mirrored", (objects,), np.float64),
+            self._field("front_turns", (objects,), np.float64),
+            self._field("toward_viewer", (4,), np.float64),
+        )
+
+    def _cut(
+        self, faces: Faces, clip_positions: Float64, screen: ScreenVertices, viewport: Viewport,
+        room: int,
+    ) -> tuple[Bound, ...]:  # fmt: skip
+        """
+        Bind what cuts faces at planes.
+
+        Parameters
+        ----------
+        faces : Faces
+            With memory for the pieces.
+        clip_positions : (V, 4) float64
+            Of the vertices, when any are cut.
+        screen : ScreenVertices
+            With memory for new vertices.
+        viewport : Viewport
+        room : int
+            How many new vertices there is memory for.
+        """
+        whole, count = faces[0], len(clip_positions)
+        cuts, _ = room_to_cut(len(whole))
+        cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
+        vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
+        polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+        clipped = self._bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
         counted = self._bound(
-            clipping.count_clipped_vertices, cut, arrays.faces, clip_positions, viewport,
+            clipping.count_clipped_vertices, cut, whole, clip_positions, viewport,
             vertex_counts, polygons,
         )  # fmt: skip
         in_pieces = self._bound(
-            clipping.clip_faces, cut, arrays.faces, clip_positions, viewport,
+            clipping.clip_faces, cut, whole, clip_positions, viewport,
             (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
         )  # fmt: skip
         projected = self._bound(
-            projection.project_clipped_vertices, (cut, arrays.faces, starts[0], clip_positions),
+            projection.project_clipped_vertices, (cut, whole, starts[0], clip_positions),
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
-        self._targets += [
-            ("coefficients", transformed.place_of(4), 3), ("coefficients", projected.place_of(2), 3)
-        ]  # fmt: skip
+        self._targets.append(("coefficients", projected.place_of(2), 3))
         # How many faces are cut is the length of their list.
         told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
         self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
         self._kept += [cut, polygons]
-        # Lists for the tiles.
+        return clipped, counted, in_pieces, projected
+
+    def _list_and_draw(
+        self, faces: Faces, screen: ScreenVertices, viewport: Viewport
+    ) -> tuple[Bound, ...]:
+        """Bind what lists the faces of each tile, and what draws them there; see `_cut`."""
+        arrays, (width, height) = self._cache.shapes.arrays, self._plan.size
+        objects, number = len(arrays.face_starts) - 1, len(faces[0]) + len(faces[1])
         turns = self._field("culled_turns", (objects,), np.int8)
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        number += room
         listed = min(tiles * number, 4 * number + 65536)
         triangles, boxes = np.empty(number, np.int32), np.empty((number, 4), np.uint8)
         counts, sums = np.zeros((1, tiles + 1), np.int32), np.zeros(5, np.int64)
@@ -625,7 +676,7 @@ class Desk:
             self._tile_depths, no_holes,
         )  # fmt: skip
         # Tiles.
-        self._depth = np.empty((height, width * plan.needs_depth), np.float32)
+        self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
         drawer = nearest.tile_drawer(binned, faces, screen, np.float32)
         self._kept.append(drawer)
@@ -633,28 +684,12 @@ class Desk:
             nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, list_starts,
             self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
         )  # fmt: skip
-        finding = (
-            transformed, clipped, placed, counted, in_pieces, projected, set_up, started, sorted_in,
-            raised, drawn,
-        )  # fmt: skip
-        self._finding = np.array([one.words for one in finding], np.int64)
         # How many triangles were listed is the length of both of their arrays.
         self._lengths = np.array(
             [one.place_of(k) + WORD for one in (sorted_in, raised) for k in (0, 1)], np.int64
         )
         self._listing = counts, sums, list_starts, listed, set_up.place_of(1) + WORD
-        self._geometry = draw.geometry_of(
-            arrays.faces, screen, clip_positions, viewport, plan.is_affine
-        )
-        self._placement = Placement(
-            arrays.face_starts,
-            arrays.positions,
-            self._field("relative_rows", (objects, 3, 4), np.float64),
-            self._field("normal_matrices", (objects, 3, 3), np.float64),
-            self._field("mirrored", (objects,), np.float64),
-            self._field("front_turns", (objects,), np.float64),
-            self._field("toward_viewer", (4,), np.float64),
-        )
+        return set_up, started, sorted_in, raised, drawn
 
     def _shade(self) -> None:
         """Add the stages that make the colours."""
@@ -785,6 +820,31 @@ class Desk:
         self._calls.append((*bound.words, 0))
 
 
+class Outcome(NamedTuple):
+    """What became of some views."""
+
+    counts: NDArray[np.int64]
+    """(N, 9): ``COUNTED`` of each; anything of those that were not drawn."""
+    is_drawn: NDArray[np.bool_]
+    """(N,): False for those that must be drawn alone."""
+    told: Told
+    """What there is to warn of of those that were drawn."""
+
+
+def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
+    """Return ``COUNTED`` of views, (N, 9), given what `Desk.draw` counted; each has all faces."""
+    lost = totals[:, : drawing_views.COVERED]
+    outside, degenerate, culled, unsampled, invalid = lost.T
+    of_all = np.full(len(totals), faces)
+    return np.stack(
+        (
+            of_all, outside, culled, degenerate, unsampled, invalid, of_all - lost.sum(axis=1),
+            totals[:, drawing_views.CUT], totals[:, drawing_views.COVERED],
+        ),
+        axis=1,
+    )  # fmt: skip
+
+
 class Drawer:
     """
     Draws groups of views in one thread.
@@ -804,11 +864,9 @@ class Drawer:
             self._shared.give_back(kind, *taken)
         self._desks.clear()
 
-    def draw(
-        self, numbers: range, cameras: Sequence[Camera], places: Float64 | None
-    ) -> tuple[list[NDArray[np.int64]], list[int], Told]:
+    def draw(self, numbers: range, cameras: Sequence[Camera], places: Float64 | None) -> Outcome:
         """
-        Draw views; return the totals of those drawn, the numbers of the others, what to warn of.
+        Draw views; leave out those that must be drawn alone.
 
         Parameters
         ----------
@@ -820,29 +878,28 @@ class Drawer:
             Where the objects stand in each; None: as in the scene.
         """
         prepared = self._shared.prepare(cameras, places)
-        left, totals, told = [], [], Told()
+        counts, told = np.zeros((len(numbers), len(COUNTED)), np.int64), Told()
+        is_drawn = np.zeros(len(numbers), np.bool_)
         of_kinds: dict[tuple | None, list[int]] = {}
         for n, kind in enumerate(prepared.kinds):
             of_kinds.setdefault(kind, []).append(n)
         for kind, chosen in of_kinds.items():
-            pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
             desk = (
                 None if kind is None else self._desk(kind, numbers[chosen[0]], cameras[chosen[0]])
             )
             if desk is None:
-                left += pairs[:, 1].tolist()
                 continue
-            counted, is_drawn = desk.draw(prepared, pairs)
-            left += pairs[~is_drawn, 1].tolist()
-            totals.append(counted[is_drawn])
-            # Note what there is to warn of.
-            is_empty = counted[:, : drawing_views.COVERED].sum(axis=1) == self._faces
-            for n, number in pairs[is_drawn & is_empty].tolist():
-                if n not in prepared.cuts:
-                    told.add(number, {"view": NOTHING_IN_VIEW})
-            for n, number in pairs[is_drawn].tolist() if prepared.cuts else ():
-                told.add(number, prepared.cuts.get(n, {}))
-        return totals, sorted(left), told
+            pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
+            totals, is_drawn[chosen] = desk.draw(prepared, pairs)
+            counts[chosen] = counts_of(totals, self._faces)
+        # Note what there is to warn of.
+        is_empty = counts[:, COUNTED.index("drawn")] == 0
+        for n in np.flatnonzero(is_drawn & is_empty).tolist():
+            if n not in prepared.cuts:
+                told.add(numbers[n], {"view": NOTHING_IN_VIEW})
+        for n in np.flatnonzero(is_drawn).tolist() if prepared.cuts else ():
+            told.add(numbers[n], prepared.cuts.get(n, {}))
+        return Outcome(counts, is_drawn, told)
 
     @property
     def _faces(self) -> int:

@@ -3,10 +3,12 @@
 import errno
 import json
 import shutil
+import threading
 
 import numpy as np
 import pytest
 import trimesh
+from batches import in_groups
 from click.testing import CliRunner
 from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
 from PIL import Image
@@ -17,6 +19,7 @@ from rasterjit.dataset import making, mesh
 from rasterjit.dataset import recipe as dataset
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.outputs import masks
+from rasterjit.rendering import pool, together
 
 W, H = SIZE = (24, 16)
 RECIPE = Recipe(
@@ -236,9 +239,110 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
         rj.Renderer, "render", lambda *a, **k: steps.append("render") or render(*a, **k)
     )
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
+    monkeypatch.setattr(pool, "MOST_WORK", 0)
     recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
     mesh.render_views(two_boxes("ab"), tmp_path, recipe)
     assert steps == ["render", "annotate"] * 4
+
+
+@pytest.fixture
+def goes(monkeypatch):
+    """Return how many views were drawn in each go, and None for each that was annotated."""
+    steps, draw, coco = [], together.Drawer.draw, masks.coco
+
+    def noted(self, numbers, *arguments):
+        steps.append(len(numbers))
+        return draw(self, numbers, *arguments)
+
+    monkeypatch.setattr(together.Drawer, "draw", noted)
+    monkeypatch.setattr(masks, "coco", lambda *a: steps.append(None) or coco(*a))
+    return steps
+
+
+@in_groups
+def test_small_views_are_drawn_a_few_in_one_go_and_then_annotated(tmp_path, monkeypatch, goes):
+    """So few are kept: the memory that a data set takes does not grow with its views."""
+    monkeypatch.setattr(pool, "BYTES_AT_ONCE", 3 * 8 * W * H)
+    recipe = Recipe(views=9, size=SIZE, outputs=("color", "coco"))
+    mesh.render_views(two_boxes("ab"), tmp_path, recipe, threads=1)
+    # The first is drawn alone.
+    assert goes == [None, 3, *[None] * 3, 3, *[None] * 3, 2, *[None] * 2]
+
+
+@in_groups
+@pytest.mark.parametrize(
+    ("size", "views", "outputs", "threads", "expected"),
+    [
+        (SIZE, 1, ("color",), 2, []),
+        (SIZE, 2, ("color",), 1, []),
+        (SIZE, 3, ("color",), 1, [2]),
+        (SIZE, 40, ("color", "depth", "normal", "mask", "coco"), 1, [7, 32]),
+        (SIZE, 40, ("position", "face_id", "barycentric"), 2, [19, 20]),
+        ((97, 50), 12, ("color", "linear", "distance"), 3, [3, 4, 4]),
+        ((300, 301), 12, ("depth", "object_position"), 2, [5, 5]),
+        ((512, 512), 3, ("depth",), 1, []),
+        # Not drawn in groups.
+        (SIZE, 9, ("color", "coverage", "nocs"), 2, []),
+    ],
+)
+def test_files_are_the_same_whether_views_are_drawn_alone(
+    tmp_path, monkeypatch, goes, size, views, outputs, threads, expected
+):
+    recipe = Recipe(views=views, size=size, outputs=outputs)
+    for name in ("one", "few"):
+        (tmp_path / name).mkdir()
+    mesh.render_views(two_boxes("ab"), tmp_path / "few", recipe, threads=threads)
+    assert sorted(one for one in goes if one is not None) == expected
+    goes.clear()
+    monkeypatch.setattr(pool, "MOST_WORK", 0)
+    mesh.render_views(two_boxes("ab"), tmp_path / "one", recipe, threads=threads)
+    assert not any(goes)
+    files = contents(tmp_path / "few")
+    assert files == contents(tmp_path / "one")
+    assert len(files) >= views + 1
+
+
+@in_groups
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_view_that_fails_ends_its_mesh_after_those_before_it(
+    tmp_path, monkeypatch, threads, goes
+):
+    """What is wrong with one view of a group is told as it is of one that is drawn alone."""
+    scene, recipe = two_boxes("ab"), Recipe(views=9, size=SIZE, outputs=("color",))
+    wrong = dataset.view_cameras(scene, recipe)[5]
+    render = rj.Renderer.render
+
+    def refuse(self, scene, camera, **options):
+        if camera == wrong:
+            raise ValueError("camera is\nrefused")
+        return render(self, scene, camera, **options)
+
+    monkeypatch.setattr(rj.Renderer, "render", refuse)
+
+    def fail(self, prepared, chosen):
+        assert len(chosen) > 1
+        raise ValueError("a group is refused")
+
+    monkeypatch.setattr(together.Desk, "draw", fail)
+    with pytest.raises(mesh.MeshError, match=r"^camera is refused$"):
+        mesh.render_views(scene, tmp_path, recipe, threads=threads)
+    assert any(goes)
+    assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(5)}
+
+
+@in_groups
+def test_work_is_called_off_between_views_of_a_group(tmp_path):
+    left = iter(range(7))
+
+    def check():
+        if next(left, None) is None:
+            raise mesh.Stopped
+
+    recipe = Recipe(views=30, size=SIZE, outputs=("color",))
+    with pytest.raises(mesh.Stopped):
+        mesh.render_views(two_boxes("ab"), tmp_path, recipe, check=check)
+    assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(7)}
+    assert not [one for one in threading.enumerate() if one.name.startswith("rasterjit-turns")]
 
 
 @pytest.mark.parametrize(

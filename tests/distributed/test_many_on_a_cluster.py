@@ -46,6 +46,40 @@ def test_frames_are_those_of_render_in_order(cube, client):
     assert are_those_of_render(frames, cube, outputs)
 
 
+def test_small_views_of_a_sequence_are_drawn_several_in_a_task(cube, client):
+    given, outputs = list(cameras(40)), ("color", "depth", "face_id")
+    frames = list(rj.render_many(cube, given, size=SIZE, outputs=outputs, client=client))
+    assert are_those_of_render(frames, cube, outputs)
+    # The first of each worker are drawn alone.
+    assert ["all stages" in one.stats.seconds for one in frames] == [False] * 4 + [True] * 36
+    wanted = rj.render(cube, given[-1], size=SIZE)
+    assert str(frames[-1].plan).split("outputs")[0] == str(wanted.plan).split("outputs")[0]
+    assert frames[-1].stats.pixels_covered == wanted.stats.pixels_covered > 0
+    # Of those that come as they are asked for, as many as prefetch allows.
+    frames = list(rj.render_many(cube, cameras(40), size=SIZE, prefetch=12, client=client))
+    assert are_those_of_render(frames, cube)
+    assert sum("all stages" in one.stats.seconds for one in frames) == 36
+
+
+def test_an_error_in_a_task_comes_after_the_frames_before_it(cube, client):
+    given = list(cameras(40))
+    clip = given[0].projection_matrix((8, 8))
+    given[17] = rj.MatrixCamera(given[0].view_matrix(), clip, (8, 8))
+    frames, taken = rj.render_many(cube, given, size=SIZE, client=client), []
+    with pytest.raises(ValueError, match=r"^cameras\[17\]: .*size"):
+        taken.extend(frames)
+    assert len(taken) == 17
+    assert are_those_of_first(taken, cube, given)
+
+
+def are_those_of_first(frames, scene, given):
+    wanted = [rj.render(scene, one, size=SIZE) for one in given[: len(frames)]]
+    return all(
+        frame.color.tobytes() == other.color.tobytes()
+        for frame, other in zip(frames, wanted, strict=True)
+    )
+
+
 def test_frame_has_its_plan_and_its_statistics(cube, client):
     (frame,) = rj.render_many(cube, cameras(1), size=SIZE, client=client)
     (other,) = rj.render_many(cube, cameras(1), size=SIZE, threads=1)

@@ -1,0 +1,378 @@
+"""
+Draw frames of one scene in several threads: each view alone, or small views several in one go.
+
+One rule, `views_at_once`, says how many views are drawn in one go, when the first frame is there:
+its plan tells whether views of the scene share enough. Those are drawn in groups in machine code
+(``together.py``); what has no place in a group is drawn alone, and so is a whole group in which
+anything fails, so that errors are those of the view, after the frames before it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import queue
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.rendering import batch, notices, together
+from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.kept import Kept
+from rasterjit.rendering.late import LateFrame, Moment
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.stream import AHEAD, Options, Pace
+from rasterjit.rendering.together import COUNTED, Drawer, Projections, Together, can_share
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.plan import RenderPlan
+
+BYTES_AT_ONCE = 1 << 23
+"""Memory of the pictures that a thread draws in one go, at most."""
+
+MOST_WORK = 1 << 17
+"""Faces and pixels of a view, about, beyond which to draw it takes so long that a group gains
+nothing."""
+
+
+def views_at_once(
+    plan: RenderPlan, scene: Scene, cache: SceneCache, options: Options, threads: int, room: int
+) -> int:
+    """
+    Return how many views a thread draws in one go; 1: each is drawn alone.
+
+    Alone are views that share too little (`can_share`: see there), that several threads draw
+    together, of which there is no room for some, or so large that a group of them would take long
+    or much memory, and gain nothing.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+        Of one of them.
+    scene : Scene
+    cache : SceneCache
+        Of the scene.
+    options : Options
+    threads : int
+        How many draw each view.
+    room : int
+        Most that may be drawn in one go.
+    """
+    work = batch.work_of(options.size, scene)
+    if threads > 1 or room < 2 or work > MOST_WORK:
+        return 1
+    if not together.is_possible(options) or not can_share(plan, scene, cache):
+        return 1
+    shapes = batch.shapes_of(scene, 1, options).values()
+    view_bytes = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes)
+    most = room, batch.VIEWS_PER_GROUP, batch.WORK_PER_GROUP // work, BYTES_AT_ONCE // view_bytes
+    return max(1, min(most))
+
+
+class GrowingPace(Pace):
+    """
+    Few views alone at first: they are there soonest. Then groups, if the first frame allows it.
+
+    Parameters
+    ----------
+    scene : Scene
+    options : Options
+    workers : int
+        How many threads, or processes, draw views.
+    threads : int
+        How many draw each view with one of those.
+    prefetch : int, optional
+        Most frames that are drawn, or being drawn, ahead of the one taken last. Default: of each
+        worker one in work, one waiting; or one group of each, where all cameras are known.
+    count : int, optional
+        How many cameras there are; ``None`` -> they come as they are asked for.
+    """
+
+    def __init__(
+        self, scene: Scene, options: Options, workers: int, threads: int,
+        prefetch: int | None = None, count: int | None = None,
+    ) -> None:  # fmt: skip
+        turns = AHEAD * workers
+        super().__init__(1, min(prefetch or turns, turns))
+        self._scene, self._options, self._threads = scene, options, threads
+        self._turns, self._prefetch, self._count = turns, prefetch, count
+        self._is_decided = False
+
+    def see(self, first: Frame, cache: SceneCache | None) -> None:
+        """Decide once, given the first frame, and what is known of its scene."""
+        if self._is_decided:
+            return
+        self._is_decided = True
+        begun, self.ahead = self.ahead, self._prefetch or self._turns
+        room = self.ahead // self._turns
+        if self._prefetch is None and self._count is not None:
+            # All of them have their share of what is not begun.
+            room = -(-(self._count - begun) // self._turns)
+        scene, options = self._scene, self._options
+        # The plan is made for it, if it is there late.
+        if room < 2 or batch.work_of(options.size, scene) > MOST_WORK:
+            return
+        cache = cache or prepare_for(scene, options)
+        self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, room)
+        self.ahead = self._prefetch or self._turns * self.at_once
+
+
+def prepare_for(scene: Scene, options: Options) -> SceneCache:
+    """Return what views of a scene have in common."""
+    return prepare(scene.nodes, None, options.quality, scene.environment is not None)
+
+
+class Begun(NamedTuple):
+    """What became of a view: its frame, and what there is to warn of, or an error."""
+
+    frame: Frame | None
+    notices: dict[str, str]
+    error: Exception | None = None
+
+    def taken(self, told: set[str]) -> Frame:
+        """Return the frame, and warn of what was not told, or raise the error."""
+        if self.error is not None:
+            raise self.error
+        notices.warn(self.notices, told)
+        return self.frame
+
+
+class Shared(NamedTuple):
+    """What the threads that draw groups of views share."""
+
+    kept: Kept
+    projections: Projections
+    moment: Moment
+    count: int
+    """How many views are drawn in one go."""
+
+    @classmethod
+    def of(
+        cls, scene: Scene, cache: SceneCache, options: Options, count: int,
+        first: RenderPlan | None = None,
+    ) -> Shared:  # fmt: skip
+        """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
+        kept = Kept(cache)
+        kept.first = first
+        return cls(kept, Projections(options.size), Moment(scene, cache, options), count)
+
+
+class Artist:
+    """
+    Draws views of a scene in one thread of the pool.
+
+    Parameters
+    ----------
+    scene : Scene
+    options : Options
+    threads : int
+        That draw each frame.
+    cache : SceneCache, optional
+        Of the scene.
+    """
+
+    def __init__(
+        self, scene: Scene, options: Options, threads: int, cache: SceneCache | None = None
+    ) -> None:
+        cache = cache or prepare_for(scene, options)
+        self._scene, self._options, self._cache = scene, options, cache
+        # The pool tells once, for all of them.
+        self._renderer = Renderer.of_many(options.size, options.quality, threads, cache)
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._drawer: Drawer | None = None
+        self._shared: Shared | None = None
+
+    def close(self) -> None:
+        """Let its threads and its memory go."""
+        self._renderer.close()
+        if self._drawer is not None:
+            self._drawer.close()
+
+    def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[Begun]:
+        """
+        Draw views until one fails.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera
+        shared : Shared, optional
+            Default: nothing is shared with other threads.
+        """
+        found: dict[int, Begun] = {}
+        if len(cameras) > 1:
+            try:
+                found = self._draw_together(cameras, shared)
+            except Exception:
+                # Drawn alone, the view that it is of raises it, after those before it.
+                found = {}
+        begun: deque[Begun] = deque()
+        for n, camera in enumerate(cameras):
+            begun.append(found.pop(n, None) or self._draw_alone(camera))
+            if begun[-1].error is not None:
+                break
+        return begun
+
+    def _draw_alone(self, camera: Camera) -> Begun:
+        """Draw a view as `rasterjit.render` does."""
+        _, _, outputs, background, cull = self._options
+        try:
+            frame = self._renderer.render(
+                self._scene, camera, outputs=outputs, background=background, cull=cull
+            )
+        except Exception as error:
+            return Begun(None, {}, error)
+        return Begun(frame, notices.notices_of(frame.plan, frame.stats))
+
+    def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
+        """Draw those views, by their numbers, that have a place in a group."""
+        clock = StageClock()
+        if self._drawer is None or self._shared is None:
+            self._shared = shared or Shared.of(
+                self._scene, self._cache, self._options, len(cameras)
+            )
+            self._drawer = self._group_drawer(self._shared)
+        moment = self._shared.moment
+        counts, is_drawn, told = self._drawer.draw(range(len(cameras)), cameras, None)
+        clock("all stages")
+        drawn = np.flatnonzero(is_drawn).tolist()
+        found, starts = {}, self._cache.shapes.arrays.face_starts
+        for n in drawn:
+            arrays = {name: array[n].copy() for name, array in self._arrays.items()}
+            *counted, covered = counts[n].tolist()
+            named = dict(zip(COUNTED, counted, strict=False))
+            seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
+            stats = Stats(**named, seconds=seconds, face_id=covered)
+            plan = partial(moment.plan, cameras[n])
+            found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
+        return found
+
+    def _group_drawer(self, shared: Shared) -> Drawer:
+        """Return what draws groups, into memory of its own."""
+        shapes = batch.shapes_of(self._scene, shared.count, self._options)
+        self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}
+        return Drawer(
+            Together(
+                self._scene, shared.kept, self._options, self._arrays, lambda _: self._scene,
+                shared.projections,
+            )
+        )  # fmt: skip
+
+
+class RendererPool:
+    """
+    Draws frames of one scene, each alone or several in one go, in several threads.
+
+    Parameters
+    ----------
+    scene : Scene
+    options : Options
+    workers : int
+        How many threads draw views.
+    threads : int
+        How many draw each view with one of those.
+    pace : GrowingPace
+    """
+
+    def __init__(
+        self, scene: Scene, options: Options, workers: int, threads: int, pace: GrowingPace
+    ) -> None:
+        self._scene, self._options = scene, options
+        self._workers, self._threads = workers, threads
+        self.pace = pace
+        self._process = os.getpid()
+        self._idle: queue.SimpleQueue[Artist] = queue.SimpleQueue()
+        self._artists: list[Artist] = []
+        self._pool: ThreadPoolExecutor | None = None
+        self._told: set[str] = set()
+        self._cache: SceneCache | None = None
+        self._shared: Shared | None = None
+
+    def __enter__(self) -> RendererPool:
+        self._process = os.getpid()
+        self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
+        # They share what follows from the scene alone.
+        self._cache = prepare_for(self._scene, self._options)
+        for _ in range(self._workers):
+            artist = Artist(self._scene, self._options, self._threads, self._cache)
+            self._artists.append(artist)
+            self._idle.put(artist)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        # A forked process has none of the threads, and must not wait for them.
+        if self._process != os.getpid():
+            return
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        for artist in self._artists:
+            artist.close()
+
+    def submit(self, cameras: list[Camera]) -> Future[deque[Begun]]:
+        """Begin the frames of some cameras, in one go."""
+        return self._pool.submit(self._draw, cameras)
+
+    def take(self, begun: Future[deque[Begun]]) -> Frame:
+        """Return the next of frames that were begun in one go, when they are done."""
+        if self._process != os.getpid():
+            raise RuntimeError(
+                "frames cannot be taken from an iterator that was begun before the process was "
+                "forked: its threads are in the parent; call render_many again here"
+            )
+        frame = begun.result().popleft().taken(self._told)
+        self.pace.see(frame, self._cache)
+        if self._shared is None and self.pace.at_once > 1:
+            self._shared = Shared.of(
+                self._scene, self._cache, self._options, self.pace.at_once, frame.plan
+            )
+        return frame
+
+    def _draw(self, cameras: list[Camera]) -> deque[Begun]:
+        """Draw frames in one go."""
+        artist = self._idle.get()
+        try:
+            return artist.draw(cameras, self._shared)
+        finally:
+            self._idle.put(artist)
+
+
+def draw_in_turns(
+    scene: Scene, cameras: Sequence[Camera], options: Options, threads: int
+) -> Iterator[Frame]:
+    """
+    Yield one frame for each camera, in order; nothing is drawn while the caller has one.
+
+    Each is drawn by all threads, or some are drawn in one go by each of them. As `render_many`
+    draws them they are the same, without what is drawn ahead: the caller's work takes longer.
+    """
+    cache = prepare_for(scene, options)
+    told: set[str] = set()
+    with ExitStack() as stack:
+        alone = stack.enter_context(closing(Artist(scene, options, threads, cache)))
+        first = alone.draw(cameras[:1]).popleft().taken(told)
+        room = -(-(len(cameras) - 1) // threads)
+        count = views_at_once(first.plan, scene, cache, options, 1, room)
+        shared = Shared.of(scene, cache, options, count, first.plan)
+        yield first
+        artists, each = [alone], map
+        if count > 1:
+            artists = [
+                stack.enter_context(closing(Artist(scene, options, 1, cache)))
+                for _ in range(threads)
+            ]
+            if threads > 1:
+                pool = ThreadPoolExecutor(threads, thread_name_prefix="rasterjit-turns")
+                each = stack.enter_context(pool).map
+        for start in range(1, len(cameras), count * len(artists)):
+            starts = range(start, start + count * len(artists), count)
+            groups = [cameras[n : n + count] for n in starts]
+            drawn = each(lambda artist, group: artist.draw(group, shared), artists, groups)
+            for begun in list(drawn):
+                while begun:
+                    yield begun.popleft().taken(told)
