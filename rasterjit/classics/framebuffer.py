@@ -341,7 +341,12 @@ class Framebuffer(Guarded):
         end_color: ArrayLike | None = None,
     ) -> None:
         """
-        Draw a quadratic or cubic Bezier curve, both ends included.
+        Draw a quadratic or cubic Bezier curve one pixel wide, both ends included.
+
+        Every pixel's centre lies within half a pixel's diagonal (0.7072) of the curve, and every
+        place of the curve within one pixel of a pixel's centre. The pixels form one path without
+        gaps, in which none follows itself. Where the curve comes back to a pixel, the later colour
+        stays.
 
         Parameters
         ----------

@@ -21,6 +21,25 @@ A channel is ``floor((E0 c0 + E1 c1 + E2 c2) / A2 + 1/2)``, which is one integer
 (d2 - d0)`` in ``float64``, stored as ``float32``. The vertices are first put in one order, so their
 order and winding change no bit of the result.
 
+Curves
+------
+A curve is cut at equal steps of its parameter into chords, which stay within ``FLATNESS`` of it.
+Their ends are not rounded. A chord with ``|dx| >= |dy|`` is drawn by columns: for each column that
+it crosses the nearest pixel, at most half a pixel from the chord. A steeper one is drawn by rows.
+Places that lie less than ``TIE`` below a tie between two pixels are rounded up like the tie, so
+rounding errors, all of them smaller, do not matter.
+
+From one column to the next a path moves by a pixel or by a diagonal, also where chords of one
+heading meet. At a *turn*, where the axis or the direction changes, the pixel in which the chords
+meet is a neighbour of the ones before and after it, or one of them. It is drawn if these two do not
+touch, if the curve goes back there, or if the place where the chords meet is further than ``FAR``
+from both. It is the same with the pixels of the two end points, which are always drawn.
+
+So the pixels of a curve form one path without gaps. The centre of each is within ``1/2 +
+FLATNESS`` of the curve, or within ``sqrt(1/2)`` where it holds a turn or an end; and the curve is
+nowhere further than a pixel from one of them. No pixel follows itself; the path comes to a pixel
+again only if the curve does, and then the later colour stays.
+
 References
 ----------
 .. [1] J. Pineda, "A Parallel Algorithm for Polygon Rasterization", SIGGRAPH 1988: edge functions.
@@ -37,7 +56,7 @@ import math
 
 import numpy as np
 
-from rasterjit.pipeline.lines import draw_line
+from rasterjit.pipeline.lines import FRACTION_BITS, packed_color, walk, walk_plain
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int64, uint8, uint32
@@ -51,8 +70,20 @@ INCLUSIVE_BIAS = 0
 EXCLUSIVE_BIAS = -1
 """Bias that drops them: edge functions are integers."""
 
-FLATNESS = 0.25
-"""Largest distance of a curve from its chords, pixels: half of the half pixel that is visible."""
+FLATNESS = 0.125
+"""Largest distance of a curve from its chords, pixels: a quarter of what a pixel may be away."""
+
+CURVE_BITS = 40
+"""Fraction bits of where a chord crosses columns; coordinates and a sign still fit ``int64``."""
+
+TIE = 2.0**-22
+"""What lies so little below a tie between two pixels is one: above all rounding errors, pixels."""
+
+DIAGONAL = 1.0 - 2.0**-34
+"""Chords whose ``|dx|`` is at least this part of ``|dy|`` are walked by columns."""
+
+FAR = 0.8
+"""Turns further than this from the pixels before and after them are drawn, pixels."""
 
 
 @helper
@@ -371,45 +402,94 @@ def bezier_segments(points):
 
 
 @helper
-def bezier_coordinate(points, axis, t):
-    """Return one coordinate of a quadratic or cubic at ``t``, by de Casteljau's mixing."""
-    s = 1.0 - t
-    a = s * points[0, axis] + t * points[1, axis]
-    b = s * points[1, axis] + t * points[2, axis]
-    if points.shape[0] == 3:
-        return s * a + t * b
-    c = s * points[2, axis] + t * points[3, axis]
-    return s * (s * a + t * b) + t * (s * b + t * c)
-
-
-@helper
-def ramp_channel(start, end, step, steps):
-    """Return ``start + step * (end - start) / steps``, rounded half up, in integers."""
-    start, end = np.int64(start), np.int64(end)
-    return (2 * (steps * start + step * (end - start)) + steps) // (2 * steps)
-
-
-@helper
-def ramp_color(colors, step, steps):
-    """Return the colour at ``step`` of a ramp of ``steps`` as four ``int64``."""
+def packed_pixel(colors, row):
+    """Return a row of RGBA colours as one pixel, red in the lowest byte."""
     return (
-        ramp_channel(colors[0, 0], colors[1, 0], step, steps),
-        ramp_channel(colors[0, 1], colors[1, 1], step, steps),
-        ramp_channel(colors[0, 2], colors[1, 2], step, steps),
-        ramp_channel(colors[0, 3], colors[1, 3], step, steps),
+        np.int64(colors[row, 0])
+        | (np.int64(colors[row, 1]) << 8)
+        | (np.int64(colors[row, 2]) << 16)
+        | (np.int64(colors[row, 3]) << 24)
     )
 
 
 @helper
+def bezier_powers(points, axis):
+    """Return one coordinate of a quadratic or cubic as the factors of ``t**3``, ``t**2`` and t."""
+    p0, p1, p2 = points[0, axis], points[1, axis], points[2, axis]
+    if points.shape[0] == 3:
+        return 0.0, p0 - 2.0 * p1 + p2, 2.0 * (p1 - p0)
+    p3 = points[3, axis]
+    return p3 - p0 + 3.0 * (p1 - p2), 3.0 * (p0 - 2.0 * p1 + p2), 3.0 * (p1 - p0)
+
+
+@helper
+def ramp_channel(colors, channel, t):
+    """Return a channel at ``t`` in 0..1, and a half, as a running number of ``lines``."""
+    start = np.float64(colors[0, channel])
+    value = start + t * (np.float64(colors[1, channel]) - start) + (0.5 + TIE)
+    return np.int64(value * (1 << FRACTION_BITS))
+
+
+@helper
+def ramp_color(colors, t):
+    """Return the four channels at ``t`` in 0..1, and a half, as running numbers of ``lines``."""
+    return (
+        ramp_channel(colors, 0, t),
+        ramp_channel(colors, 1, t),
+        ramp_channel(colors, 2, t),
+        ramp_channel(colors, 3, t),
+    )
+
+
+@helper
+def ramp_gain(colors, channel, change):
+    """Return what a channel gains when ``t`` grows by ``change``, as a running number."""
+    difference = np.float64(colors[1, channel]) - np.float64(colors[0, channel])
+    return np.int64(difference * change * (1 << FRACTION_BITS))
+
+
+@helper
 def nearest_pixel(coordinate):
-    """Return a coordinate rounded half up; pixel centres are at the integers here."""
-    return np.int64(math.floor(coordinate + 0.5))
+    """Return a coordinate rounded to a pixel, ties up; pixel centres are at the integers here."""
+    return np.int64(math.floor(coordinate + (0.5 + TIE)))
+
+
+@helper
+def touches(x, y, other_x, other_y):
+    """Return whether two pixels are one or are neighbours, by a side or a corner."""
+    return abs(x - other_x) <= 1 and abs(y - other_y) <= 1
+
+
+@helper
+def is_far(place_x, place_y, x, y):
+    """Return whether a place is further than ``FAR`` from a pixel's centre."""
+    dx, dy = place_x - np.float64(x), place_y - np.float64(y)
+    return dx * dx + dy * dy > FAR * FAR
+
+
+@helper
+def steps_within(value, gain, steps, size):
+    """
+    Return the first and the last of the steps 0..steps at which a running number is in the target.
+
+    The number is ``value + step * gain`` with ``CURVE_BITS`` fraction bits, the target's pixels are
+    ``0 .. size - 1``; first > last if there is none.
+    """
+    stop = size << CURVE_BITS
+    end = value + steps * gain
+    if 0 <= value < stop and 0 <= end < stop:
+        return np.int64(0), steps
+    if max(value, end) < 0 or min(value, end) >= stop:
+        return np.int64(0), np.int64(-1)
+    if gain < 0:
+        value, gain = stop - 1 - value, -gain
+    return max(-(value // gain), 0), min((stop - 1 - value) // gain, steps)
 
 
 @kernel
 def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:, ::1]):
     """
-    Draw a quadratic or cubic Bezier curve as connected lines.
+    Draw a quadratic or cubic Bezier curve, one pixel wide.
 
     Parameters
     ----------
@@ -424,24 +504,127 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
 
     Notes
     -----
-    The chords stay within ``FLATNESS`` of the curve; their ends are rounded half up to pixels. A
-    chord that stays in one pixel is left out, but for the last, so both ends have their own
-    colour. Control points that coincide draw one pixel of the end's colour.
+    Which pixels, and why they lie near the curve and form one path: see the module's notes. A ramp
+    is rounded half up at the parameter of each pixel. Control points that coincide draw one pixel
+    of the end's colour.
     """
     height, width = target.shape
     pixels = flat(target)
+    is_plain = packed_pixel(colors, 0) == packed_pixel(colors, 1)
     segments = bezier_segments(points)
-    x0 = nearest_pixel(points[0, 0])
-    y0 = nearest_pixel(points[0, 1])
-    start = ramp_color(colors, 0, segments)
+    step = 1.0 / segments
+    start_x, start_y = points[0, 0], points[0, 1]
+    cubic_x, square_x, linear_x = bezier_powers(points, 0)
+    cubic_y, square_y, linear_y = bezier_powers(points, 1)
+    # The pixel of the path before the next one; the turn that may have to be drawn between them
+    last_x, last_y = nearest_pixel(start_x), nearest_pixel(start_y)
+    put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, 0.0)))
+    is_turn = False
+    turn_x, turn_y, turn_t = start_x, start_y, 0.0
+    x0, y0, t0 = start_x, start_y, 0.0
+    old_dx, old_dy, old_heading = 0.0, 0.0, np.int64(0)
     for segment in range(1, segments + 1):
-        t = segment / segments
-        x1 = nearest_pixel(bezier_coordinate(points, 0, t))
-        y1 = nearest_pixel(bezier_coordinate(points, 1, t))
-        end = ramp_color(colors, segment, segments)
-        if x1 == x0 and y1 == y0:
-            if segment < segments:
-                continue
-            start = end
-        draw_line(pixels, width, height, (x0, y0, x1, y1), start, end)
-        x0, y0, start = x1, y1, end
+        # Find the next chord
+        t1 = segment * step
+        x1 = ((cubic_x * t1 + square_x) * t1 + linear_x) * t1 + start_x
+        y1 = ((cubic_y * t1 + square_y) * t1 + linear_y) * t1 + start_y
+        dx, dy = x1 - x0, y1 - y0
+        if abs(dx) < TIE and abs(dy) < TIE:
+            t0 = t1
+            continue
+        if abs(dx) >= abs(dy) * DIAGONAL:
+            major0, major1, minor0, slope = x0, x1, y0, dy / dx
+            sign, heading = (1, 1) if dx > 0.0 else (-1, 2)
+        else:
+            major0, major1, minor0, slope = y0, y1, x0, dx / dy
+            sign, heading = (1, 3) if dy > 0.0 else (-1, 4)
+        along_x = heading <= 2
+        slope = min(max(slope, -1.0), 1.0)
+        # Between chords of two headings is a turn; keep one place there until it is passed
+        is_new = heading != old_heading and old_heading != 0
+        if is_new or is_turn:
+            x, y = nearest_pixel(x0), nearest_pixel(y0)
+            is_needed = is_turn and (
+                not touches(x, y, last_x, last_y) or is_far(turn_x, turn_y, last_x, last_y)
+            )
+            if is_new and is_needed:
+                last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
+                put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, turn_t)))
+            if is_new or not is_needed:
+                turn_x, turn_y, turn_t, is_turn = x0, y0, t0, True
+            # A turn that goes back is drawn
+            if is_new and dx * old_dx + dy * old_dy < 0.0:
+                if x != last_x or y != last_y:
+                    last_x, last_y = x, y
+                    put_pixel(target, x, y, packed_color(ramp_color(colors, t0)))
+                is_turn = False
+        if not is_turn:
+            turn_x, turn_y, turn_t = x0, y0, t0
+        old_dx, old_dy, old_heading = dx, dy, heading
+        # Find the columns (or rows) that the chord crosses
+        if sign > 0:
+            first, last = np.int64(math.floor(major0)) + 1, np.int64(math.floor(major1))
+        else:
+            first, last = np.int64(math.ceil(major0)) - 1, np.int64(math.ceil(major1))
+        steps = (last - first) * sign
+        if steps >= 0:
+            offset = np.float64(first) - major0
+            crossing = minor0 + offset * slope + (0.5 + TIE)
+            minor = np.int64(math.floor(crossing * (1 << CURVE_BITS)))
+            gain = np.int64(slope * sign * (1 << CURVE_BITS))
+            # Join the first pixel to the path
+            x, y = first, minor >> CURVE_BITS
+            if not along_x:
+                x, y = y, x
+            apart = not touches(x, y, last_x, last_y)
+            if apart or (
+                is_turn and is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
+            ):
+                last_x, last_y = nearest_pixel(turn_x), nearest_pixel(turn_y)
+                put_pixel(target, last_x, last_y, packed_color(ramp_color(colors, turn_t)))
+            is_turn = False
+            begin = np.int64(x == last_x and y == last_y)
+            last_x, last_y = last, (minor + steps * gain) >> CURVE_BITS
+            if not along_x:
+                last_x, last_y = last_y, last_x
+            # Draw those that are seen
+            major_size, minor_size = (width, height) if along_x else (height, width)
+            major_stride, minor_stride = (1, width) if along_x else (width, 1)
+            begin = max(begin, -first if sign > 0 else first - major_size + 1)
+            end = min(steps, major_size - 1 - first if sign > 0 else first)
+            if begin <= end:
+                low, high = steps_within(minor, gain, steps, minor_size)
+                begin, end = max(begin, low), min(end, high)
+            if begin <= end:
+                index = (first + sign * begin) * major_stride
+                run = (begin, end, index, sign * major_stride, minor_stride)
+                shift = FRACTION_BITS - CURVE_BITS
+                minor = (minor + begin * gain) << shift
+                gain <<= shift
+                if is_plain:
+                    walk_plain(pixels, run, minor, gain, packed_pixel(colors, 0))
+                else:
+                    length = abs(major1 - major0)
+                    t = t0 + (t1 - t0) * ((abs(offset) + np.float64(begin)) / length)
+                    # A run of one pixel needs no gain, which a short chord would make too large
+                    change = (t1 - t0) / length if begin < end else 0.0
+                    color_gain = (
+                        ramp_gain(colors, 0, change),
+                        ramp_gain(colors, 1, change),
+                        ramp_gain(colors, 2, change),
+                        ramp_gain(colors, 3, change),
+                    )
+                    walk(pixels, run, minor, gain, ramp_color(colors, t), color_gain)
+        x0, y0, t0 = x1, y1, t1
+    # Join the end to the path
+    end_point = points.shape[0] - 1
+    x, y = nearest_pixel(points[end_point, 0]), nearest_pixel(points[end_point, 1])
+    far = is_far(turn_x, turn_y, last_x, last_y) and is_far(turn_x, turn_y, x, y)
+    if not touches(x, y, last_x, last_y) or (is_turn and far):
+        put_pixel(
+            target,
+            nearest_pixel(turn_x),
+            nearest_pixel(turn_y),
+            packed_color(ramp_color(colors, turn_t)),
+        )
+    put_pixel(target, x, y, packed_pixel(colors, 1))

@@ -335,22 +335,211 @@ def bezier(points, size, colors=((255,) * 4,) * 2):
     return image
 
 
-@pytest.mark.parametrize("points", CURVES)
-def test_curve_is_the_exact_chords(points):
-    colors = ((0, 255, 9, 255), (255, 3, 250, 0))
-    segments = primitives.bezier_segments(np.array(points, np.float64))
-    vertices = naive.bezier_vertices(points, segments)
+SPECIAL = [
+    [(0, 0), (20, 20), (0, 20), (20, 0)],  # a cusp
+    [(0, 0), (30, 20), (-10, 20), (20, 0)],  # a loop
+    [(20, 2), (2, 2), (20, 2)],  # out and back
+    [(14, 2), (2, 14), (14, 2)],
+    [(3.25, 9), (28, 9.5), (3.25, 10)],  # a sharp turn
+    [(2, 8), (30, 8), (1, 9.25), (29, 9.25)],
+    [(0, 0.5), (9, 9.5), (3, 3.5), (20, 20.5)],  # beside the diagonal, between pixels
+    [(1, 1), (1, 1), (1, 1), (9, 5)],
+    [(4.5, 4.5), (4.5, 9.5), (9.5, 4.5)],
+    [(5.2, 5.1), (6.8, 6.9), (5.1, 6.7), (6.9, 5.4)],  # within two pixels
+    [(5, 5), (5 + 5e-324, 5), (5, 5)],
+    [(-5e-324, 3), (0, 3), (5e-324, 3), (8, 3)],
+    [(3, 3), (3.0000001, 3), (3, 3.0000001), (9, 9)],
+    [(-900, 4), (1000, 7), (-800, 9), (950, 22)],
+    [(-70, -60), (95, 88), (14, 3)],
+    [(LIMIT, LIMIT), (0, 0), (-LIMIT, -LIMIT)],
+    [(-LIMIT, 12), (LIMIT, 13), (-LIMIT, 14), (LIMIT, 15)],
+    [(-LIMIT, -LIMIT), (LIMIT, LIMIT), (LIMIT, -LIMIT), (-LIMIT, LIMIT)],
+]
+"""Curves of one place, curves that come back, and curves that are very long."""
+
+RAMP = ((0, 255, 9, 255), (255, 3, 250, 0))
+
+SEEN = math.sqrt(0.5) + 2 * primitives.TIE
+"""How far a pixel's centre may be from its curve: half a diagonal."""
+
+
+def random_curves(seed, count):
+    """Yield curves of all sizes to 400 pixels, some on whole or on half pixels or in a line."""
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        points = rng.uniform(0, rng.choice([3, 12, 40, 40, 150, 400]), (rng.integers(3, 5), 2))
+        if number % 3 == 1:
+            points = np.round(points * 2) / 2 if number % 2 else np.round(points)
+        if number % 12 == 2:
+            points = np.outer(points[:, 0], rng.integers(-2, 3, 2)) + rng.integers(0, 4, 2) / 2
+        yield np.ascontiguousarray(points - np.floor(points.min(axis=0)) + 1)
+
+
+def size_around(points):
+    return tuple((np.ceil(np.max(points, axis=0)) + 3).astype(int).tolist())
+
+
+def segments_of(points):
+    """Count the chords, by the formula that the kernel's notes name."""
+    points = np.array(points, np.float64)
+    second = np.hypot(*np.diff(points, 2, axis=0).T).max()
+    degree = len(points) - 1
+    return max(1, math.ceil(math.sqrt(degree * (degree - 1) * second / primitives.FLATNESS / 8)))
+
+
+def powers(points):
+    """Return the factors of t**3, t**2, t and 1 of a curve, (4, 2)."""
+    p = np.array(points, np.float64)
+    if len(p) == 3:
+        return np.array([[0, 0], p[0] - 2 * p[1] + p[2], 2 * (p[1] - p[0]), p[0]])
+    return np.array([p[3] - p[0] + 3 * (p[1] - p[2]), 3 * (p[0] - 2 * p[1] + p[2]),
+                     3 * (p[1] - p[0]), p[0]])  # fmt: skip
+
+
+def places(points, t):
+    """Return the places (..., 2) of a curve at t (...)."""
+    cubic, square, linear, start = powers(points)
+    t = np.asarray(t)[..., None]
+    return ((cubic * t + square) * t + linear) * t + start
+
+
+def distances(points, pixels):
+    """
+    Return how far pixels (N, 2) are from a curve: where a derivative is zero, or at an end.
+
+    Every place of the curve bounds its distance from above, however well the roots are found.
+    """
+    rows = powers(points)[None] - np.eye(4)[3][:, None] * np.array(pixels, float)[:, None]
+    # Half the derivative of the squared distance has degree 5
+    slopes = rows[:, :3] * np.array([3.0, 2, 1])[:, None]
+    quintic = np.zeros((len(rows), 6))
+    for i, j in itertools.product(range(4), range(3)):
+        quintic[:, i + j] += (rows[:, i] * slopes[:, j]).sum(axis=1)
+    # Where the leading factor vanishes a root lies at infinity: move it there
+    companion = np.zeros((len(rows), 5, 5))
+    companion[:, 1:, :4] = np.eye(4)
+    lead = quintic[:, :1]
+    lead = np.where(np.abs(lead) > 1e-9, lead, 1e-9)
+    companion[:, 0] = -quintic[:, 1:] / lead
+    t = np.clip(np.linalg.eigvals(companion).real, 0, 1)
+    t = np.concatenate([t, np.zeros_like(lead), np.ones_like(lead)], axis=1)
+    nearest = np.full(len(rows), np.inf)
+    for _ in range(3):
+        off = places(points, t) - np.array(pixels, float)[:, None]
+        nearest = np.minimum(nearest, np.hypot(off[..., 0], off[..., 1]).min(axis=1))
+        value, change = np.zeros_like(t), np.zeros_like(t)
+        for factor in quintic.T:
+            change = change * t + value
+            value = value * t + factor[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.clip(np.nan_to_num(t - value / change), 0, 1)
+    return nearest
+
+
+@pytest.mark.parametrize("points", CURVES + SPECIAL[:15])
+def test_curve_is_the_exact_path(points):
     expected = np.zeros((32, 32, 4), np.uint8)
-    ramp = oracle.line_colors((0, 0), (segments, 0), *colors)
-    previous, color = vertices[0], ramp[0]
-    for vertex, next_color in zip(vertices[1:], ramp[1:], strict=True):
-        if vertex != previous:
-            naive.draw_line(expected, previous, vertex, color, next_color)
-            previous, color = vertex, next_color
-    last = vertices[-1]
-    if 0 <= last[0] < 32 and 0 <= last[1] < 32:
-        expected[last[1], last[0]] = colors[1]
-    np.testing.assert_array_equal(bezier(points, (32, 32), colors), expected)
+    naive.draw_bezier(expected, points, segments_of(points), *RAMP)
+    np.testing.assert_array_equal(bezier(points, (32, 32), RAMP), expected)
+
+
+def test_many_curves_are_the_exact_paths():
+    curves = [points for points in random_curves(7, 400 if JIT else 40) if points.max() < 99]
+    assert len(curves) > (200 if JIT else 20)
+    for points in curves:
+        width, height = size_around(points)
+        expected = np.zeros((height, width, 4), np.uint8)
+        naive.draw_bezier(expected, points.tolist(), segments_of(points), *RAMP)
+        image = bezier(points, (width, height), RAMP)
+        np.testing.assert_array_equal(image, expected, err_msg=str(points.tolist()))
+
+
+def test_every_pixel_is_near_the_curve_and_the_curve_near_pixels():
+    furthest = 0.0
+    for points in random_curves(8, 2000 if JIT else 30):
+        size = size_around(points)
+        image = bezier(points, size).any(axis=2)
+        pixels = np.argwhere(image)[:, ::-1]
+        furthest = max(furthest, distances(points, pixels).max())
+        # A sample lies at most a thirtieth of a pixel from any place of the curve
+        length = np.hypot(*np.diff(points, axis=0).T).max() * 3
+        along = places(points, np.linspace(0, 1, math.ceil(16 * length) + 2))
+        nearest = np.full(len(along), np.inf)
+        cell = np.floor(along + 0.5).astype(int)
+        for i, j in itertools.product((-1, 0, 1), repeat=2):
+            x, y = cell[:, 0] + i, cell[:, 1] + j
+            gap = np.hypot(along[:, 0] - x, along[:, 1] - y)
+            nearest = np.where(image[y, x], np.minimum(nearest, gap), nearest)
+        assert nearest.max() < 0.96, points.tolist()
+    assert 0.55 < furthest <= SEEN
+
+
+@pytest.mark.parametrize("points", SPECIAL)
+def test_every_pixel_of_a_special_curve_is_near_it(points):
+    image = bezier(points, (32, 32))
+    pixels = np.argwhere(image.any(axis=2))[:, ::-1]
+    if len(pixels):
+        assert distances(points, pixels).max() <= SEEN
+    assert len(pixels) or max(map(max, points)) == LIMIT
+
+
+def test_path_has_no_gap_and_comes_back_only_with_the_curve():
+    returns = 0
+    for points in [*random_curves(9, 150 if JIT else 20), *map(np.array, CURVES + SPECIAL[:13])]:
+        if np.abs(points).max() > 99:
+            continue
+        visits = naive.BezierPath(points.tolist(), segments_of(points)).visits
+        pixels = np.array([pixel for pixel, _ in visits])
+        steps = np.abs(np.diff(pixels, axis=0)).max(axis=1)
+        assert (steps == 1).all(), points.tolist()
+        # At each visit the curve is in the pixel or beside it
+        t = np.array([float(t) for _, t in visits])
+        off = places(points, t) - pixels
+        assert np.hypot(*off.T).max() <= math.sqrt(0.5) + primitives.FLATNESS
+        assert (np.diff(t) > 0).all()
+        returns += len(pixels) - len(np.unique(pixels, axis=0))
+    assert returns > 20
+
+
+def test_curve_that_goes_one_way_visits_no_pixel_twice():
+    for points in random_curves(10, 100 if JIT else 15):
+        control = np.sort(points, axis=0)
+        if control.max() > 99:
+            continue
+        control[:, 1] = control[::-1, 1] if points[0, 0] < points[0, 1] else control[:, 1]
+        path = naive.BezierPath(control.tolist(), segments_of(control))
+        pixels = [pixel for pixel, _ in path.visits]
+        assert len(pixels) == len(set(pixels)), control.tolist()
+
+
+def test_evenly_spaced_points_draw_the_line_of_their_ends():
+    rng = np.random.default_rng(11)
+    for _ in range(200 if JIT else 20):
+        start, step = rng.integers(-40, 70, 2), rng.integers(-30, 31, 2)
+        for count in (3, 4):
+            points = [start + k * step for k in range(count)]
+            expected = set(oracle.line_pixels(tuple(points[0]), tuple(points[-1])))
+            drawn = np.argwhere(bezier(points, (32, 32)).any(axis=2))[:, ::-1]
+            inside = {(x, y) for x, y in expected if 0 <= x < 32 and 0 <= y < 32}
+            assert set(map(tuple, drawn.tolist())) == inside
+
+
+def test_part_of_a_curve_that_is_seen_is_that_of_the_whole():
+    for points in random_curves(12, 100 if JIT else 15):
+        width, height = size_around(points)
+        whole = bezier(points, (width, height), RAMP)
+        move = np.array([width // 3, height // 4])
+        # To move by whole pixels may round a place differently, and so its colour by one
+        part = bezier(points - move, (width // 2, height // 2), RAMP).astype(int)
+        same = whole[move[1] : move[1] + height // 2, move[0] : move[0] + width // 2]
+        np.testing.assert_array_equal(part.any(axis=2), same.any(axis=2), str(points.tolist()))
+        assert np.abs(part - same).max(initial=0) <= 1
+
+
+def test_longest_curves_take_few_chords():
+    far = float(LIMIT)
+    points = np.array([(-far, -far), (far, far), (-far, -far), (far, far)])
+    assert 5000 < primitives.bezier_segments(points) == segments_of(points) < 6000
 
 
 @pytest.mark.parametrize("points", CURVES)

@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from rasterjit.classics import primitives
 from rasterjit.inspect import oracle
 
 
@@ -57,19 +58,110 @@ def circle_pixels(center, radius):
 
 
 def bezier_vertices(points, segments):
-    """List the pixels at equal steps of the parameter, by Bernstein polynomials."""
+    """List (t, (x, y)) at equal steps of the parameter, by Bernstein polynomials."""
     degree = len(points) - 1
     vertices = []
     for k in range(segments + 1):
         t = Fraction(k, segments)
         weights = [math.comb(degree, i) * t**i * (1 - t) ** (degree - i) for i in range(degree + 1)]
-        vertices.append(
-            tuple(
-                oracle.round_half_up(coordinate)
-                for coordinate in oracle.interpolate(weights, points)
-            )
-        )
+        vertices.append((t, tuple(oracle.interpolate(weights, points))))
     return vertices
+
+
+def rounded(value):
+    """Round to a whole number; a tie, and what lies barely below one, goes up."""
+    return math.floor(value + Fraction(1, 2) + Fraction(primitives.TIE))
+
+
+def are_neighbours(one, other):
+    """Return whether two pixels are one or touch."""
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1])) <= 1
+
+
+class BezierPath:
+    """
+    The pixels of a curve in the order of its parameter, as (pixel, t), from exact chords.
+
+    ``visits`` begins and ends with the pixels of the end points. Between them lie the pixels
+    nearest to where a chord crosses columns or, if it is steep, rows, and turns that are needed.
+    """
+
+    def __init__(self, points, segments):
+        points = [tuple(map(Fraction, point)) for point in points]
+        self.visits = []
+        self.turn = None
+        self.chord = None
+        self.add(0, points[0])
+        place = points[0]
+        for (t, _), (t_end, end) in itertools.pairwise(bezier_vertices(points, segments)):
+            if max(abs(a - b) for a, b in zip(place, end, strict=True)) >= primitives.TIE:
+                self.follow((t, place), (t_end, end))
+                place = end
+        self.visit(1, points[-1])
+        self.visits[-1] = (self.visits[-1][0], 1)
+
+    def add(self, t, place):
+        """Add the pixel nearest to a place, unless it is the one before."""
+        pixel = tuple(map(rounded, place))
+        if not self.visits or self.visits[-1][0] != pixel:
+            self.visits.append((pixel, t))
+
+    def is_far(self, pixel):
+        """Return whether the turn lies far from a pixel's centre."""
+        square = sum((a - b) ** 2 for a, b in zip(self.turn[1], pixel, strict=True))
+        return square > Fraction(primitives.FAR) ** 2
+
+    def visit(self, t, place):
+        """Go to the pixel nearest to a place; add the turn if it is needed on the way."""
+        last, pixel = self.visits[-1][0], tuple(map(rounded, place))
+        if self.turn and (
+            not are_neighbours(last, pixel) or (self.is_far(last) and self.is_far(pixel))
+        ):
+            self.add(*self.turn)
+        self.turn = None
+        self.add(t, place)
+
+    def pass_joint(self, t, place, is_new, is_back):
+        """Remember the place between two chords if there is a turn, new or not yet passed."""
+        last = self.visits[-1][0]
+        is_needed = self.turn and (
+            not are_neighbours(last, tuple(map(rounded, place))) or self.is_far(last)
+        )
+        if is_new and is_needed:
+            self.add(*self.turn)
+        if is_new or (self.turn and not is_needed):
+            self.turn = (t, place)
+        if is_new and is_back:
+            self.add(t, place)
+            self.turn = None
+
+    def follow(self, start, end):
+        """Visit where a chord crosses the lines of pixels along which it runs."""
+        (t, place), (t_end, place_end) = start, end
+        change = tuple(b - a for a, b in zip(place, place_end, strict=True))
+        axis = int(abs(change[0]) < abs(change[1]) * Fraction(primitives.DIAGONAL))
+        heading = axis, change[axis] > 0
+        if self.chord:
+            product = sum(a * b for a, b in zip(change, self.chord[1], strict=True))
+            self.pass_joint(t, place, self.chord[0] != heading, product < 0)
+        self.chord = heading, change
+        if change[axis] > 0:
+            crossed = range(math.floor(place[axis]) + 1, math.floor(place_end[axis]) + 1)
+        else:
+            crossed = range(math.ceil(place[axis]) - 1, math.ceil(place_end[axis]) - 1, -1)
+        for major in crossed:
+            part = (major - place[axis]) / change[axis]
+            minor = place[1 - axis] + part * change[1 - axis]
+            self.visit(t + part * (t_end - t), (minor, major) if axis else (major, minor))
+
+
+def draw_bezier(image, points, segments, start_color, end_color):
+    """Draw a curve into an (H, W, 4) uint8 image; where it comes back, the later colour stays."""
+    height, width = image.shape[:2]
+    for (x, y), t in BezierPath(points, segments).visits:
+        if 0 <= x < width and 0 <= y < height:
+            ramp = zip(start_color, end_color, strict=True)
+            image[y, x] = [rounded(a + t * (b - a)) for a, b in ramp]
 
 
 MOST_CHANGE = 255
