@@ -133,6 +133,15 @@ def _put_channels(
     return context.get_dummy_value()
 
 
+def _fetch(builder: Any, place: Any) -> None:
+    """Ask for the line of the cache that a pointer leads to."""
+    byte = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
+    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    # To be read, kept in all caches, data.
+    builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+
+
 def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
     """
     Ask for the texels to the left of samples `AHEAD`, whose neighbours mostly share their line.
@@ -145,16 +154,11 @@ def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> 
     length = words(context, builder, corners[0], rows[0], "shape")[0]
     last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
     ahead = builder.select(builder.icmp_signed("<", ahead, last), ahead, last)
-    byte = ir.IntType(8).as_pointer()
-    kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
-    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
     for k in range(CHANNELS):
         for row in (0, 2):
             at = builder.add(ahead, ahead.type(k))
             number = builder.load(_element(context, builder, corners, places, row, at))
-            place = _texel_at(context, builder, texels, array, base, number)
-            # To be read, kept in all caches, data.
-            builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+            _fetch(builder, _texel_at(context, builder, texels, array, base, number))
 
 
 @intrinsic
@@ -689,6 +693,25 @@ def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any
         return builder.call(builder.inttoptr(arguments[0], function), arguments[1:])
 
     return types.int64(types.int64, types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def fetch(typing_context: Any, row: Any, number: Any) -> Any:
+    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, index = arguments
+        place = field(context, builder, row, array, "data")
+        if row.layout == "C":
+            place = builder.gep(place, [index])
+        else:
+            stride = words(context, builder, row, array, "strides")[0]
+            place = builder.bitcast(place, ir.IntType(8).as_pointer())
+            place = builder.gep(place, [builder.mul(index, stride)])
+        _fetch(builder, place)
+        return context.get_dummy_value()
+
+    return types.void(row, types.uintp), generate
 
 
 @intrinsic

@@ -275,6 +275,11 @@ def call_bound(words):
 
 
 @intrinsic
+def fetch(row: Any, number: Any) -> None:
+    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
+
+
+@intrinsic
 def flat(array: Any) -> Any:
     """Return a contiguous array as one row, without a copy."""
     return array.reshape(-1)

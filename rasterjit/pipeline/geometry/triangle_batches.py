@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.setup import (
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -65,7 +65,12 @@ grid.
 """
 DRAW_FIRST, DRAW_END = 9, 10
 """Elements: which triangles of the batch at hand are drawn."""
-ASKED = 11
+TO_COME = 11
+"""Element: how many triangles behind the batch will be asked for next, up to two batches."""
+ASKED = 12
+
+FETCHED_VERTICES = 1 << 16
+"""Fewest vertices that are fetched before a batch needs them: fewer lie in the cache anyway."""
 
 
 @helper
@@ -83,6 +88,25 @@ def gather_triangles(listed, faces, screen, whole, real):
             vertex = np.uintp(whole[AX + 2 * k, n])
             whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
             real[DEPTH + k, n] = depth[vertex]
+
+
+@helper
+def fetch_triangles(listed, faces, depth, end):
+    """
+    Ask for the vertices of a batch of listed triangles, and the faces of those behind it.
+
+    So the next batch need not wait for what lies in distant memory. Takes where both begin.
+    """
+    own, pieces, piece_faces = faces
+    corners, face_count = flat(own), np.int64(own.shape[0])
+    for n in range(min(end, np.int64(BATCH))):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        fetch(depth, a)
+        fetch(depth, b)
+        fetch(depth, c)
+    for n in range(BATCH, end):
+        face = min(np.int64(listed[n]), face_count - 1)
+        fetch(corners, np.uintp(3 * face))
 
 
 @helper
@@ -220,7 +244,7 @@ def plan_batch(
 
     Parameters
     ----------
-    asked : (11,) int64
+    asked : (12,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.
@@ -231,6 +255,10 @@ def plan_batch(
     count, first = asked[COUNT], asked[FIRST]
     parts = faces.faces, faces.pieces, faces.piece_faces
     gather_triangles(listed[first : first + count], parts, screen, whole, real)
+    if asked[TO_COME] > 0 and screen.depth.shape[0] >= FETCHED_VERTICES:
+        following = first + count
+        end = following + asked[TO_COME]
+        fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
     right, down = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     if (right | down) != 0:
         for k in range(3):

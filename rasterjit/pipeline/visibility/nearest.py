@@ -88,6 +88,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     SHIFT_Y,
     SIDE,
     SMALL_PIXELS,
+    TO_COME,
     TOP,
     TOP_ROW,
     WEIGHT,
@@ -375,7 +376,7 @@ def draw_planned(
 
     Parameters
     ----------
-    asked : (11,) int64
+    asked : (12,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
@@ -415,7 +416,7 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """(11,): as ``triangle_batches`` numbers its elements."""
+    """(12,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
@@ -491,7 +492,9 @@ def draw_list(first, end, scratch, drawing, holes):
         if begin == raised:
             raise_cells(scratch[0], drawing.cell_depths)
             raised += raised - first
-        draw_listed(begin, min(BATCH, end - begin), scratch[2], drawing, holes)
+        count = min(BATCH, end - begin)
+        drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+        draw_listed(begin, count, scratch[2], drawing, holes)
 
 
 @helper
