@@ -149,7 +149,8 @@ def fill_rows(
     depths, numbers, face
         As `draw_box` takes them.
     spans : (begins, ends, depths)
-        For each row: its first column, one past its last, and the depth at the first.
+        For each row: its first column, one past its last, and the depth at the first. There is room
+        for whole groups of ``LANES`` rows.
     first, stride, rows : int
         The sample of column 0 of the first row, the way to the next row, and how many there are.
     before : int32
