@@ -123,9 +123,6 @@ CELL_BITS = 3
 
 CELLS = TILE_SIZE >> CELL_BITS
 
-FEW_ROWS = 16
-"""Triangles with more rows in a tile are first cut to those that they reach there."""
-
 NOTHING = -1
 """Face number of a sample that no face covers."""
 
@@ -138,19 +135,6 @@ def edges_at(a, b, c, column, row, grid_bits):
         (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
         (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
     )
-
-
-@helper
-def reached_rows(edges, columns, rows):
-    """Return the first and the last row of a block in which no edge leaves out all columns."""
-    first, last = 0.0, np.float64(rows - 1)
-    for value, across, down in edges:
-        best = np.float64(value + max(across * (columns - 1), np.int64(0)))
-        if down > 0:
-            first = max(first, -np.floor(best / np.float64(down)))
-        elif down < 0:
-            last = min(last, np.floor(best / np.float64(-down)))
-    return np.int64(first), np.int64(last)
 
 
 @helper
@@ -285,13 +269,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
     columns, rows = right - left + 1, bottom - top + 1
+    if rows <= 0:
+        return
     edges = edges_at(a, b, c, left, top, grid_bits)
-    if rows > FEW_ROWS:
-        first, last = reached_rows(edges, columns, rows)
-        if first > last:
-            return
-        top, rows = top + first, last - first + 1
-        edges = edges_at(a, b, c, left, top, grid_bits)
     lines = (
         crossing_line(edges[0]),
         crossing_line(edges[1]),
