@@ -17,13 +17,13 @@ Wider triangles get, for each row, the first and the last covered column from ``
 each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
 ``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
 at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2**-4 / s.
-Rows that the triangle does not reach inside the tile are passed over: a division of integers in
-float64 is exact, for a quotient that is not whole misses the next whole number by at least 1/s,
-more than half an ulp.
+Rows that the triangle does not reach inside the tile are passed over, as far as
+``triangle_batches.cut_rows`` finds them; one too many has no columns.
 
 All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
 float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
-LLVM makes none of so short loops.
+LLVM makes none of so short loops. Where no row has more than one sample, as in most slivers, a
+vector holds samples of several rows.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
