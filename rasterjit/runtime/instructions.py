@@ -133,6 +133,15 @@ def _put_channels(
     return context.get_dummy_value()
 
 
+def _fetch(builder: Any, place: Any) -> None:
+    """Ask for the line of the cache that a pointer leads to."""
+    byte = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
+    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    # To be read, kept in all caches, data.
+    builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+
+
 def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
     """
     Ask for the texels to the left of samples `AHEAD`, whose neighbours mostly share their line.
@@ -145,16 +154,11 @@ def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> 
     length = words(context, builder, corners[0], rows[0], "shape")[0]
     last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
     ahead = builder.select(builder.icmp_signed("<", ahead, last), ahead, last)
-    byte = ir.IntType(8).as_pointer()
-    kind = ir.FunctionType(ir.VoidType(), [byte, LANE, LANE, LANE])
-    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
     for k in range(CHANNELS):
         for row in (0, 2):
             at = builder.add(ahead, ahead.type(k))
             number = builder.load(_element(context, builder, corners, places, row, at))
-            place = _texel_at(context, builder, texels, array, base, number)
-            # To be read, kept in all caches, data.
-            builder.call(fetch, [builder.bitcast(place, byte), LANE(0), LANE(3), LANE(1)])
+            _fetch(builder, _texel_at(context, builder, texels, array, base, number))
 
 
 @intrinsic
@@ -259,6 +263,12 @@ def _check(context: Any, builder: Any, end: Any, length: Any) -> None:
             context.call_conv.return_user_exc(builder, IndexError, (message,))
 
 
+def _load_lanes(builder: Any, row: Any, place: Any, align: int) -> Any:
+    """Load ``LANES`` elements of a row from a place on."""
+    kind = ir.VectorType(row.type.pointee, LANES).as_pointer()
+    return builder.load(builder.bitcast(builder.gep(row, [place]), kind), align=align)
+
+
 @intrinsic
 def place_run(
     typing_context: Any, u: Any, v: Any, count: Any, edges: Any, steps: Any, factors: Any,
@@ -318,7 +328,8 @@ class _Tile:
     def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
         self._context, self._builder = context, builder
         self._has_masks = "+avx512vl" in current().features
-        self._kind = signature.args[0].dtype
+        self.stored = context.get_value_type(signature.args[0].dtype)
+        self.size = self.stored.get_abi_size(context.target_data)
         self._depths, self._numbers = (
             field(context, builder, signature.args[k], arguments[k], "data") for k in range(2)
         )
@@ -334,27 +345,51 @@ class _Tile:
 
         All lanes are stored, the others as they were: the tile is the thread's own.
         """
-        builder, (low, high) = self._builder, limits
-        depth = builder.select(builder.fcmp_ordered("<", depth, low), low, depth)
-        depth = builder.select(builder.fcmp_ordered(">", depth, high), high, depth)
-        lanes, kind = depth.type.count, self._context.get_value_type(self._kind)
-        stored = ir.VectorType(kind, lanes)
-        is_whole = isinstance(kind, ir.IntType)
-        if is_whole:
-            depth = builder.fptosi(depth, stored)
-        elif depth.type.element != kind:
-            depth = builder.fptrunc(depth, stored)
+        builder, depth = self._builder, self.to_stored(depth, limits)
+        stored = depth.type
         depths, numbers = (
             builder.bitcast(builder.gep(array, [place]), vector.as_pointer())
             for array, vector in ((self._depths, stored), (self._numbers, face.type))
         )
-        align = kind.get_abi_size(self._context.target_data)
-        old = self._load(depths, align)
-        compare = builder.icmp_signed if is_whole else builder.fcmp_ordered
-        wins = builder.and_(is_inside, compare(">", depth, old))
-        builder.store(builder.select(wins, depth, old), depths, align=align)
+        old = self._load(depths, self.size)
+        wins = builder.and_(is_inside, self.is_nearer(depth, old))
+        builder.store(builder.select(wins, depth, old), depths, align=self.size)
         old_face = self._load(numbers, 4)
         builder.store(builder.select(wins, face, old_face), numbers, align=4)
+
+    def put_apart(self, places: list[Any], is_inside: Any, depth: Any, face: Any) -> None:
+        """Store depths, as they are stored, and faces at places of their own, the last first."""
+        builder = self._builder
+        for place in places:
+            self.check(builder.add(place, place.type(1)))
+        old, pointers = [], []
+        for array, kind in ((self._depths, depth.type), (self._numbers, face.type)):
+            pointers.append([builder.gep(array, [place]) for place in places])
+            values = ir.Constant(kind, ir.Undefined)
+            for k, pointer in enumerate(pointers[-1]):
+                values = builder.insert_element(values, builder.load(pointer), LANE(k))
+            old.append(values)
+        wins = builder.and_(is_inside, self.is_nearer(depth, old[0]))
+        for own, new, before in zip(pointers, (depth, face), old, strict=True):
+            values = builder.select(wins, new, before)
+            for k in reversed(range(len(places))):
+                builder.store(builder.extract_element(values, LANE(k)), own[k])
+
+    def is_nearer(self, depth: Any, other: Any) -> Any:
+        """Return whether stored depths are nearer than others."""
+        is_whole = isinstance(self.stored, ir.IntType)
+        compare = self._builder.icmp_signed if is_whole else self._builder.fcmp_ordered
+        return compare(">", depth, other)
+
+    def to_stored(self, depth: Any, limits: Any) -> Any:
+        """Return depths, clamped to limits, as they are stored."""
+        builder, (low, high) = self._builder, limits
+        depth = builder.select(builder.fcmp_ordered("<", depth, low), low, depth)
+        depth = builder.select(builder.fcmp_ordered(">", depth, high), high, depth)
+        stored = ir.VectorType(self.stored, depth.type.count)
+        if isinstance(self.stored, ir.IntType):
+            return builder.fptosi(depth, stored)
+        return depth if depth.type == stored else builder.fptrunc(depth, stored)
 
     def _load(self, place: Any, align: int) -> Any:
         """
@@ -421,6 +456,53 @@ def draw_box(
     return types.void(depths, numbers, *whole, *kinds, types.int32), generate
 
 
+def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+    """
+    Do what `fill_rows` does where no row has more than one sample.
+
+    Vectors are of rows. Which samples are nearer is hard to predict, so nothing branches.
+    """
+    spans, first, stride, rows, before, _, plane, face = arguments[2:]
+    tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
+    begins, ends, starts = (
+        field(context, builder, kinds[k], builder.extract_value(spans, k), "data") for k in range(3)
+    )
+    slope, *limits = (_all(builder, v, LANES) for v in _elements(builder, plane, 3))
+    before, count, faces = (
+        _all(builder, v, LANES) for v in (before, builder.trunc(rows, LANE), face)
+    )
+    steps = _all(builder, builder.trunc(stride, LANE), LANES)
+    numbers, lanes = _numbers(LANE, LANES), ir.Constant(steps.type, [LANES] * LANES)
+
+    def draw_group(number: Any, values: list[Any]) -> list[Any]:
+        row = builder.mul(number, number.type(LANES))
+        begin, end, start = (
+            _load_lanes(builder, array, row, align)
+            for array, align in ((begins, 4), (ends, 4), (starts, 8))
+        )
+        is_row = builder.icmp_signed("<", values[0], count)
+        is_behind = builder.icmp_signed(">=", begin, before)
+        is_inside = builder.and_(is_behind, builder.icmp_signed("<", begin, end))
+        is_inside = builder.and_(is_inside, is_row)
+        zero = ir.Constant(start.type, [0.0] * LANES)
+        depth = tile.to_stored(builder.fadd(start, builder.fmul(zero, slope)), limits)
+        column = builder.select(is_behind, begin, before)
+        place = builder.add(builder.mul(values[0], steps), column)
+        # What lies behind the last row stands in for the first row, which is stored after it.
+        place = builder.select(
+            is_row, place, _all(builder, builder.extract_element(place, LANE(0)), LANES)
+        )
+        places = [
+            builder.add(first, builder.sext(builder.extract_element(place, LANE(k)), first.type))
+            for k in range(LANES)
+        ]
+        tile.put_apart(places, is_inside, depth, faces)
+        return [builder.add(values[0], lanes)]
+
+    groups = builder.lshr(builder.add(rows, rows.type(LANES - 1)), rows.type(3))
+    _repeat(builder, groups, [numbers], draw_group)
+
+
 @intrinsic
 def fill_rows(
     typing_context: Any, depths: Any, numbers: Any, spans: Any, first: Any, stride: Any, rows: Any,
@@ -479,12 +561,21 @@ def fill_rows(
         _repeat(builder, rows, [first], draw_row)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        is_narrow = builder.icmp_signed("<=", arguments[7], arguments[7].type(LANES // 2))
-        with builder.if_else(is_narrow) as (narrow, wide):
-            with narrow:
-                draw(context, builder, signature, arguments, LANES // 2)
-            with wide:
-                draw(context, builder, signature, arguments, LANES)
+        longest = arguments[7]
+        # Of few rows, a vector of rows is mostly empty.
+        is_thin = builder.and_(
+            builder.icmp_signed("<=", longest, longest.type(1)),
+            builder.icmp_signed(">", arguments[5], arguments[5].type(LANES)),
+        )
+        is_narrow = builder.icmp_signed("<=", longest, longest.type(LANES // 2))
+        with builder.if_else(is_thin) as (thin, others):
+            with thin:
+                _fill_thin(context, builder, signature, arguments)
+            with others, builder.if_else(is_narrow) as (narrow, wide):
+                with narrow:
+                    draw(context, builder, signature, arguments, LANES // 2)
+                with wide:
+                    draw(context, builder, signature, arguments, LANES)
         return context.get_dummy_value()
 
     three = types.UniTuple(plane.dtype, 3)
@@ -750,6 +841,25 @@ def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any
         return builder.call(builder.inttoptr(arguments[0], function), arguments[1:])
 
     return types.int64(types.int64, types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def fetch(typing_context: Any, row: Any, number: Any) -> Any:
+    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, index = arguments
+        place = field(context, builder, row, array, "data")
+        if row.layout == "C":
+            place = builder.gep(place, [index])
+        else:
+            stride = words(context, builder, row, array, "strides")[0]
+            place = builder.bitcast(place, ir.IntType(8).as_pointer())
+            place = builder.gep(place, [builder.mul(index, stride)])
+        _fetch(builder, place)
+        return context.get_dummy_value()
+
+    return types.void(row, types.uintp), generate
 
 
 @intrinsic

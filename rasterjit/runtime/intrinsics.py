@@ -152,7 +152,8 @@ def fill_rows(
     depths, numbers, face
         As `draw_box` takes them.
     spans : (begins, ends, depths)
-        For each row: its first column, one past its last, and the depth at the first.
+        For each row: its first column, one past its last, and the depth at the first. There is room
+        for whole groups of ``LANES`` rows.
     first, stride, rows : int
         The sample of column 0 of the first row, the way to the next row, and how many there are.
     before : int32
@@ -308,6 +309,11 @@ def call_at(address: Any, state: Any, first: Any, stop: Any) -> Any:
 def call_bound(words):
     """Call a kernel by the words of a ``jit.Bound``; return what it returns."""
     return call_at(words[0], words[1], np.int64(0), np.int64(0))
+
+
+@intrinsic
+def fetch(row: Any, number: Any) -> None:
+    """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
 
 
 @intrinsic

@@ -146,17 +146,20 @@ def test_nothing_else_is_written():
     vertices = scene_of_vertices([300, 20], 6)
     screen, _ = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, sharing.Workers(1))
     assert len(screen.codes) == 320 + draw.SPARE_VERTICES
-    packed = screen.xy.base.view(np.float64).reshape(-1, 4)
-    packed[:] = np.pi
+    packed = screen.xy.base.view(np.float64).reshape(-1, 2)
+    packed[:] = screen.w[:, np.newaxis] = np.pi
+    screen.codes[:] = projection.INVALID
     some = projection.scratch_memory()
     objects = vertices.vertex_starts, vertices.relative_from_model
     projection.transform_vertices(
         (10, 310), vertices.positions, objects, CLIP_FROM_RELATIVE, COEFFICIENTS, IMAGE, screen,
         some,
     )  # fmt: skip
-    assert (packed[:10] == np.pi).all()
-    assert (packed[310:] == np.pi).all()
-    assert (packed[10:310] != np.pi).any(axis=1).all()
+    written = np.zeros(len(packed), bool)
+    written[10:310] = True
+    assert ((packed != np.pi).any(axis=1) == written).all()
+    assert ((screen.w != np.pi) == written).all()
+    assert ((screen.codes != projection.INVALID) <= written).all()
 
 
 def test_no_vertices_are_nothing():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import triangle_batches
 from rasterjit.pipeline.geometry.triangle_batches import BATCH
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw as drawing
@@ -154,21 +155,39 @@ def test_shared_edge_is_drawn_once(a, b, c, d):
     assert on_edge <= one | other
 
 
-def test_reached_rows_are_those_where_each_edge_leaves_a_column():
-    rng = np.random.default_rng(27)
-    cut = 0
-    for _ in range(200):
-        columns, rows = rng.integers(1, 65, 2).tolist()
-        scale = 10 ** rng.uniform(0, 7, (3, 1))
-        edges = np.rint(rng.uniform(-1, 1, (3, 3)) * [40, 1, 1] * scale).astype(np.int64)
-        first, last = nearest.reached_rows(tuple(map(tuple, edges)), columns, rows)
-        values = edges[:, :1] + edges[:, 1:2] * np.arange(columns)
-        values = values[:, np.newaxis] + (edges[:, 2:] * np.arange(rows))[:, :, np.newaxis]
-        sloping = edges[:, 2] != 0
-        reached = (values[sloping].max(axis=2) >= 0).all(axis=0).nonzero()[0]
-        assert list(range(first, last + 1)) == reached.tolist()
-        cut += len(reached) < rows
-    assert 50 < cut < 200
+@pytest.mark.parametrize("reach", [100, 8000])
+def test_boxes_of_wide_triangles_are_cut_to_the_rows_that_they_reach(reach):
+    rng, bits, batches = np.random.default_rng(27), 8, triangle_batches
+    kept = all_rows = 0
+    for _ in range(6):
+        count = batches.BATCH
+        # Thin ones through the tile, far longer than it.
+        middle = rng.uniform(0, 64, (count, 1, 2))
+        way = rng.uniform(-1, 1, (count, 1, 2)) * reach * np.array([[-1.0], [0.3], [1.0]])
+        corners = np.rint((middle + way + rng.uniform(-1, 1, (count, 3, 2))) * 2**bits)
+        whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
+        real = np.zeros((batches.REAL_ROWS, batches.ROOM))
+        whole[batches.AX : batches.LEFT, :count] = corners.reshape(-1, 6).T
+        batches.plan_triangles(count, (0, 0, 63, 63), bits, whole, real)
+        for n in np.flatnonzero(whole[batches.WIDE, :count]):
+            place = whole[batches.AX : batches.LEFT, n].reshape(3, 2).astype(np.int64)
+            half, rows, columns = 2 ** (bits - 1), np.arange(64), np.arange(64)
+            x, y = (columns << bits) + half, ((rows << bits) + half)[:, np.newaxis]
+            left, right = whole[batches.LEFT, n], whole[batches.RIGHT, n]
+            best = []
+            for k in range(3):
+                (ax, ay), (bx, by) = place[(k + 1) % 3], place[(k + 2) % 3]
+                values = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+                best.append(values[:, left : right + 1].max(axis=1, initial=-(2**62)))
+            first, last = place[0, 1], place[1:, 1].max()
+            in_box = (y[:, 0] >= first) & (y[:, 0] <= last)
+            inside = (np.array(best) >= 0).all(axis=0) & in_box
+            nearly = (np.array(best) >= -2.0 * batches.EDGE_ROUNDINGS).all(axis=0) & in_box
+            cut = (rows >= whole[batches.TOP, n]) & (rows <= whole[batches.BOTTOM, n])
+            assert not (inside & ~cut).any()
+            assert cut.sum() <= max(nearly.sum(), in_box.sum() if right < left else 0)
+            kept, all_rows = kept + cut.sum(), all_rows + in_box.sum()
+    assert 0 < kept < 0.8 * all_rows
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.setup import (
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -37,7 +37,12 @@ Rows of whole numbers.
 Face, vertices on the sub-pixel grid, box of samples, wide or small; of three edges of a small
 triangle the biased value at the corner of the box, in steps of one pixel: inside if not negative.
 """
-WHOLE_ROWS = 15
+FEW_ROWS = 16
+"""Batches in which a wide triangle has more rows in its tile are cut to those that they reach."""
+
+ROWS = 15
+"""Three rows for what boxes are cut by."""
+WHOLE_ROWS = 18
 
 DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
 """
@@ -47,6 +52,13 @@ Three depths; of three edges the value at the corner of the box, exact for small
 steps to the next column and row; two weights of the depth; the lowest and the highest depth.
 """
 REAL_ROWS = 16
+
+EDGE_ROUNDINGS = 64.0
+"""
+More than roundings take from an edge function at the corner of a box, on the sub-pixel grid.
+
+There are five, of numbers below 2**56, each off by 4 at most.
+"""
 
 LEAST_SIDE = -(2.0**31)
 """The least whole number of 32 bits."""
@@ -65,7 +77,12 @@ grid.
 """
 DRAW_FIRST, DRAW_END = 9, 10
 """Elements: which triangles of the batch at hand are drawn."""
-ASKED = 11
+TO_COME = 11
+"""Element: how many triangles behind the batch will be asked for next, up to two batches."""
+ASKED = 12
+
+FETCHED_VERTICES = 1 << 16
+"""Fewest vertices that are fetched before a batch needs them: fewer lie in the cache anyway."""
 
 
 @helper
@@ -83,6 +100,25 @@ def gather_triangles(listed, faces, screen, whole, real):
             vertex = np.uintp(whole[AX + 2 * k, n])
             whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
             real[DEPTH + k, n] = depth[vertex]
+
+
+@helper
+def fetch_triangles(listed, faces, depth, end):
+    """
+    Ask for the vertices of a batch of listed triangles, and the faces of those behind it.
+
+    So the next batch need not wait for what lies in distant memory. Takes where both begin.
+    """
+    own, pieces, piece_faces = faces
+    corners, face_count = flat(own), np.int64(own.shape[0])
+    for n in range(min(end, np.int64(BATCH))):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        fetch(depth, a)
+        fetch(depth, b)
+        fetch(depth, c)
+    for n in range(BATCH, end):
+        face = min(np.int64(listed[n]), face_count - 1)
+        fetch(corners, np.uintp(3 * face))
 
 
 @helper
@@ -180,6 +216,72 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
         side[n] = np.int32(min(max(whole, LEAST_SIDE), -LEAST_SIDE - 1.0))
 
 
+@disjoint_helper
+def reach_rows(value, across, down, left, right, rows, first, last):
+    """
+    Narrow the first and the last row, from the top of the box, to those with an inside of an edge.
+
+    Takes an edge at the corner of the box and its steps, as `plan_edge` writes them. Rounded to the
+    safe side: a row too many costs time alone.
+    """
+    for n in range(value.shape[0]):
+        width = np.float64(np.int32(right[n] - left[n]))
+        best = value[n] + max(across[n] * width, 0.0) + EDGE_ROUNDINGS
+        step = abs(down[n])
+        reach = np.floor(best / (step if step > 0.0 else 1.0))
+        beyond = np.float64(rows[n])
+        least = min(max(-reach if down[n] > 0.0 else 0.0, 0.0), beyond)
+        most = min(max(reach if down[n] < 0.0 else beyond, -1.0), beyond)
+        first[n] = max(first[n], np.int32(least))
+        last[n] = min(last[n], np.int32(most))
+
+
+@disjoint_helper
+def count_rows(top, bottom, rows, first, last):
+    """Write how many rows boxes have, and the first and the last from the top."""
+    for n in range(top.shape[0]):
+        rows[n] = bottom[n] - top[n] + 1
+        first[n], last[n] = 0, bottom[n] - top[n]
+
+
+@disjoint_helper
+def cut_wide(wide, top, bottom, first, last):
+    """Cut the boxes of wide triangles to the rows that they reach."""
+    for n in range(wide.shape[0]):
+        is_wide = wide[n] != 0
+        begin = top[n]
+        top[n] = begin + (first[n] if is_wide else 0)
+        bottom[n] = begin + last[n] if is_wide else bottom[n]
+
+
+@helper
+def any_tall(wide, top, bottom):
+    """Return whether any wide triangle has so many rows that it pays to look which it reaches."""
+    found = np.int32(0)
+    for n in range(wide.shape[0]):
+        found |= wide[n] & np.int32(bottom[n] - top[n] >= FEW_ROWS)
+    return found != 0
+
+
+@helper
+def cut_rows(count, whole, real):
+    """Cut the boxes of wide triangles to the rows that they reach: of thin ones, few of many."""
+    top, bottom = part(whole, TOP, 0, count), part(whole, BOTTOM, 0, count)
+    rows, first, last = (
+        part(whole, ROWS, 0, count),
+        part(whole, ROWS + 1, 0, count),
+        part(whole, ROWS + 2, 0, count),
+    )
+    count_rows(top, bottom, rows, first, last)
+    for k in range(3):
+        reach_rows(
+            part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
+            part(real, DOWN + k, 0, count), part(whole, LEFT, 0, count),
+            part(whole, RIGHT, 0, count), rows, first, last,
+        )  # fmt: skip
+    cut_wide(part(whole, WIDE, 0, count), top, bottom, first, last)
+
+
 @helper
 def plan_triangles(count, window, bits, whole, real):
     """Work out what drawing the gathered triangles takes, several at once."""
@@ -208,6 +310,8 @@ def plan_triangles(count, window, bits, whole, real):
             part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
             part(real, DOWN + k, 0, count), part(whole, SIDE + k, 0, count),
         )  # fmt: skip
+    if any_tall(part(whole, WIDE, 0, count), top, part(whole, BOTTOM, 0, count)):
+        cut_rows(count, whole, real)
 
 
 @kernel
@@ -220,7 +324,7 @@ def plan_batch(
 
     Parameters
     ----------
-    asked : (11,) int64
+    asked : (12,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.
@@ -231,6 +335,10 @@ def plan_batch(
     count, first = asked[COUNT], asked[FIRST]
     parts = faces.faces, faces.pieces, faces.piece_faces
     gather_triangles(listed[first : first + count], parts, screen, whole, real)
+    if asked[TO_COME] > 0 and screen.depth.shape[0] >= FETCHED_VERTICES:
+        following = first + count
+        end = following + asked[TO_COME]
+        fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
     right, down = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     if (right | down) != 0:
         for k in range(3):

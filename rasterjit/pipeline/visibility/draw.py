@@ -651,10 +651,13 @@ def _count(count: int) -> NDArray[np.int32]:
 
 def screen_arrays(count: int, memory: Memory) -> ScreenVertices:
     """Return room for so many vertices."""
-    # All that belongs to a vertex side by side: it is found in one cache line, not in four.
-    packed = memory.empty((count, 4), np.float64)
+    # Where a vertex is, and how deep, side by side: found in one line of the cache.
+    packed = memory.empty((count, 2), np.float64)
     return ScreenVertices(
-        packed.view(np.int32)[:, :2], packed[:, 1], packed.view(np.uint8)[:, 24], packed[:, 2]
+        packed.view(np.int32)[:, :2],
+        packed[:, 1],
+        memory.empty((count,), np.uint8),
+        memory.empty((count,), np.float64),
     )
 
 

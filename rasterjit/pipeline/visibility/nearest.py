@@ -17,13 +17,13 @@ Wider triangles get, for each row, the first and the last covered column from ``
 each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
 ``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
 at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2**-4 / s.
-Rows that the triangle does not reach inside the tile are passed over: a division of integers in
-float64 is exact, for a quotient that is not whole misses the next whole number by at least 1/s,
-more than half an ulp.
+Rows that the triangle does not reach inside the tile are passed over, as far as
+``triangle_batches.cut_rows`` finds them; one too many has no columns.
 
 All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
 float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
-LLVM makes none of so short loops.
+LLVM makes none of so short loops. Where no row has more than one sample, as in most slivers, a
+vector holds samples of several rows.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -88,6 +88,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     SHIFT_Y,
     SIDE,
     SMALL_PIXELS,
+    TO_COME,
     TOP,
     TOP_ROW,
     WEIGHT,
@@ -129,9 +130,6 @@ CELL_BITS = 3
 
 CELLS = TILE_SIZE >> CELL_BITS
 
-FEW_ROWS = 16
-"""Triangles with more rows in a tile are first cut to those that they reach there."""
-
 NOTHING = -1
 """Face number of a sample that no face covers."""
 
@@ -144,19 +142,6 @@ def edges_at(a, b, c, column, row, grid_bits):
         (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
         (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
     )
-
-
-@helper
-def reached_rows(edges, columns, rows):
-    """Return the first and the last row of a block in which no edge leaves out all columns."""
-    first, last = 0.0, np.float64(rows - 1)
-    for value, across, down in edges:
-        best = np.float64(value + max(across * (columns - 1), np.int64(0)))
-        if down > 0:
-            first = max(first, -np.floor(best / np.float64(down)))
-        elif down < 0:
-            last = min(last, np.floor(best / np.float64(-down)))
-    return np.int64(first), np.int64(last)
 
 
 @helper
@@ -291,13 +276,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
     columns, rows = right - left + 1, bottom - top + 1
+    if rows <= 0:
+        return
     edges = edges_at(a, b, c, left, top, grid_bits)
-    if rows > FEW_ROWS:
-        first, last = reached_rows(edges, columns, rows)
-        if first > last:
-            return
-        top, rows = top + first, last - first + 1
-        edges = edges_at(a, b, c, left, top, grid_bits)
     lines = (
         crossing_line(edges[0]),
         crossing_line(edges[1]),
@@ -382,7 +363,7 @@ def draw_planned(
 
     Parameters
     ----------
-    asked : (11,) int64
+    asked : (12,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
@@ -422,7 +403,7 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """(11,): as ``triangle_batches`` numbers its elements."""
+    """(12,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
@@ -498,7 +479,9 @@ def draw_list(first, end, scratch, drawing, holes):
         if begin == raised:
             raise_cells(scratch[0], drawing.cell_depths)
             raised += raised - first
-        draw_listed(begin, min(BATCH, end - begin), scratch[2], drawing, holes)
+        count = min(BATCH, end - begin)
+        drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+        draw_listed(begin, count, scratch[2], drawing, holes)
 
 
 @helper
