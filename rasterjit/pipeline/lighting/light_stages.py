@@ -20,6 +20,10 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
+VIEW, TOLD, TOWARD_LIGHT, FALLOFF = 0, 3, 4, 7
+"""Rows of ``single``: directions toward the viewer, and whether they are known; the same toward a
+light, and the share of it that arrives."""
+
 
 @stage
 def normalize_normals(block: Block, count):
@@ -45,20 +49,38 @@ def add_shiny_lights(
     toward_viewer: float32[::1],
 ):  # fmt: skip
     """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
-    s = block.samples
-    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            blinn_phong.add_shiny_light(
-                lights[n], toward_viewer, part(s, rows.NORMAL_X, 0, count),
-                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-                part(s, rows.POINT_Z, 0, count), part(s, rows.SPECULAR, 0, count),
-                part(s, rows.SHININESS, 0, count), part(s, rows.LIT, 0, count),
-                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
-                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-                part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    s, r = block.samples, block.single
+    if not largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
+        return
+    nx, ny, nz = (
+        part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
+        part(s, rows.NORMAL_Z, 0, count),
+    )  # fmt: skip
+    px, py, pz = (
+        part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
+        part(s, rows.POINT_Z, 0, count),
+    )  # fmt: skip
+    vx, vy, vz, told = (
+        part(r, VIEW, 0, count), part(r, VIEW + 1, 0, count), part(r, VIEW + 2, 0, count),
+        part(r, TOLD, 0, count),
+    )  # fmt: skip
+    lx, ly, lz, falloff = (
+        part(r, TOWARD_LIGHT, 0, count), part(r, TOWARD_LIGHT + 1, 0, count),
+        part(r, TOWARD_LIGHT + 2, 0, count), part(r, FALLOFF, 0, count),
+    )  # fmt: skip
+    blinn_phong.find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], px, py, pz, lx, ly, lz, falloff)
+        blinn_phong.find_angles(
+            nx, ny, nz, part(s, rows.SPECULAR, 0, count), vx, vy, vz, told, lx, ly, lz
+        )
+        blinn_phong.add_light(
+            lights[n], lx, ly, lz, falloff, part(s, rows.SHININESS, 0, count),
+            part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
+            part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count),
+            part(s, rows.BLUE, 0, count), part(s, rows.OUT_RED, 0, count),
+            part(s, rows.OUT_GREEN, 0, count), part(s, rows.OUT_BLUE, 0, count),
+        )  # fmt: skip
 
 
 @stage
