@@ -102,13 +102,13 @@ def light_at(light, px, py, pz):
 
 @disjoint_helper
 def add_diffuse_light(
-    light, nx, ny, nz, px, py, pz, lit, reached, red, green, blue, out_red, out_green, out_blue
+    light, nx, ny, nz, lx, ly, lz, falloff, lit, reached, red, green, blue, out_red, out_green,
+    out_blue,
 ):  # fmt: skip
     """Add the diffuse part of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
-        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        facing = max(np.float32(0.0), nx[i] * lx + ny[i] * ly + nz[i] * lz)
-        arriving = lit[i] * falloff * reached[i]
+        facing = max(np.float32(0.0), nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
+        arriving = lit[i] * falloff[i] * reached[i]
         out_red[i] += arriving * light[4] * (red[i] * facing)
         out_green[i] += arriving * light[5] * (green[i] * facing)
         out_blue[i] += arriving * light[6] * (blue[i] * facing)
@@ -158,17 +158,23 @@ def find_angles(nx, ny, nz, specular, vx, vy, vz, told, lx, ly, lz):
 
 
 @disjoint_helper
-def add_light(
-    light, facing, cosine, strength, falloff, shininess, lit, reached, red, green, blue, out_red,
+def find_shine(shininess, cosine, strength):
+    """Write the highlight in place of its strength."""
+    for i in range(strength.shape[0]):
+        strength[i] *= power(cosine[i], shininess[i])
+
+
+@disjoint_helper
+def add_shiny_light(
+    light, facing, shine, falloff, lit, reached, red, green, blue, out_red,
     out_green, out_blue,
 ):  # fmt: skip
     """Add the diffuse part and the highlight of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
-        shine = strength[i] * power(cosine[i], shininess[i])
         arriving = lit[i] * falloff[i] * reached[i]
-        out_red[i] += arriving * light[4] * (red[i] * facing[i] + shine)
-        out_green[i] += arriving * light[5] * (green[i] * facing[i] + shine)
-        out_blue[i] += arriving * light[6] * (blue[i] * facing[i] + shine)
+        out_red[i] += arriving * light[4] * (red[i] * facing[i] + shine[i])
+        out_green[i] += arriving * light[5] * (green[i] * facing[i] + shine[i])
+        out_blue[i] += arriving * light[6] * (blue[i] * facing[i] + shine[i])
 
 
 @helper

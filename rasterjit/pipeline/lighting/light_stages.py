@@ -6,7 +6,12 @@ import numpy as np
 
 from rasterjit.pipeline.encode import encode_channels, encode_span
 from rasterjit.pipeline.lighting import blinn_phong
-from rasterjit.pipeline.lighting.pbr import add_facet_light, largest, start_facets
+from rasterjit.pipeline.lighting.pbr import (
+    add_facet_light,
+    find_facet_angles,
+    largest,
+    start_facets,
+)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import (
     INTERVAL_COLUMN,
@@ -20,9 +25,9 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
-VIEW, TOLD, TOWARD_LIGHT, FALLOFF = 0, 3, 4, 7
-"""Rows of ``single``: directions toward the viewer, and whether they are known; the same toward a
-light, and the share of it that arrives."""
+VIEWER, LIGHT = 0, 4
+"""Rows of ``single``, four each: what `blinn_phong.find_viewer` and `blinn_phong.find_light` write.
+"""
 
 
 @stage
@@ -43,43 +48,80 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     )  # fmt: skip
 
 
+@helper
+def normals_of(samples, count):
+    """Return the rows of the normals."""
+    return (
+        part(samples, rows.NORMAL_X, 0, count), part(samples, rows.NORMAL_Y, 0, count),
+        part(samples, rows.NORMAL_Z, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def points_of(samples, count):
+    """Return the rows of the points."""
+    return (
+        part(samples, rows.POINT_X, 0, count), part(samples, rows.POINT_Y, 0, count),
+        part(samples, rows.POINT_Z, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def colors_of(samples, count):
+    """Return the rows of the base colours."""
+    return (
+        part(samples, rows.RED, 0, count), part(samples, rows.GREEN, 0, count),
+        part(samples, rows.BLUE, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def seen_colors_of(samples, count):
+    """Return the rows of the colours that are seen."""
+    return (
+        part(samples, rows.OUT_RED, 0, count), part(samples, rows.OUT_GREEN, 0, count),
+        part(samples, rows.OUT_BLUE, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def directions_of(scratch, first, count):
+    """Return four rows of scratch memory: a direction, and a number."""
+    return (
+        part(scratch, first, 0, count), part(scratch, first + 1, 0, count),
+        part(scratch, first + 2, 0, count), part(scratch, first + 3, 0, count),
+    )  # fmt: skip
+
+
 @stage
 def add_shiny_lights(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
     toward_viewer: float32[::1],
 ):  # fmt: skip
-    """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
-    s, r = block.samples, block.single
+    """
+    Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight.
+
+    In several loops: a core has too little room to work on the next vectors of one long loop while
+    the roots and quotients of the first are on their way.
+    """
+    s = block.samples
     if not largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
         return
-    nx, ny, nz = (
-        part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
-        part(s, rows.NORMAL_Z, 0, count),
+    normals, points = normals_of(s, count), points_of(s, count)
+    viewer, toward = (
+        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
     )  # fmt: skip
-    px, py, pz = (
-        part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-        part(s, rows.POINT_Z, 0, count),
-    )  # fmt: skip
-    vx, vy, vz, told = (
-        part(r, VIEW, 0, count), part(r, VIEW + 1, 0, count), part(r, VIEW + 2, 0, count),
-        part(r, TOLD, 0, count),
-    )  # fmt: skip
-    lx, ly, lz, falloff = (
-        part(r, TOWARD_LIGHT, 0, count), part(r, TOWARD_LIGHT + 1, 0, count),
-        part(r, TOWARD_LIGHT + 2, 0, count), part(r, FALLOFF, 0, count),
-    )  # fmt: skip
-    blinn_phong.find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told)
+    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], px, py, pz, lx, ly, lz, falloff)
+        blinn_phong.find_light(lights[n], *points, *toward)
+        facing, cosine, shine, falloff = toward
         blinn_phong.find_angles(
-            nx, ny, nz, part(s, rows.SPECULAR, 0, count), vx, vy, vz, told, lx, ly, lz
+            *normals, part(s, rows.SPECULAR, 0, count), *viewer, facing, cosine, shine
         )
-        blinn_phong.add_light(
-            lights[n], lx, ly, lz, falloff, part(s, rows.SHININESS, 0, count),
-            part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
-            part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count),
-            part(s, rows.BLUE, 0, count), part(s, rows.OUT_RED, 0, count),
-            part(s, rows.OUT_GREEN, 0, count), part(s, rows.OUT_BLUE, 0, count),
+        blinn_phong.find_shine(part(s, rows.SHININESS, 0, count), cosine, shine)
+        blinn_phong.add_shiny_light(
+            lights[n], facing, shine, falloff, part(s, rows.LIT, 0, count),
+            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
         )  # fmt: skip
 
 
@@ -87,17 +129,15 @@ def add_shiny_lights(
 def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int64, end: int64):
     """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
     s = block.samples
-    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            blinn_phong.add_diffuse_light(
-                lights[n], part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
-                part(s, rows.NORMAL_Z, 0, count), part(s, rows.POINT_X, 0, count),
-                part(s, rows.POINT_Y, 0, count), part(s, rows.POINT_Z, 0, count),
-                part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
-                part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count),
-                part(s, rows.BLUE, 0, count), part(s, rows.OUT_RED, 0, count),
-                part(s, rows.OUT_GREEN, 0, count), part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    if not largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
+        return
+    toward = directions_of(block.single, LIGHT, count)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points_of(s, count), *toward)
+        blinn_phong.add_diffuse_light(
+            lights[n], *normals_of(s, count), *toward, part(s, rows.LIT, 0, count),
+            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
+        )  # fmt: skip
 
 
 @stage
@@ -123,19 +163,24 @@ def add_lights_on_facets(
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
     s = block.samples
-    if largest(part(s, rows.MICROFACET, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            add_facet_light(
-                lights[n], toward_viewer, parts, part(s, rows.NORMAL_X, 0, count),
-                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-                part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
-                part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
-                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
-                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-                part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    if not largest(part(s, rows.MICROFACET, 0, count)) > np.float32(0.0):
+        return
+    normals, points = normals_of(s, count), points_of(s, count)
+    viewer, toward = (
+        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
+    )  # fmt: skip
+    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points, *toward)
+        facing, shine, grazed, falloff = toward
+        find_facet_angles(
+            parts, *normals, part(s, rows.ROUGHNESS, 0, count), *viewer, facing, shine, grazed
+        )
+        add_facet_light(
+            lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
+            part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
+            *colors_of(s, count), *seen_colors_of(s, count),
+        )  # fmt: skip
 
 
 @helper

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import light_at, unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 DIELECTRIC = np.float32(0.04)
@@ -169,42 +169,47 @@ def start_facets(
 
 
 @disjoint_helper
-def add_facet_light(
-    light, toward_viewer, parts, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
-    red, green, blue, out_red, out_green, out_blue,
+def find_facet_angles(
+    parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz
 ):  # fmt: skip
-    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(out_red.shape[0]):
+    """
+    Write how a light falls, and what facets send on of it, instead of its direction.
+
+    In turn: the cosine between normal and light; the highlight of what mirrors all light; Schlick's
+    share of what is mirrored at grazing angles.
+    """
+    zero = np.float32(0.0)
+    for i in range(nx.shape[0]):
         # Find the half vector between light and viewer, and the cosines.
-        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
-        scale = unit_scale(vx, vy, vz)
-        is_told = scale > zero
-        vx, vy, vz = vx * scale, vy * scale, vz * scale
-        hx, hy, hz = lx + vx, ly + vy, lz + vz
+        hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
         scale = unit_scale(hx, hy, hz)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
-        n_l = max(zero, x * lx + y * ly + z * lz) if is_told else zero
-        n_v = max(LEAST_COSINE, x * vx + y * vy + z * vz)
+        n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if told[i] > zero else zero
+        n_v = max(LEAST_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
         n_h = x * hx + y * hy + z * hz
-        v_h = max(zero, vx * hx + vy * hy + vz * hz)
+        v_h = max(zero, vx[i] * hx + vy[i] * hy + vz[i] * hz)
         cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
-        # Find the highlight, and what is left for the light that goes into the surface.
         alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
         squared = alpha * alpha
         shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
         shine *= parts[1] * facets_seen(n_l, n_v, squared)
-        bent = grazing(v_h)
+        lx[i], ly[i], lz[i] = n_l, shine, grazing(v_h)
+
+
+@disjoint_helper
+def add_facet_light(
+    light, parts, facing, shining, grazed, falloff, metallic, microfacet, reached, red, green, blue,
+    out_red, out_green, out_blue,
+):  # fmt: skip
+    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
+    one = np.float32(1.0)
+    for i in range(out_red.shape[0]):
+        shine, bent = shining[i], grazed[i]
+        # What is left goes into the surface.
         diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
         diffuse *= parts[0]
-        # Add both.
-        arriving = microfacet[i] * falloff * n_l * reached[i]
+        arriving = microfacet[i] * falloff[i] * facing[i] * reached[i]
         head_on = mirrored_head_on(red[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
         out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
