@@ -8,9 +8,11 @@ from rasterjit.pipeline.encode import encode_channels, encode_span
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.pbr import (
     add_facet_light,
+    find_ambient,
     find_facet_angles,
+    find_shares,
     largest,
-    start_facets,
+    show_on_facets,
 )
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import (
@@ -25,6 +27,8 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
+SHARES, SHOWN = 0, 2
+"""Rows of ``single``, two and three: what `find_shares` and `find_ambient` write."""
 VIEWER, LIGHT = 0, 4
 """Rows of ``single``, four each: what `blinn_phong.find_viewer` and `blinn_phong.find_light` write.
 """
@@ -143,17 +147,24 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
 @stage
 def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
     """Write what ambient light shows of metallic-roughness samples."""
-    s = block.samples
-    start_facets(
-        ambient, toward_viewer, part(s, rows.OCCLUSION, 0, count), part(s, rows.NORMAL_X, 0, count),
-        part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-        part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-        part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
-        part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
-        part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-        part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-        part(s, rows.OUT_BLUE, 0, count),
+    s, r = block.samples, block.single
+    microfacet = part(s, rows.MICROFACET, 0, count)
+    if not largest(microfacet) > np.float32(0.0):
+        return
+    scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
+    shown = part(r, SHOWN, 0, count), part(r, SHOWN + 1, 0, count), part(r, SHOWN + 2, 0, count)
+    find_shares(
+        toward_viewer, *normals_of(s, count), *points_of(s, count),
+        part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
+    find_ambient(
+        ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
+        *colors_of(s, count), *shown,
+    )  # fmt: skip
+    red, green, blue = seen_colors_of(s, count)
+    show_on_facets(shown[0], microfacet, red)
+    show_on_facets(shown[1], microfacet, green)
+    show_on_facets(shown[2], microfacet, blue)
 
 
 @stage

@@ -138,34 +138,45 @@ def scattered(head_on, shares):
 
 
 @disjoint_helper
-def start_facets(
-    ambient, toward_viewer, occlusion, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
-    red, green, blue, out_red, out_green, out_blue,
-):  # fmt: skip
-    """Write what ambient light shows of metallic-roughness samples; others stay as they are."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(out_red.shape[0]):
+def find_shares(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
+    """Write what `reflected_shares` returns of each sample."""
+    zero = np.float32(0.0)
+    for i in range(nx.shape[0]):
         vx, vy, vz = (
             toward_viewer[0] - toward_viewer[3] * px[i],
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        shares = reflected_shares(max(zero, n_v), roughness[i])
+        scale[i], offset[i] = reflected_shares(max(zero, n_v), roughness[i])
+
+
+@disjoint_helper
+def find_ambient(
+    ambient, occlusion, metallic, scale, offset, red, green, blue, shown_red, shown_green,
+    shown_blue,
+):  # fmt: skip
+    """Write what ambient light shows of metallic-roughness samples."""
+    one = np.float32(1.0)
+    for i in range(red.shape[0]):
+        shares = scale[i], offset[i]
         # What a dielectric does not mirror goes into it, and comes back coloured.
         mirrored = scattered(DIELECTRIC, shares)
         inside = one - mirrored
         r = metallic[i] * scattered(red[i], shares)
         g = metallic[i] * scattered(green[i], shares)
         b = metallic[i] * scattered(blue[i], shares)
-        share, is_faceted = occlusion[i], microfacet[i] > zero
-        rest = one - metallic[i]
-        shown = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
-        out_red[i] = shown if is_faceted else out_red[i]
-        shown = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
-        out_green[i] = shown if is_faceted else out_green[i]
-        shown = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
-        out_blue[i] = shown if is_faceted else out_blue[i]
+        share, rest = occlusion[i], one - metallic[i]
+        shown_red[i] = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
+        shown_green[i] = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
+        shown_blue[i] = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
+
+
+@disjoint_helper
+def show_on_facets(shown, microfacet, out):
+    """Write a channel of what is shown of metallic-roughness samples; others stay as they are."""
+    for i in range(out.shape[0]):
+        out[i] = shown[i] if microfacet[i] > np.float32(0.0) else out[i]
 
 
 @disjoint_helper
