@@ -124,12 +124,12 @@ def surface_steps(
     if count_of[FLAT]:
         steps.append(Step(attributes.find_middles, (placement, materials)))
     smooth, normals = count_of[PHONG] + count_of[PBR], surface.normals
-    if normals is None or smooth < len(materials):
-        own = placement, materials, int(normals is not None)
-        steps.append(Step(attributes.find_face_normals, own))
     if normals is not None and smooth:
         turned = normals, placement.normal_matrices, materials
         steps.append(Step(attributes.find_smooth_normals, turned))
+    if normals is None or smooth < len(materials):
+        own = placement, materials, int(normals is not None)
+        steps.append(Step(attributes.find_face_normals, own))
     if surface.lit_vertices is not None and not acting(effects, "sample"):
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))
