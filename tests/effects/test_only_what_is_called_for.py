@@ -145,6 +145,7 @@ INSTEAD = {
     # Fog needs the points of what is lit at vertices too.
     "fog": {"attributes.stand_in"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
+    "vertex colors": {"attributes.tint_samples"},
 }
 """Simpler ones that do in their place."""
 
