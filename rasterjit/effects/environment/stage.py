@@ -36,7 +36,12 @@ import numpy as np
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
+from rasterjit.pipeline.lighting.pbr import (
+    DIELECTRIC,
+    bounces,
+    is_any_above_zero,
+    reflected_shares,
+)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, log2
@@ -329,7 +334,7 @@ def shed_light(
         As ``EnvironmentRecord`` has them.
     """
     s = block.samples
-    if largest(s[rows.LIT, :count]) > np.float32(0.0):
+    if is_any_above_zero(s[rows.LIT, :count]):
         add_irradiance(
             irradiance, turn, intensity, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
             s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.LIT, :count],

@@ -11,7 +11,7 @@ from rasterjit.pipeline.lighting.pbr import (
     find_ambient,
     find_facet_angles,
     find_shares,
-    largest,
+    is_any_above_zero,
     show_on_facets,
 )
 from rasterjit.pipeline.surface import samples as rows
@@ -109,7 +109,7 @@ def add_shiny_lights(
     the roots and quotients of the first are on their way.
     """
     s = block.samples
-    if not largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
+    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
     normals, points = normals_of(s, count), points_of(s, count)
     viewer, toward = (
@@ -133,7 +133,7 @@ def add_shiny_lights(
 def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int64, end: int64):
     """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
     s = block.samples
-    if not largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
+    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
     toward = directions_of(block.single, LIGHT, count)
     for n in range(first, end):
@@ -149,7 +149,7 @@ def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_vi
     """Write what ambient light shows of metallic-roughness samples."""
     s, r = block.samples, block.single
     microfacet = part(s, rows.MICROFACET, 0, count)
-    if not largest(microfacet) > np.float32(0.0):
+    if not is_any_above_zero(microfacet):
         return
     scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
     shown = part(r, SHOWN, 0, count), part(r, SHOWN + 1, 0, count), part(r, SHOWN + 2, 0, count)
@@ -174,7 +174,7 @@ def add_lights_on_facets(
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
     s = block.samples
-    if not largest(part(s, rows.MICROFACET, 0, count)) > np.float32(0.0):
+    if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     normals, points = normals_of(s, count), points_of(s, count)
     viewer, toward = (

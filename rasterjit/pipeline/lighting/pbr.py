@@ -233,9 +233,9 @@ def add_facet_light(
 
 
 @helper
-def largest(row):
-    """Return the largest number of a row, at least 0."""
-    most = np.float32(0.0)
+def is_any_above_zero(row):
+    """Return whether any number of a row is above 0."""
+    found = np.int32(0)
     for i in range(row.shape[0]):
-        most = max(most, row[i])
-    return most
+        found |= np.int32(row[i] > np.float32(0.0))
+    return found != 0
