@@ -36,6 +36,7 @@ import numpy as np
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.light_stages import normals_of, points_of
 from rasterjit.pipeline.lighting.pbr import (
     DIELECTRIC,
     bounces,
@@ -64,6 +65,9 @@ ROUGH_LEVELS = 8
 
 LEAST_ROUGHNESS = np.float32(0.08838835)
 """Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
+
+TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
+"""Rows of ``single``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
@@ -406,19 +410,14 @@ def mirror_environment(
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not is_any_above_zero(microfacet):
         return
-    nx, ny, nz = (
-        part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
-        part(s, rows.NORMAL_Z, 0, count),
+    normals, roughness = normals_of(s, count), part(s, rows.ROUGHNESS, 0, count)
+    x, y, z = (
+        part(r, TOWARD, 0, count), part(r, TOWARD + 1, 0, count), part(r, TOWARD + 2, 0, count)
     )  # fmt: skip
-    x, y, z, level, facing = (
-        part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count), part(r, 3, 0, count),
-        part(r, 4, 0, count),
-    )  # fmt: skip
-    across, down = part(r, 5, 0, count), part(r, 6, 0, count)
-    roughness = part(s, rows.ROUGHNESS, 0, count)
+    level, facing = part(r, LEVEL, 0, count), part(r, FACING, 0, count)
+    across, down = part(r, PLACE, 0, count), part(r, PLACE + 1, 0, count)
     find_mirrors(
-        environment.turn, toward_viewer, nx, ny, nz, part(s, rows.POINT_X, 0, count),
-        part(s, rows.POINT_Y, 0, count), part(s, rows.POINT_Z, 0, count), roughness, x, y, z, level,
+        environment.turn, toward_viewer, *normals, *points_of(s, count), roughness, x, y, z, level,
         facing,
     )  # fmt: skip
     find_places(x, y, z, across, down)
@@ -432,7 +431,7 @@ def mirror_environment(
         mirrored, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
         add_mirrored(
             environment.irradiance, environment.turn, environment.intensity, k,
-            part(s, rows.OCCLUSION, 0, count), nx, ny, nz, part(s, rows.METALLIC, 0, count),
+            part(s, rows.OCCLUSION, 0, count), *normals, part(s, rows.METALLIC, 0, count),
             roughness, microfacet, facing, part(s, rows.RED + k, 0, count), mirrored, out,
         )  # fmt: skip
         show_on_facets(mirrored, microfacet, out)

@@ -50,9 +50,9 @@ def bend_normals(
     """
     Write normals bent by what a map shows, world axes, any length, and 1 where there is one, or 0.
 
-    Takes the shading normals and the tangents of the vertices, none of them normalized; writes the
-    normals in place of the first vertex's tangents, and whether there are any behind them. Where
-    there is no direction to bend to, or the map shows the shading normal itself, there is none.
+    Takes the shading normals and the tangents of the vertices, none of them normalized. Writes the
+    normals in place of the first vertex's tangents, and whether there is one in place of x of the
+    second's: not where there is no direction to bend to, or the map shows the shading normal.
     """
     m = matrix
     for n in range(nx.shape[0]):
