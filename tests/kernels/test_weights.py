@@ -114,9 +114,10 @@ FACES = {
     "in view": (8, [(-3.25, -2.5), (150.0, -7.75), (-20.125, 180.5)]),
     "a sliver": (8, [(-3000.5, -2000.25), (3101.25, 2103.5), (31.0, 32.25)]),
     "from side to side": (12, [(-8180.0, -8180.0), (24500.25, -8100.5), (-8000.5, 24501.0)]),
-    "larger than float64 holds": (12, [(-16.5, -9.25), (24500.25, -90.5), (-80.5, 24501.0)]),
+    "larger than float64 holds": (12, [(-8.5, -8.25), (24492.25, -8.5), (-8.75, 21981.0)]),
 }
 """Bits of the grid, and corners in pixels."""
+ODD = (0, 0), (1, 0), (0, 1)
 
 
 @pytest.mark.parametrize("w", [None, (1.0, 0.3, 5.7)], ids=["affine", "perspective"])
@@ -124,7 +125,12 @@ FACES = {
 @pytest.mark.parametrize("face", FACES)
 def test_weights_of_a_whole_face_are_those_of_whole_numbers_rounded_once(face, order, w):
     bits, points = FACES[face]
-    corners = [[int(at * 2**bits) for at in points[n]] for n in order]
+    # Some odd, so that edge functions call for all their bits.
+    units = [
+        [int(at * 2**bits) + own for at, own in zip(points[n], ODD[n], strict=True)]
+        for n in range(3)
+    ]
+    corners = [units[n] for n in order]
     viewport = viewport_of((16384, 16384), bits, (0, 0, *SIZE))
     geometry = Geometry(
         np.array([(0, 1, 2)], np.int32), np.array(corners, np.int32), np.zeros(3, np.uint8),
