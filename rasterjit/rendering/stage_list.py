@@ -85,13 +85,15 @@ def surface_steps(
     if is_shown:
         blended = geometry, materials, surface.vertex_colors
         steps.append(Step(float32_colors.find_float32_colors, blended))
-    else:
+    elif surface.vertex_colors is None:
         steps.append(Step(attributes.tint_samples, (materials,)))
-    if surface.vertex_colors is not None and not is_shown:
-        multiply = attributes.multiply_vertex_colors
-        if surface.in_float32:
-            multiply = attributes.multiply_vertex_colors_in_float32
+    elif surface.in_float32:
+        steps.append(Step(attributes.tint_samples, (materials,)))
+        multiply = attributes.multiply_vertex_colors_in_float32
         steps.append(Step(multiply, (surface.vertex_colors,)))
+    else:
+        shown = surface.vertex_colors, materials
+        steps.append(Step(attributes.show_vertex_colors, shown))
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
     if surface.lit_vertices is not None:
         lit = surface.lit_vertices, materials, rows.RED
@@ -126,12 +128,12 @@ def surface_steps(
     if count_of[FLAT]:
         steps.append(Step(attributes.find_middles, (placement, materials)))
     smooth, normals = count_of[PHONG] + count_of[PBR], surface.normals
-    if normals is None or smooth < len(materials):
-        own = placement, materials, int(normals is not None)
-        steps.append(Step(attributes.find_face_normals, own))
     if normals is not None and smooth:
         turned = normals, placement.normal_matrices, materials
         steps.append(Step(attributes.find_smooth_normals, turned))
+    if normals is None or smooth < len(materials):
+        own = placement, materials, int(normals is not None)
+        steps.append(Step(attributes.find_face_normals, own))
     if surface.lit_vertices is not None and not acting(effects, "sample"):
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))

@@ -87,7 +87,7 @@ GONE = {
     "normal maps": {"maps.bend_normals_by_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
-    "vertex colors": {"attributes.multiply_vertex_colors", *TESTED},
+    "vertex colors": {"attributes.show_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
     "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
@@ -145,6 +145,7 @@ INSTEAD = {
     # Fog needs the points of what is lit at vertices too.
     "fog": {"attributes.stand_in"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
+    "vertex colors": {"attributes.tint_samples"},
 }
 """Simpler ones that do in their place."""
 

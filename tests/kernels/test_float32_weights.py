@@ -408,9 +408,9 @@ def test_explain_names_it_and_the_stages():
     assert "colours in float32" in str(plan)
     names = [told.name for told in list_stages(plan)]
     assert f"float32_colors.{find_float32_colors.__name__}" in names
-    assert not {"weights.find_weights", "attributes.multiply_vertex_colors"} & {*names}
+    assert not {"weights.find_weights", "attributes.show_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
-    assert {"weights.find_weights", "attributes.multiply_vertex_colors"} <= {
+    assert {"weights.find_weights", "attributes.show_vertex_colors"} <= {
         told.name for told in list_stages(plan)
     }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import blocks
 import naive
@@ -332,3 +334,35 @@ def test_cone_and_range_that_end_nothing_leave_the_bits_of_a_point_light():
     before = light(samples.copy(), lights, AMBIENT)
     after = light(samples.copy(), wide, AMBIENT)
     assert before.tobytes() == after.tobytes()
+
+
+FIND_ROOTS = """
+import re
+from rasterjit.effects.environment.stage import mirror_environment
+from rasterjit.pipeline.lighting import light_stages as lights
+from rasterjit.pipeline.surface.maps import bend_normals_by_maps
+from rasterjit.runtime import compiler, store
+
+for own in (
+    lights.add_shiny_lights, lights.add_diffuse_lights, lights.show_ambient_on_facets,
+    lights.add_lights_on_facets, mirror_environment, bend_normals_by_maps,
+):
+    _, module = compiler.lower(own, own.kind, own.__name__, store.host())
+    print(own.__name__, len(re.findall(r"call .*@llvm[.]sqrt[.]v[0-9]+f", str(module))))
+"""
+ROOTS = {
+    "add_shiny_lights": 3, "add_diffuse_lights": 1, "show_ambient_on_facets": 1,
+    "add_lights_on_facets": 5, "mirror_environment": 3, "bend_normals_by_maps": 2,
+}  # fmt: skip
+"""How many square roots a sample takes, at least, in each stage."""
+
+
+@pytest.mark.needs_jit
+def test_loops_over_samples_take_roots_of_vectors():
+    run = subprocess.run(
+        [sys.executable, "-c", FIND_ROOTS], capture_output=True, text=True, check=True
+    )
+    found = dict(line.split() for line in run.stdout.splitlines())
+    assert found.keys() == ROOTS.keys()
+    for name, least in ROOTS.items():
+        assert int(found[name]) >= least, name

@@ -1,4 +1,4 @@
-"""Weights of faces that were clipped, in float64, have the bits of one sample after the other."""
+"""Weights in float64 have the bits of one sample after the other, in runs of any length."""
 
 from __future__ import annotations
 
@@ -61,13 +61,21 @@ def weigh(positions, face_id, mirrored=1.0):
     screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     assert screen.codes.any()
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
+    taken, slow = weigh_all(geometry, face_id, mirrored), np.empty((*SIZE, 3), np.float32)
+    fill_barycentric(face_id, (0, SIZE[1]), geometry, slow)
+    return taken, slow
+
+
+def weigh_all(geometry, face_id, mirrored=1.0):
+    """Return the weights of the second and third vertex of a face, and the side seen."""
+    faces, positions = geometry.faces, geometry.clip_positions
     same = np.eye(3, 4)[np.newaxis]
     placement = Placement(
         np.array([0, 1]), np.ascontiguousarray(positions[:, :3]), same,
         np.ascontiguousarray(same[:, :, :3]), np.array([mirrored]), np.array([1.0]),
         TOWARD,
     )  # fmt: skip
-    taken, slow = np.full((*SIZE, 3), np.nan), np.empty((*SIZE, 3), np.float32)
+    taken = np.full((*SIZE, 3), np.nan)
     listed = (
         face_id, 0, SIZE[1], faces, np.array([0, 1]), np.zeros(4, np.float32), 0,
         np.empty((SIZE[1], 0, 4), np.float32), np.empty((SIZE[1], 0), np.uint32),
@@ -78,8 +86,66 @@ def weigh(positions, face_id, mirrored=1.0):
         Step(take_weights, (taken,)),
     ]  # fmt: skip
     StageList(steps).run(BLOCKS.block, BLOCK)
-    fill_barycentric(face_id, (0, SIZE[1]), geometry, slow)
-    return taken, slow
+    return taken
+
+
+def weights_one_by_one(corners, w, bits):
+    """Return what `weigh_all` should of each pixel: edge functions are whole numbers of Python."""
+    found = np.empty((*SIZE, 3))
+    for row, column in np.ndindex(*SIZE):
+        px, py = ((2 * at + 1) << (bits - 1) for at in (column, row))
+        edges = [
+            (cx - bx) * (py - by) - (cy - by) * (px - bx)
+            for (bx, by), (cx, cy) in ((corners[n - 2], corners[n - 1]) for n in range(3))
+        ]
+        parts = [float(edge) for edge in edges]
+        if w is None:
+            over = 1.0 / float(sum(edges))
+            found[row, column, :2] = parts[1] * over, parts[2] * over
+        else:
+            parts = [part * (min(w) / own) for part, own in zip(parts, w, strict=True)]
+            total = parts[0] + parts[1] + parts[2]
+            found[row, column, :2] = parts[1] / total, parts[2] / total
+        found[row, column, 2] = sum(edges) < 0
+    return found
+
+
+FACES = {
+    "in view": (8, [(-3.25, -2.5), (150.0, -7.75), (-20.125, 180.5)]),
+    "a sliver": (8, [(-3000.5, -2000.25), (3101.25, 2103.5), (31.0, 32.25)]),
+    "from side to side": (12, [(-8180.0, -8180.0), (24500.25, -8100.5), (-8000.5, 24501.0)]),
+    "larger than float64 holds": (12, [(-8.5, -8.25), (24492.25, -8.5), (-8.75, 21981.0)]),
+}
+"""Bits of the grid, and corners in pixels."""
+ODD = (0, 0), (1, 0), (0, 1)
+
+
+@pytest.mark.parametrize("w", [None, (1.0, 0.3, 5.7)], ids=["affine", "perspective"])
+@pytest.mark.parametrize("order", [(0, 1, 2), (0, 2, 1)], ids=["front", "back"])
+@pytest.mark.parametrize("face", FACES)
+def test_weights_of_a_whole_face_are_those_of_whole_numbers_rounded_once(face, order, w):
+    bits, points = FACES[face]
+    # Some odd, so that edge functions call for all their bits.
+    units = [
+        [int(at * 2**bits) + own for at, own in zip(points[n], ODD[n], strict=True)]
+        for n in range(3)
+    ]
+    corners = [units[n] for n in order]
+    viewport = viewport_of((16384, 16384), bits, (0, 0, *SIZE))
+    geometry = Geometry(
+        np.array([(0, 1, 2)], np.int32), np.array(corners, np.int32), np.zeros(3, np.uint8),
+        np.array([] if w is None else w), np.zeros((3, 4)), viewport,
+    )  # fmt: skip
+    want = weights_one_by_one(corners, w, bits)
+    assert len(np.unique(want[:, :, 2])) == 1
+    # A face is clipped to its samples by visibility; a sliver's are few.
+    inside = (want[:, :, :2] >= 0).all(axis=2) & (want[:, :, 0] + want[:, :, 1] <= 1)
+    assert inside.sum() > 30
+    for step in (64, 41, 17, 6, 2):
+        face_id = np.where(inside, np.int32(0), np.int32(-1))
+        face_id[:, step - 1 :: step] = -1
+        shown = face_id == 0
+        assert weigh_all(geometry, face_id)[shown].tobytes() == want[shown].tobytes()
 
 
 @pytest.mark.parametrize("triangle", TRIANGLES)

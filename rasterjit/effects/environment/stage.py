@@ -36,10 +36,18 @@ import numpy as np
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
+from rasterjit.pipeline.lighting.light_stages import normals_of, points_of
+from rasterjit.pipeline.lighting.pbr import (
+    DIELECTRIC,
+    bounces,
+    is_any_above_zero,
+    reflected_shares,
+    show_on_facets,
+)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, log2
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
@@ -57,6 +65,9 @@ ROUGH_LEVELS = 8
 
 LEAST_ROUGHNESS = np.float32(0.08838835)
 """Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
+
+TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
+"""Rows of ``single``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
@@ -191,38 +202,31 @@ def level_at_roughness(roughness):
 
 
 @helper
-def level_color(level, direction, sharp, reflections):
-    """Return one level towards a direction; level 0 is ``sharp``, a picture or a gradient."""
-    x, y, z = direction
-    texels, width, height, gradient = sharp
+def level_color(level, place, height, environment, reflections):
+    """Return one level at a place of it; level 0 is a picture, or a gradient at a height."""
     if level == 0 or reflections.levels.shape[0] == 0:
-        return sharp_color(x, y, z, texels, width, height, gradient)
+        if environment.width == 0:
+            return gradient_color(environment.gradient, height)
+        first, size = np.int64(0), (environment.width, environment.height)
+        return filtered_texel(environment.texels, first, size[0], size[1], place)
     row = level - 1
     levels = reflections.levels
     return filtered_texel(
         reflections.texels, levels[row, FIRST_TEXEL], levels[row, LEVEL_WIDTH],
-        levels[row, LEVEL_HEIGHT], place_of(x, y, z),
+        levels[row, LEVEL_HEIGHT], place,
     )  # fmt: skip
 
 
 @helper
-def mirrored_color(direction, roughness, environment, reflections):
-    """
-    Return what a surface of this roughness, 0..1, mirrors from about a direction.
-
-    Black where the direction is not a number: what the surface mirrors cannot be told.
-    """
-    x, y, z = direction
-    if not abs(x) + abs(y) + abs(z) < np.float32(np.inf):
+def mirrored_color(level, place, height, environment, reflections):
+    """Return what a surface mirrors, of two levels; black where `find_mirrors` tells no level."""
+    if level < np.float32(0.0):
         return np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    x, z = turned(x, z, environment.turn)
-    sharp = environment.texels, environment.width, environment.height, environment.gradient
-    level = level_at_roughness(roughness)
     finer = np.int64(level)
     share = level - np.float32(finer)
-    color = level_color(finer, (x, y, z), sharp, reflections)
+    color = level_color(finer, place, height, environment, reflections)
     if share > np.float32(0.0):
-        coarser = level_color(finer + 1, (x, y, z), sharp, reflections)
+        coarser = level_color(finer + 1, place, height, environment, reflections)
         color = blend3(color, coarser, share)
     return color
 
@@ -268,16 +272,16 @@ def shares_of_channel(base, metallic, dielectric, shares):
 
 
 @helper
-def mirror_direction(samples, n, toward_viewer, alpha):
+def mirror_direction(normal, point, toward_viewer, alpha):
     """
     Return where most of the mirrored light comes from, any length, and the viewer's cosine.
 
     The direction is not a number where the way to the viewer is too long for float32.
     """
-    nx, ny, nz = samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n], samples[rows.NORMAL_Z, n]
-    vx = toward_viewer[0] - toward_viewer[3] * samples[rows.POINT_X, n]
-    vy = toward_viewer[1] - toward_viewer[3] * samples[rows.POINT_Y, n]
-    vz = toward_viewer[2] - toward_viewer[3] * samples[rows.POINT_Z, n]
+    nx, ny, nz = normal
+    vx = toward_viewer[0] - toward_viewer[3] * point[0]
+    vy = toward_viewer[1] - toward_viewer[3] * point[1]
+    vz = toward_viewer[2] - toward_viewer[3] * point[2]
     scale = unit_scale(vx, vy, vz)
     scale = scale if scale > np.float32(0.0) else np.float32(np.nan)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
@@ -294,22 +298,69 @@ def mirror_direction(samples, n, toward_viewer, alpha):
     return direction, clamped(facing, np.float32(0.0), np.float32(1.0))
 
 
-@helper
-def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
-    """Add what one sample of a surface of facets sheds of the environment, by split sum."""
+@disjoint_helper
+def find_mirrors(
+    turn, toward_viewer, nx, ny, nz, px, py, pz, roughness, x, y, z, level, facing
+):  # fmt: skip
+    """
+    Write the directions that samples mirror, turned, the level to read, and the viewer's cosine.
+
+    The level is -1 where the direction is not a number: what is mirrored cannot be told.
+    """
     zero, one = np.float32(0.0), np.float32(1.0)
-    roughness = clamped(samples[rows.ROUGHNESS, n], zero, one)
-    metallic = clamped(samples[rows.METALLIC, n], zero, one)
-    direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
-    mirrored = mirrored_color(direction, roughness, environment, reflections)
-    shares = reflected_shares(facing, roughness)
-    dielectric = bounces(DIELECTRIC, shares)
-    nx, ny, nz = samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n], samples[rows.NORMAL_Z, n]
-    x, z = turned(nx, nz, environment.turn)
-    for k in range(3):
-        direct, around = shares_of_channel(samples[rows.RED + k, n], metallic, dielectric, shares)
-        light = light_from_all_sides(x, ny, z, environment.irradiance, k)
-        samples[rows.OUT_RED + k, n] += arriving * (direct * mirrored[k] + around * light)
+    for i in range(x.shape[0]):
+        rough = clamped(roughness[i], zero, one)
+        normal, point = (nx[i], ny[i], nz[i]), (px[i], py[i], pz[i])
+        (dx, dy, dz), facing[i] = mirror_direction(normal, point, toward_viewer, rough * rough)
+        is_told = abs(dx) + abs(dy) + abs(dz) < np.float32(np.inf)
+        x[i], z[i] = turned(dx, dz, turn)
+        y[i] = dy
+        own = level_at_roughness(rough)
+        level[i] = own if is_told else np.float32(-1.0)
+
+
+@disjoint_helper
+def find_places(x, y, z, across, down):
+    """Write where directions lie on a picture."""
+    for i in range(x.shape[0]):
+        across[i], down[i] = place_of(x[i], y[i], z[i])
+
+
+@disjoint_helper
+def find_heights(x, y, z):
+    """Write the sines of the elevation of directions in place of y."""
+    for i in range(x.shape[0]):
+        y[i] *= unit_scale(x[i], y[i], z[i])
+
+
+@disjoint_helper
+def read_mirrored(
+    environment, reflections, microfacet, across, down, height, level, red, green, blue
+):  # fmt: skip
+    """Write what samples of microfacets mirror."""
+    for i in range(red.shape[0]):
+        if microfacet[i] > np.float32(0.0):
+            red[i], green[i], blue[i] = mirrored_color(
+                level[i], (across[i], down[i]), height[i], environment, reflections
+            )
+
+
+@disjoint_helper
+def add_mirrored(
+    terms, turn, intensity, k, occlusion, nx, ny, nz, metallic, roughness, microfacet, facing, base,
+    mirrored, out,
+):  # fmt: skip
+    """Write what is seen of channel ``k`` in place of what is mirrored, by split sum."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(out.shape[0]):
+        shares = reflected_shares(facing[i], clamped(roughness[i], zero, one))
+        dielectric = bounces(DIELECTRIC, shares)
+        metal = clamped(metallic[i], zero, one)
+        direct, around = shares_of_channel(base[i], metal, dielectric, shares)
+        x, z = turned(nx[i], nz[i], turn)
+        light = light_from_all_sides(x, ny[i], z, terms, k)
+        arriving = microfacet[i] * intensity * occlusion[i]
+        mirrored[i] = out[i] + arriving * (direct * mirrored[i] + around * light)
 
 
 @stage
@@ -329,7 +380,7 @@ def shed_light(
         As ``EnvironmentRecord`` has them.
     """
     s = block.samples
-    if largest(s[rows.LIT, :count]) > np.float32(0.0):
+    if is_any_above_zero(s[rows.LIT, :count]):
         add_irradiance(
             irradiance, turn, intensity, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
             s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.LIT, :count],
@@ -355,12 +406,35 @@ def mirror_environment(
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
-    s = block.samples
-    for n in range(count):
-        share = s[rows.MICROFACET, n]
-        if share > np.float32(0.0):
-            arriving = share * environment.intensity * s[rows.OCCLUSION, n]
-            add_mirrored(s, n, arriving, environment, environment.reflections, toward_viewer)
+    s, r, c = block.samples, block.single, block.colors
+    microfacet = part(s, rows.MICROFACET, 0, count)
+    if not is_any_above_zero(microfacet):
+        return
+    normals, roughness = normals_of(s, count), part(s, rows.ROUGHNESS, 0, count)
+    x, y, z = (
+        part(r, TOWARD, 0, count), part(r, TOWARD + 1, 0, count), part(r, TOWARD + 2, 0, count)
+    )  # fmt: skip
+    level, facing = part(r, LEVEL, 0, count), part(r, FACING, 0, count)
+    across, down = part(r, PLACE, 0, count), part(r, PLACE + 1, 0, count)
+    find_mirrors(
+        environment.turn, toward_viewer, *normals, *points_of(s, count), roughness, x, y, z, level,
+        facing,
+    )  # fmt: skip
+    find_places(x, y, z, across, down)
+    if environment.width == 0:
+        find_heights(x, y, z)
+    read_mirrored(
+        environment, environment.reflections, microfacet, across, down, y, level,
+        part(c, 0, 0, count), part(c, 1, 0, count), part(c, 2, 0, count),
+    )  # fmt: skip
+    for k in range(3):
+        mirrored, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
+        add_mirrored(
+            environment.irradiance, environment.turn, environment.intensity, k,
+            part(s, rows.OCCLUSION, 0, count), *normals, part(s, rows.METALLIC, 0, count),
+            roughness, microfacet, facing, part(s, rows.RED + k, 0, count), mirrored, out,
+        )  # fmt: skip
+        show_on_facets(mirrored, microfacet, out)
 
 
 @helper

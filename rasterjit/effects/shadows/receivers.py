@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import matrix_of
-from rasterjit.pipeline.lighting.pbr import largest
+from rasterjit.pipeline.lighting.pbr import is_any_above_zero
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
     AWAY,
@@ -113,10 +113,10 @@ def find_receivers(
         Not 0: row MICROFACET tells which samples are lit by microfacets.
     """
     whole, rows, r, w = block.whole, block.real, block.receivers, block.weights
-    most = largest(part(block.samples, LIT, 0, count))
+    is_lit = is_any_above_zero(part(block.samples, LIT, 0, count))
     if has_facets != 0:
-        most = max(most, largest(part(block.samples, MICROFACET, 0, count)))
-    block.counts[IS_LIT] = np.int64(most > np.float32(0.0))
+        is_lit |= is_any_above_zero(part(block.samples, MICROFACET, 0, count))
+    block.counts[IS_LIT] = np.int64(is_lit)
     if block.counts[IS_LIT] == 0:
         return
     gather_corners(block.counts[PATCHES], positions, whole, rows)

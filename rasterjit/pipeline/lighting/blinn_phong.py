@@ -102,44 +102,79 @@ def light_at(light, px, py, pz):
 
 @disjoint_helper
 def add_diffuse_light(
-    light, nx, ny, nz, px, py, pz, lit, reached, red, green, blue, out_red, out_green, out_blue
+    light, nx, ny, nz, lx, ly, lz, falloff, lit, reached, red, green, blue, out_red, out_green,
+    out_blue,
 ):  # fmt: skip
     """Add the diffuse part of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
-        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        facing = max(np.float32(0.0), nx[i] * lx + ny[i] * ly + nz[i] * lz)
-        arriving = lit[i] * falloff * reached[i]
+        facing = max(np.float32(0.0), nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
+        arriving = lit[i] * falloff[i] * reached[i]
         out_red[i] += arriving * light[4] * (red[i] * facing)
         out_green[i] += arriving * light[5] * (green[i] * facing)
         out_blue[i] += arriving * light[6] * (blue[i] * facing)
 
 
 @disjoint_helper
-def add_shiny_light(
-    light, toward_viewer, nx, ny, nz, px, py, pz, specular, shininess, lit,
-    reached, red, green, blue, out_red, out_green, out_blue,
-):  # fmt: skip
-    """Add the diffuse part and the highlight of one light to each sample that it reaches."""
+def find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told):
+    """Write unit directions toward the viewer, and 1; where float32 cannot tell them, 0 instead."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(out_red.shape[0]):
-        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        facing = max(zero, nx[i] * lx + ny[i] * ly + nz[i] * lz)
-        # Find the half vector between light and viewer.
-        vx, vy, vz = (
+    for i in range(px.shape[0]):
+        x, y, z = (
             toward_viewer[0] - toward_viewer[3] * px[i],
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
-        scale = unit_scale(vx, vy, vz)
-        hx, hy, hz = lx + vx * scale, ly + vy * scale, lz + vz * scale
+        scale = unit_scale(x, y, z)
+        vx[i], vy[i], vz[i] = x * scale, y * scale, z * scale
+        told[i] = one if scale > zero else zero
+
+
+@disjoint_helper
+def find_light(light, px, py, pz, lx, ly, lz, falloff):
+    """Write what `light_at` returns."""
+    zero = np.float32(0.0)
+    if light[3] == zero:
+        # It is the same at every point that is a number.
+        x, y, z, share = light_at(light, zero, zero, zero)
+        for i in range(px.shape[0]):
+            lx[i], ly[i], lz[i] = x, y, z
+            falloff[i] = share if zero * px[i] + zero * py[i] + zero * pz[i] == zero else zero
+    else:
+        for i in range(px.shape[0]):
+            lx[i], ly[i], lz[i], falloff[i] = light_at(light, px[i], py[i], pz[i])
+
+
+@disjoint_helper
+def find_angles(nx, ny, nz, specular, vx, vy, vz, told, lx, ly, lz):
+    """Write how a light falls instead of its direction: `FACING`, `COSINE`, `STRENGTH`."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(nx.shape[0]):
+        facing = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])
+        # Find the half vector between light and viewer.
+        hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
         cosine = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz))
-        shine = specular[i] * power(min(cosine, one), shininess[i])
-        shine = shine if (facing > zero) & (scale > zero) else zero
-        # Add the diffuse and the specular part.
-        arriving = lit[i] * falloff * reached[i]
-        out_red[i] += arriving * light[4] * (red[i] * facing + shine)
-        out_green[i] += arriving * light[5] * (green[i] * facing + shine)
-        out_blue[i] += arriving * light[6] * (blue[i] * facing + shine)
+        lx[i], ly[i] = facing, min(cosine, one)
+        lz[i] = specular[i] if (facing > zero) & (told[i] > zero) else zero
+
+
+@disjoint_helper
+def find_shine(shininess, cosine, strength):
+    """Write the highlight in place of its strength."""
+    for i in range(strength.shape[0]):
+        strength[i] *= power(cosine[i], shininess[i])
+
+
+@disjoint_helper
+def add_shiny_light(
+    light, facing, shine, falloff, lit, reached, red, green, blue, out_red,
+    out_green, out_blue,
+):  # fmt: skip
+    """Add the diffuse part and the highlight of one light to each sample that it reaches."""
+    for i in range(out_red.shape[0]):
+        arriving = lit[i] * falloff[i] * reached[i]
+        out_red[i] += arriving * light[4] * (red[i] * facing[i] + shine[i])
+        out_green[i] += arriving * light[5] * (green[i] * facing[i] + shine[i])
+        out_blue[i] += arriving * light[6] * (blue[i] * facing[i] + shine[i])
 
 
 @helper

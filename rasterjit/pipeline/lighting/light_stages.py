@@ -6,7 +6,14 @@ import numpy as np
 
 from rasterjit.pipeline.encode import encode_channels, encode_span
 from rasterjit.pipeline.lighting import blinn_phong
-from rasterjit.pipeline.lighting.pbr import add_facet_light, largest, start_facets
+from rasterjit.pipeline.lighting.pbr import (
+    add_facet_light,
+    find_ambient,
+    find_facet_angles,
+    find_shares,
+    is_any_above_zero,
+    show_on_facets,
+)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import (
     INTERVAL_COLUMN,
@@ -19,6 +26,12 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
+
+SHARES, SHOWN = 0, 2
+"""Rows of ``single``, two and three: what `find_shares` and `find_ambient` write."""
+VIEWER, LIGHT = 0, 4
+"""Rows of ``single``, four each: what `blinn_phong.find_viewer` and `blinn_phong.find_light` write.
+"""
 
 
 @stage
@@ -39,59 +52,119 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     )  # fmt: skip
 
 
+@helper
+def normals_of(samples, count):
+    """Return the rows of the normals."""
+    return (
+        part(samples, rows.NORMAL_X, 0, count), part(samples, rows.NORMAL_Y, 0, count),
+        part(samples, rows.NORMAL_Z, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def points_of(samples, count):
+    """Return the rows of the points."""
+    return (
+        part(samples, rows.POINT_X, 0, count), part(samples, rows.POINT_Y, 0, count),
+        part(samples, rows.POINT_Z, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def colors_of(samples, count):
+    """Return the rows of the base colours."""
+    return (
+        part(samples, rows.RED, 0, count), part(samples, rows.GREEN, 0, count),
+        part(samples, rows.BLUE, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def seen_colors_of(samples, count):
+    """Return the rows of the colours that are seen."""
+    return (
+        part(samples, rows.OUT_RED, 0, count), part(samples, rows.OUT_GREEN, 0, count),
+        part(samples, rows.OUT_BLUE, 0, count),
+    )  # fmt: skip
+
+
+@helper
+def directions_of(scratch, first, count):
+    """Return four rows of scratch memory: a direction, and a number."""
+    return (
+        part(scratch, first, 0, count), part(scratch, first + 1, 0, count),
+        part(scratch, first + 2, 0, count), part(scratch, first + 3, 0, count),
+    )  # fmt: skip
+
+
 @stage
 def add_shiny_lights(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
     toward_viewer: float32[::1],
 ):  # fmt: skip
-    """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
+    """
+    Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight.
+
+    In several loops: a core has too little room to work on the next vectors of one long loop while
+    the roots and quotients of the first are on their way.
+    """
     s = block.samples
-    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            blinn_phong.add_shiny_light(
-                lights[n], toward_viewer, part(s, rows.NORMAL_X, 0, count),
-                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-                part(s, rows.POINT_Z, 0, count), part(s, rows.SPECULAR, 0, count),
-                part(s, rows.SHININESS, 0, count), part(s, rows.LIT, 0, count),
-                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
-                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-                part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
+        return
+    normals, points = normals_of(s, count), points_of(s, count)
+    viewer, toward = (
+        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
+    )  # fmt: skip
+    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points, *toward)
+        facing, cosine, shine, falloff = toward
+        blinn_phong.find_angles(
+            *normals, part(s, rows.SPECULAR, 0, count), *viewer, facing, cosine, shine
+        )
+        blinn_phong.find_shine(part(s, rows.SHININESS, 0, count), cosine, shine)
+        blinn_phong.add_shiny_light(
+            lights[n], facing, shine, falloff, part(s, rows.LIT, 0, count),
+            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
+        )  # fmt: skip
 
 
 @stage
 def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int64, end: int64):
     """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
     s = block.samples
-    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            blinn_phong.add_diffuse_light(
-                lights[n], part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
-                part(s, rows.NORMAL_Z, 0, count), part(s, rows.POINT_X, 0, count),
-                part(s, rows.POINT_Y, 0, count), part(s, rows.POINT_Z, 0, count),
-                part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
-                part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count),
-                part(s, rows.BLUE, 0, count), part(s, rows.OUT_RED, 0, count),
-                part(s, rows.OUT_GREEN, 0, count), part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
+        return
+    toward = directions_of(block.single, LIGHT, count)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points_of(s, count), *toward)
+        blinn_phong.add_diffuse_light(
+            lights[n], *normals_of(s, count), *toward, part(s, rows.LIT, 0, count),
+            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
+        )  # fmt: skip
 
 
 @stage
 def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
     """Write what ambient light shows of metallic-roughness samples."""
-    s = block.samples
-    start_facets(
-        ambient, toward_viewer, part(s, rows.OCCLUSION, 0, count), part(s, rows.NORMAL_X, 0, count),
-        part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-        part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-        part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
-        part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
-        part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-        part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-        part(s, rows.OUT_BLUE, 0, count),
+    s, r = block.samples, block.single
+    microfacet = part(s, rows.MICROFACET, 0, count)
+    if not is_any_above_zero(microfacet):
+        return
+    scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
+    shown = part(r, SHOWN, 0, count), part(r, SHOWN + 1, 0, count), part(r, SHOWN + 2, 0, count)
+    find_shares(
+        toward_viewer, *normals_of(s, count), *points_of(s, count),
+        part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
+    find_ambient(
+        ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
+        *colors_of(s, count), *shown,
+    )  # fmt: skip
+    red, green, blue = seen_colors_of(s, count)
+    show_on_facets(shown[0], microfacet, red)
+    show_on_facets(shown[1], microfacet, green)
+    show_on_facets(shown[2], microfacet, blue)
 
 
 @stage
@@ -101,19 +174,24 @@ def add_lights_on_facets(
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
     s = block.samples
-    if largest(part(s, rows.MICROFACET, 0, count)) > np.float32(0.0):
-        for n in range(first, end):
-            add_facet_light(
-                lights[n], toward_viewer, parts, part(s, rows.NORMAL_X, 0, count),
-                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
-                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
-                part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
-                part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
-                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
-                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-                part(s, rows.OUT_BLUE, 0, count),
-            )  # fmt: skip
+    if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
+        return
+    normals, points = normals_of(s, count), points_of(s, count)
+    viewer, toward = (
+        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
+    )  # fmt: skip
+    blinn_phong.find_viewer(toward_viewer, *points, *viewer)
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points, *toward)
+        facing, shine, grazed, falloff = toward
+        find_facet_angles(
+            parts, *normals, part(s, rows.ROUGHNESS, 0, count), *viewer, facing, shine, grazed
+        )
+        add_facet_light(
+            lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
+            part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
+            *colors_of(s, count), *seen_colors_of(s, count),
+        )  # fmt: skip
 
 
 @helper

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import light_at, unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 DIELECTRIC = np.float32(0.04)
@@ -138,73 +138,89 @@ def scattered(head_on, shares):
 
 
 @disjoint_helper
-def start_facets(
-    ambient, toward_viewer, occlusion, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
-    red, green, blue, out_red, out_green, out_blue,
-):  # fmt: skip
-    """Write what ambient light shows of metallic-roughness samples; others stay as they are."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(out_red.shape[0]):
+def find_shares(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
+    """Write what `reflected_shares` returns of each sample."""
+    zero = np.float32(0.0)
+    for i in range(nx.shape[0]):
         vx, vy, vz = (
             toward_viewer[0] - toward_viewer[3] * px[i],
             toward_viewer[1] - toward_viewer[3] * py[i],
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        shares = reflected_shares(max(zero, n_v), roughness[i])
+        scale[i], offset[i] = reflected_shares(max(zero, n_v), roughness[i])
+
+
+@disjoint_helper
+def find_ambient(
+    ambient, occlusion, metallic, scale, offset, red, green, blue, shown_red, shown_green,
+    shown_blue,
+):  # fmt: skip
+    """Write what ambient light shows of metallic-roughness samples."""
+    one = np.float32(1.0)
+    for i in range(red.shape[0]):
+        shares = scale[i], offset[i]
         # What a dielectric does not mirror goes into it, and comes back coloured.
         mirrored = scattered(DIELECTRIC, shares)
         inside = one - mirrored
         r = metallic[i] * scattered(red[i], shares)
         g = metallic[i] * scattered(green[i], shares)
         b = metallic[i] * scattered(blue[i], shares)
-        share, is_faceted = occlusion[i], microfacet[i] > zero
-        rest = one - metallic[i]
-        shown = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
-        out_red[i] = shown if is_faceted else out_red[i]
-        shown = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
-        out_green[i] = shown if is_faceted else out_green[i]
-        shown = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
-        out_blue[i] = shown if is_faceted else out_blue[i]
+        share, rest = occlusion[i], one - metallic[i]
+        shown_red[i] = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
+        shown_green[i] = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
+        shown_blue[i] = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
 
 
 @disjoint_helper
-def add_facet_light(
-    light, toward_viewer, parts, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
-    red, green, blue, out_red, out_green, out_blue,
+def show_on_facets(shown, microfacet, out):
+    """Write a channel of what is shown of metallic-roughness samples; others stay as they are."""
+    for i in range(out.shape[0]):
+        out[i] = shown[i] if microfacet[i] > np.float32(0.0) else out[i]
+
+
+@disjoint_helper
+def find_facet_angles(
+    parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz
 ):  # fmt: skip
-    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(out_red.shape[0]):
+    """
+    Write how a light falls, and what facets send on of it, instead of its direction.
+
+    In turn: the cosine between normal and light; the highlight of what mirrors all light; Schlick's
+    share of what is mirrored at grazing angles.
+    """
+    zero = np.float32(0.0)
+    for i in range(nx.shape[0]):
         # Find the half vector between light and viewer, and the cosines.
-        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
-        scale = unit_scale(vx, vy, vz)
-        is_told = scale > zero
-        vx, vy, vz = vx * scale, vy * scale, vz * scale
-        hx, hy, hz = lx + vx, ly + vy, lz + vz
+        hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
         scale = unit_scale(hx, hy, hz)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
-        n_l = max(zero, x * lx + y * ly + z * lz) if is_told else zero
-        n_v = max(LEAST_COSINE, x * vx + y * vy + z * vz)
+        n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if told[i] > zero else zero
+        n_v = max(LEAST_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
         n_h = x * hx + y * hy + z * hz
-        v_h = max(zero, vx * hx + vy * hy + vz * hz)
+        v_h = max(zero, vx[i] * hx + vy[i] * hy + vz[i] * hz)
         cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
-        # Find the highlight, and what is left for the light that goes into the surface.
         alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
         squared = alpha * alpha
         shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
         shine *= parts[1] * facets_seen(n_l, n_v, squared)
-        bent = grazing(v_h)
+        lx[i], ly[i], lz[i] = n_l, shine, grazing(v_h)
+
+
+@disjoint_helper
+def add_facet_light(
+    light, parts, facing, shining, grazed, falloff, metallic, microfacet, reached, red, green, blue,
+    out_red, out_green, out_blue,
+):  # fmt: skip
+    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
+    one = np.float32(1.0)
+    for i in range(out_red.shape[0]):
+        shine, bent = shining[i], grazed[i]
+        # What is left goes into the surface.
         diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
         diffuse *= parts[0]
-        # Add both.
-        arriving = microfacet[i] * falloff * n_l * reached[i]
+        arriving = microfacet[i] * falloff[i] * facing[i] * reached[i]
         head_on = mirrored_head_on(red[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
         out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
@@ -217,9 +233,9 @@ def add_facet_light(
 
 
 @helper
-def largest(row):
-    """Return the largest number of a row, at least 0."""
-    most = np.float32(0.0)
+def is_any_above_zero(row):
+    """Return whether any number of a row is above 0."""
+    found = np.int32(0)
     for i in range(row.shape[0]):
-        most = max(most, row[i])
-    return most
+        found |= np.int32(row[i] > np.float32(0.0))
+    return found != 0

@@ -107,16 +107,34 @@ def span_corners(segment, whole):
     return np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
 
 
+@disjoint_helper
+def fill_row(values, value):
+    """Write one number."""
+    for n in range(values.shape[0]):
+        values[n] = value
+
+
+@helper
+def owner_end(block, k):
+    """Return one past the last of the segments from ``k`` on that belong to the same object."""
+    owner = block.segments[k, OWNER]
+    while k < block.counts[SEGMENTS] and block.segments[k, OWNER] == owner:
+        k += 1
+    return k
+
+
 @stage
 def tint_samples(block: Block, count, materials: float32[:, ::1]):
     """Write the base colour of each sample's material."""
-    samples = block.samples
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
-        red, green, blue = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
-            samples[row.RED, n], samples[row.GREEN, n], samples[row.BLUE, n] = red, green, blue
+    samples, k = block.samples, np.int64(0)
+    while k < block.counts[SEGMENTS]:
+        end = owner_end(block, k)
+        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
+        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
+        fill_row(part(samples, row.RED, s, e), materials[owner, 0])
+        fill_row(part(samples, row.GREEN, s, e), materials[owner, 1])
+        fill_row(part(samples, row.BLUE, s, e), materials[owner, 2])
+        k = end
 
 
 @stage
@@ -172,58 +190,57 @@ def weighted(weights, value0, value1, value2):
 
 
 @disjoint_helper
-def multiply_colors(
-    red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third
+def mix_colors(
+    red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third, base
 ):  # fmt: skip
-    """Multiply colours by those of the vertices, interpolated."""
+    """Write a base colour times those of the vertices, interpolated."""
     for n in range(red.shape[0]):
         weights = (0.0, second[n], third[n])
         r = interpolate(weights, np.float64(ra[n]), np.float64(rb[n]), np.float64(rc[n]))
         g = interpolate(weights, np.float64(ga[n]), np.float64(gb[n]), np.float64(gc[n]))
         b = interpolate(weights, np.float64(ba[n]), np.float64(bb[n]), np.float64(bc[n]))
-        red[n] *= np.float32(r)
-        green[n] *= np.float32(g)
-        blue[n] *= np.float32(b)
+        red[n], green[n] = base[0] * np.float32(r), base[1] * np.float32(g)
+        blue[n] = base[2] * np.float32(b)
 
 
 @disjoint_helper
-def multiply_along_span(red, green, blue, second, third, at_a, at_b, at_c):
-    """Multiply the colours of one face by those of its vertices, interpolated."""
+def colors_along_span(red, green, blue, second, third, at_a, at_b, at_c, base):
+    """Write a base colour times those of the vertices of one face, interpolated."""
     for n in range(red.shape[0]):
         weights = (0.0, second[n], third[n])
-        red[n] *= np.float32(interpolate(weights, at_a[0], at_b[0], at_c[0]))
-        green[n] *= np.float32(interpolate(weights, at_a[1], at_b[1], at_c[1]))
-        blue[n] *= np.float32(interpolate(weights, at_a[2], at_b[2], at_c[2]))
-
-
-@helper
-def apply_mixed_colors(samples, weights, rows, s, e):
-    """Multiply base colours by the colours that were gathered."""
-    multiply_colors(
-        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e),
-        part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e), part(rows, 3, s, e),
-        part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e), part(rows, 7, s, e),
-        part(rows, 8, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-    )  # fmt: skip
+        red[n] = base[0] * np.float32(interpolate(weights, at_a[0], at_b[0], at_c[0]))
+        green[n] = base[1] * np.float32(interpolate(weights, at_a[1], at_b[1], at_c[1]))
+        blue[n] = base[2] * np.float32(interpolate(weights, at_a[2], at_b[2], at_c[2]))
 
 
 @stage
-def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
-    """Multiply the base colours by those of the vertices, interpolated."""
+def show_vertex_colors(
+    block: Block, count, vertex_colors: float32[:, ::1], materials: float32[:, ::1]
+):
+    """Write the base colour of each sample's material times those of the vertices, interpolated."""
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
-        s, e = np.int64(segment[START]), np.int64(segment[STOP])
+        s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
+        e = s + whole_vectors(segment[STOP] - s)
+        base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
+        red, green, blue = (
+            part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
+            part(samples, row.BLUE, s, e),
+        )  # fmt: skip
+        second, third = part(weights, 0, s, e), part(weights, 1, s, e)
         if segment[KIND] == MIXED:
             gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
-            apply_mixed_colors(samples, weights, rows, s, e)
+            mix_colors(
+                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
+                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
+                part(rows, 7, s, e), part(rows, 8, s, e), second, third, base,
+            )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
-            multiply_along_span(
-                part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
-                part(samples, row.BLUE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                triple_at(vertex_colors, a), triple_at(vertex_colors, b),
-                triple_at(vertex_colors, c),
+            colors_along_span(
+                red, green, blue, second, third, triple_at(vertex_colors, a),
+                triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
             )  # fmt: skip
 
 
@@ -257,7 +274,7 @@ def color_of(vertex_colors, vertex):
 
 @stage
 def multiply_vertex_colors_in_float32(block: Block, count, vertex_colors: float32[:, ::1]):
-    """Do what `multiply_vertex_colors` does with weights of float32."""
+    """Multiply the base colours by those of the vertices, interpolated with weights of float32."""
     samples, whole, weights, rows = (
         block.samples, block.whole, block.float32_weights, block.single
     )  # fmt: skip
@@ -309,7 +326,7 @@ def show_lit_vertices(
     Three rows of samples from ``first`` on.
     """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
-    one = np.float32(1.0)
+    white = np.float32(1.0), np.float32(1.0), np.float32(1.0)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != GOURAUD:
@@ -322,22 +339,20 @@ def show_lit_vertices(
             part(samples, first + 1, s, e),
             part(samples, first + 2, s, e),
         )
-        for n in range(red.shape[0]):
-            red[n], green[n], blue[n] = one, one, one
         if segment[KIND] == MIXED:
-            multiply_colors(
+            mix_colors(
                 red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
                 part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
                 part(rows, 7, s, e), part(rows, 8, s, e), part(weights, 0, s, e),
-                part(weights, 1, s, e),
+                part(weights, 1, s, e), white,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             side = np.uintp(whole[BEHIND, s])
-            multiply_along_span(
+            colors_along_span(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
                 triple_at(lit_vertices[a], side), triple_at(lit_vertices[b], side),
-                triple_at(lit_vertices[c], side),
+                triple_at(lit_vertices[c], side), white,
             )  # fmt: skip
 
 
@@ -348,38 +363,34 @@ def find_reflectance(block: Block, count, materials: float32[:, ::1]):
 
     Set ``SHADOW`` and ``OCCLUSION`` to 1; later stages lower them.
     """
-    samples, one = block.samples, np.float32(1.0)
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
-        specular, shininess = (
-            materials[owner, MATERIAL_SPECULAR],
-            materials[owner, MATERIAL_SHININESS],
-        )
+    samples, k = block.samples, np.int64(0)
+    while k < block.counts[SEGMENTS]:
+        end = owner_end(block, k)
+        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
+        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
         model = np.int64(materials[owner, MATERIAL_MODEL])
-        share = np.float32(1.0 if model in (FLAT, PHONG) else 0.0)
-        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
-            samples[row.SPECULAR, n] = specular
-            samples[row.SHININESS, n] = shininess
-            samples[row.LIT, n] = share
-            samples[row.OCCLUSION, n] = one
-            samples[row.SHADOW, n] = one
+        fill_row(part(samples, row.SPECULAR, s, e), materials[owner, MATERIAL_SPECULAR])
+        fill_row(part(samples, row.SHININESS, s, e), materials[owner, MATERIAL_SHININESS])
+        fill_row(part(samples, row.LIT, s, e), np.float32(1.0 if model in (FLAT, PHONG) else 0.0))
+        k = end
+    whole = whole_vectors(count)
+    fill_row(part(samples, row.OCCLUSION, 0, whole), np.float32(1.0))
+    fill_row(part(samples, row.SHADOW, 0, whole), np.float32(1.0))
 
 
 @stage
 def find_facets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
     """Write metallic and roughness, and 1 where an object is shaded by microfacets, else 0."""
-    samples = block.samples
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
+    samples, k = block.samples, np.int64(0)
+    while k < block.counts[SEGMENTS]:
+        end = owner_end(block, k)
+        s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
+        e = s + whole_vectors(block.segments[end - 1, STOP] - s)
         is_faceted = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
-        share = np.float32(1.0 if is_faceted else 0.0)
-        metallic, roughness = factors[owner, 0], factors[owner, 1]
-        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
-            samples[row.METALLIC, n] = metallic
-            samples[row.ROUGHNESS, n] = roughness
-            samples[row.MICROFACET, n] = share
+        fill_row(part(samples, row.METALLIC, s, e), factors[owner, 0])
+        fill_row(part(samples, row.ROUGHNESS, s, e), factors[owner, 1])
+        fill_row(part(samples, row.MICROFACET, s, e), np.float32(1.0 if is_faceted else 0.0))
+        k = end
 
 
 @stage
@@ -426,13 +437,18 @@ def find_smooth_normals(
     block: Block, count, normals: float32[:, ::1], normal_matrices: float64[:, :, :],
     materials: float32[:, ::1],
 ):  # fmt: skip
-    """Write the interpolated vertex normals of objects that are smooth, world axes, any length."""
+    """
+    Write the interpolated vertex normals of objects that are smooth, world axes, any length.
+
+    Before `find_face_normals`: it writes something on others, too.
+    """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         if not is_smooth(segment[OWNER], materials):
             continue
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.uintp(segment[OWNER])
+        s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
+        e = s + whole_vectors(segment[STOP] - s)
         turn = matrix_of(normal_matrices, owner)
         if segment[KIND] == MIXED:
             gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, whole, rows)
@@ -478,7 +494,8 @@ def find_face_normals(
     """
     Write the faces' own normals, world axes.
 
-    After `gather_positions`. If ``leaves_smooth`` is not 0, skip objects with smooth normals.
+    After `gather_positions`. If ``leaves_smooth`` is not 0, skip objects with smooth normals, which
+    `find_smooth_normals` has written.
     """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -562,10 +579,10 @@ def find_points(block: Block, count, placement: Placement):
     p, matrices = placement.positions, placement.relative_from_model
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
-        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        s, owner = np.int64(segment[START]), np.int64(segment[OWNER])
+        e = s + whole_vectors(segment[STOP] - s)
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
-            e = s + whole_vectors(e - s)
             mix_points(
                 part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
                 part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),

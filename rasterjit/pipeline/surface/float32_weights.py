@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import sample_weights
-from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, whole_size
+from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -45,7 +45,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.pipeline.surface.weights import span_start
+from rasterjit.pipeline.surface.weights import WIDE, may_be_wide, span_start
 from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
@@ -64,9 +64,6 @@ Sums of weights between these are accurate.
 A ratio below the normal range is off by at most 2**-150, times an edge of at most 2**54: nothing
 beside 2**-64.
 """
-
-WIDE = 1 << 26
-"""Ways across a face of less have products that float64 holds exactly, sub-pixel units."""
 
 RATIO_B, RATIO_C = 0, 1
 EDGE_A, EDGE_B, EDGE_C = 2, 3, 4
@@ -237,13 +234,6 @@ def weigh_unsure(segment, block, geometry):
                 column, row = segment[COLUMN_OF] + np.int64(n) - start, np.int64(segment[ROW_OF])
             own = weights_at(a, b, c, column, row, geometry)
             weights[0, n], weights[1, n], weights[2, n] = own
-
-
-@helper
-def may_be_wide(viewport):
-    """Return whether any face within the guard band may be wide."""
-    width, height = whole_size(viewport)
-    return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE
 
 
 @stage

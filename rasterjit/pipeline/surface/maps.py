@@ -22,7 +22,7 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import LANES, part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -42,69 +42,59 @@ def is_mirrored(a, b, c, uv):
     return across < back
 
 
-@helper
-def tangent_at(second, third, a, b, c, group, tangents, matrix):
-    """Return the interpolated tangent in world axes, any length."""
-    weights = (0.0, second, third)
-    x = blend(weights, np.float64(tangents[a, group, 0]), np.float64(tangents[b, group, 0]),
-              np.float64(tangents[c, group, 0]))  # fmt: skip
-    y = blend(weights, np.float64(tangents[a, group, 1]), np.float64(tangents[b, group, 1]),
-              np.float64(tangents[c, group, 1]))  # fmt: skip
-    z = blend(weights, np.float64(tangents[a, group, 2]), np.float64(tangents[b, group, 2]),
-              np.float64(tangents[c, group, 2]))  # fmt: skip
+@disjoint_helper
+def bend_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, handed, second, third, behind, right, up, out,
+    scale, matrix,
+):  # fmt: skip
+    """
+    Write normals bent by what a map shows, world axes, any length, and 1 where there is one, or 0.
+
+    Takes the shading normals and the tangents of the vertices, none of them normalized. Writes the
+    normals in place of the first vertex's tangents, and whether there is one in place of x of the
+    second's: not where there is no direction to bend to, or the map shows the shading normal.
+    """
     m = matrix
-    return (
-        m[0] * x + m[1] * y + m[2] * z,
-        m[3] * x + m[4] * y + m[5] * z,
-        m[6] * x + m[7] * y + m[8] * z,
-    )
+    for n in range(nx.shape[0]):
+        along = scale * (np.float64(right[n]) - 0.5)
+        aside = scale * (np.float64(up[n]) - 0.5)
+        ahead = 2.0 * np.float64(out[n]) - 1.0
+        is_flat = (along == 0.0) & (aside == 0.0)
+        # A back shows the same surface: its normal, which is the other way round there.
+        along = (1.0 - 2.0 * np.float64(behind[n])) * along
+        aside = handed[n] * aside
+        # Interpolate the tangent.
+        weights = (0.0, second[n], third[n])
+        x = blend(weights, np.float64(xa[n]), np.float64(xb[n]), np.float64(xc[n]))
+        y = blend(weights, np.float64(ya[n]), np.float64(yb[n]), np.float64(yc[n]))
+        z = blend(weights, np.float64(za[n]), np.float64(zb[n]), np.float64(zc[n]))
+        tx = m[0] * x + m[1] * y + m[2] * z
+        ty = m[3] * x + m[4] * y + m[5] * z
+        tz = m[6] * x + m[7] * y + m[8] * z
+        # Make it perpendicular to the normal.
+        ux, uy, uz = np.float64(nx[n]), np.float64(ny[n]), np.float64(nz[n])
+        length = np.sqrt(ux * ux + uy * uy + uz * uz)
+        ux, uy, uz = ux / length, uy / length, uz / length
+        full = tx * tx + ty * ty + tz * tz
+        share = tx * ux + ty * uy + tz * uz
+        tx, ty, tz = tx - share * ux, ty - share * uy, tz - share * uz
+        left = tx * tx + ty * ty + tz * tz
+        is_told = (length > 0.0) & (LEAST_TANGENT * full < left) & (left < np.inf)
+        length = np.sqrt(left)
+        tx, ty, tz = tx / length, ty / length, tz / length
+        bx = along * tx + aside * (uy * tz - uz * ty) + ahead * ux
+        by = along * ty + aside * (uz * tx - ux * tz) + ahead * uy
+        bz = along * tz + aside * (ux * ty - uy * tx) + ahead * uz
+        is_told &= (bx * bx + by * by + bz * bz > 0.0) & (not is_flat)
+        xa[n], ya[n], za[n] = np.float32(bx), np.float32(by), np.float32(bz)
+        xb[n] = np.float32(1.0 if is_told else 0.0)
 
 
-@helper
-def bent_normal(normal, tangent, along, aside, ahead):
-    """
-    Return the normal that has these parts in tangent space, world axes, any length.
-
-    Takes the shading normal and the tangent, neither of them normalized; without a direction to
-    bend to, the shading normal is returned as it is.
-    """
-    nx, ny, nz = normal
-    length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    if not length > 0.0:
-        return normal
-    ux, uy, uz = nx / length, ny / length, nz / length
-    tx, ty, tz = tangent
-    full = tx * tx + ty * ty + tz * tz
-    share = tx * ux + ty * uy + tz * uz
-    tx, ty, tz = tx - share * ux, ty - share * uy, tz - share * uz
-    left = tx * tx + ty * ty + tz * tz
-    if not LEAST_TANGENT * full < left < np.inf:
-        return normal
-    length = np.sqrt(left)
-    tx, ty, tz = tx / length, ty / length, tz / length
-    bent = (
-        along * tx + aside * (uy * tz - uz * ty) + ahead * ux,
-        along * ty + aside * (uz * tx - ux * tz) + ahead * uy,
-        along * tz + aside * (ux * ty - uy * tx) + ahead * uz,
-    )
-    if bent[0] * bent[0] + bent[1] * bent[1] + bent[2] * bent[2] > 0.0:
-        return bent
-    return normal
-
-
-@helper
-def put_bent_normal(samples, n, tangent, along, aside, side, handed, shown):
-    """Bend the normal of a sample by what its texture shows, the first two parts of it scaled."""
-    normal = (
-        np.float64(samples[rows.NORMAL_X, n]), np.float64(samples[rows.NORMAL_Y, n]),
-        np.float64(samples[rows.NORMAL_Z, n]),
-    )  # fmt: skip
-    # A back shows the same surface: its normal, which is the other way round there.
-    ahead = 2.0 * np.float64(shown[texture_lookup.SHOWN + 2, n]) - 1.0
-    bent = bent_normal(normal, tangent, side * along, handed * aside, ahead)
-    samples[rows.NORMAL_X, n] = np.float32(bent[0])
-    samples[rows.NORMAL_Y, n] = np.float32(bent[1])
-    samples[rows.NORMAL_Z, n] = np.float32(bent[2])
+@disjoint_helper
+def take_bent(bent, is_told, normal):
+    """Write one part of the bent normals where there are any."""
+    for n in range(normal.shape[0]):
+        normal[n] = bent[n] if is_told[n] > np.float32(0.0) else normal[n]
 
 
 @helper
@@ -146,24 +136,45 @@ def add_emission(
 
 
 @helper
-def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
-    """Bend the normals of a segment by what a normal map shows."""
-    samples, weights, shown, whole = block.samples, block.weights, block.colors, block.whole
+def gather_tangents(segment, block, uv, tangents, mirrored):
+    """Gather the tangents of the vertices of a segment's faces, and which way the third axis is."""
+    whole, rows_of, handed = block.whole, block.single, block.real[0]
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = (
             np.uintp(whole[rows.A, r]), np.uintp(whole[rows.B, r]), np.uintp(whole[rows.C, r])
         )  # fmt: skip
         group = np.int64(1 if is_mirrored(a, b, c, uv) else 0)
-        handed = np.float64(tangents[a, group, 3]) * mirrored
-        first, end = whole[rows.FIRST, r], whole[rows.FIRST, r + np.uintp(1)]
-        for n in range(np.uintp(first), np.uintp(end)):
-            along = scale * (np.float64(shown[texture_lookup.SHOWN, n]) - 0.5)
-            aside = scale * (np.float64(shown[texture_lookup.SHOWN + 1, n]) - 0.5)
-            if along == 0.0 and aside == 0.0:
-                continue
-            side = 1.0 - 2.0 * np.float64(whole[rows.BEHIND, n])
-            tangent = tangent_at(weights[0, n], weights[1, n], a, b, c, group, tangents, matrix)
-            put_bent_normal(samples, n, tangent, along, aside, side, handed, shown)
+        way = np.float64(tangents[a, group, 3]) * mirrored
+        first, end = np.int64(whole[rows.FIRST, r]), np.int64(whole[rows.FIRST, r + np.uintp(1)])
+        for n in range(first, end, LANES):
+            start = np.uintp(n)
+            spread(handed, start, way)
+            for k in range(3):
+                spread(rows_of[k], start, tangents[a, group, k])
+                spread(rows_of[3 + k], start, tangents[b, group, k])
+                spread(rows_of[6 + k], start, tangents[c, group, k])
+
+
+@helper
+def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
+    """Bend the normals of a segment by what a normal map shows."""
+    gather_tangents(segment, block, uv, tangents, mirrored)
+    s, r, w, shown = block.samples, block.single, block.weights, block.colors
+    a, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
+    nx, ny, nz = (
+        part(s, rows.NORMAL_X, a, e), part(s, rows.NORMAL_Y, a, e), part(s, rows.NORMAL_Z, a, e)
+    )  # fmt: skip
+    bx, by, bz, told = part(r, 0, a, e), part(r, 1, a, e), part(r, 2, a, e), part(r, 3, a, e)
+    bend_normals(
+        nx, ny, nz, bx, by, bz, told, part(r, 4, a, e), part(r, 5, a, e), part(r, 6, a, e),
+        part(r, 7, a, e), part(r, 8, a, e), part(block.real, 0, a, e), part(w, 0, a, e),
+        part(w, 1, a, e), part(block.whole, rows.BEHIND, a, e),
+        part(shown, texture_lookup.SHOWN, a, e), part(shown, texture_lookup.SHOWN + 1, a, e),
+        part(shown, texture_lookup.SHOWN + 2, a, e), scale, matrix,
+    )  # fmt: skip
+    take_bent(bx, told, nx)
+    take_bent(by, told, ny)
+    take_bent(bz, told, nz)
 
 
 @stage

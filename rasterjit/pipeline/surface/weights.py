@@ -12,7 +12,7 @@ from rasterjit.pipeline.geometry.barycentric import (
     normalized,
     sample_weights,
 )
-from rasterjit.pipeline.geometry.setup import CLIPPED, edge, narrow_edge
+from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -44,6 +44,16 @@ from rasterjit.pipeline.surface.samples import (
 )
 from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
+
+WIDE = 1 << 26
+"""Ways across a face of less have products that float64 holds exactly, sub-pixel units."""
+
+
+@helper
+def may_be_wide(viewport):
+    """Return whether any face within the guard band may be wide."""
+    width, height = whole_size(viewport)
+    return (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits >= WIDE
 
 
 @disjoint_helper
@@ -85,6 +95,60 @@ def weigh(
 
 
 @helper
+def edges_inside(ax, ay, bx, by, cx, cy, px, py):
+    """Return the edge functions of a face that is not wide at a point, in float64: exact."""
+    x0, y0 = np.float64(np.int32(ax - px)), np.float64(np.int32(ay - py))
+    x1, y1 = np.float64(np.int32(bx - px)), np.float64(np.int32(by - py))
+    x2, y2 = np.float64(np.int32(cx - px)), np.float64(np.int32(cy - py))
+    return x1 * y2 - y1 * x2, x2 * y0 - y2 * x0, x0 * y1 - y0 * x1
+
+
+@disjoint_helper
+def weigh_affine(
+    ax, ay, bx, by, cx, cy, columns, rows, bits, front_turn, behind, second, third
+):  # fmt: skip
+    """Do what `weigh` does of affine weights where samples lie on faces that are not wide."""
+    half = np.int32(np.int32(1) << np.int32(bits - 1))
+    for n in range(ax.shape[0]):
+        px = np.int32(np.int32(columns[n] << bits) + half)
+        py = np.int32(np.int32(rows[n] << bits) + half)
+        k0, k1, k2 = edges_inside(ax[n], ay[n], bx[n], by[n], cx[n], cy[n], px, py)
+        whole = k0 + k1 + k2
+        over = 1.0 / whole
+        behind[n] = np.int32(whole * front_turn < 0.0)
+        second[n], third[n] = k1 * over, k2 * over
+
+
+@disjoint_helper
+def weigh_inside(
+    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, bits, front_turn, unsure, behind, second,
+    third,
+):  # fmt: skip
+    """Do what `weigh` does of the others where samples lie on faces that are not wide."""
+    half = np.int32(np.int32(1) << np.int32(bits - 1))
+    for n in range(ax.shape[0]):
+        px = np.int32(np.int32(columns[n] << bits) + half)
+        py = np.int32(np.int32(rows[n] << bits) + half)
+        k0, k1, k2 = edges_inside(ax[n], ay[n], bx[n], by[n], cx[n], cy[n], px, py)
+        w0, w1, w2 = wa[n], wb[n], wc[n]
+        smallest = min(w0, min(w1, w2))
+        w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)
+        total = w0 + w1 + w2
+        behind[n] = np.int32((k0 + k1 + k2) * front_turn < 0.0)
+        second[n], third[n] = w1 / total, w2 / total
+        unsure[n] |= np.int32(not abs(total) > UNDERFLOW)
+
+
+@helper
+def any_unsure(unsure, count):
+    """Return not 0 if any of the first samples is unsure."""
+    found = np.int32(0)
+    for n in range(unsure.shape[0]):
+        found |= unsure[n] if np.int32(n) < count else np.int32(0)
+    return found
+
+
+@helper
 def gather_screen(first, end, xy, codes, w, whole, real):
     """Gather where vertices of patches lie on the screen, what was clipped, and w; 1 without."""
     is_affine = w.shape[0] == 0
@@ -100,12 +164,38 @@ def gather_screen(first, end, xy, codes, w, whole, real):
 
 
 @helper
-def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, front_turn):
-    """Write what `weigh` does of the samples of a mixed segment; return if any is unsure."""
+def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, front_turn):
+    """
+    Write what `weigh` does of the samples of a mixed segment; return if any is unsure.
+
+    ``is_narrow``: samples lie on their faces, none of which is wide.
+    """
     s = np.int64(segment[START])
     count = segment[STOP] - s
     e = s + whole_vectors(count)
     gather_screen(segment[FIRST_PATCH], segment[END_PATCH], xy, codes, w, whole, real)
+    if is_narrow:
+        ax, ay, bx, by, cx, cy, columns, rows = (
+            part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e),
+            part(whole, BY, s, e), part(whole, CX, s, e), part(whole, CY, s, e),
+            part(whole, COLUMN, s, e), part(whole, ROW, s, e),
+        )  # fmt: skip
+        unsure, behind, second, third = (
+            part(whole, UNSURE, s, e), part(whole, BEHIND, s, e), part(weights, 0, s, e),
+            part(weights, 1, s, e),
+        )  # fmt: skip
+        narrow = np.int32(bits)
+        if w.shape[0] == 0:
+            weigh_affine(
+                ax, ay, bx, by, cx, cy, columns, rows, narrow, front_turn, behind, second, third
+            )
+        else:
+            weigh_inside(
+                ax, ay, bx, by, cx, cy, part(real, 0, s, e), part(real, 1, s, e),
+                part(real, 2, s, e), columns, rows, narrow, front_turn, unsure, behind, second,
+                third,
+            )  # fmt: skip
+        return any_unsure(unsure, np.int32(count))
     half = np.int32(1) << (bits - 1)
     return weigh(
         part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
@@ -138,41 +228,62 @@ def span_start(a, b, c, column, row, bits, xy, w):
     return edges, right, down, (smallest / w[a], smallest / w[b], smallest / w[c])
 
 
+@helper
+def are_exact(edges, steps, count):
+    """Return whether float64 holds edge functions along a row, and what they gain."""
+    last, limit = np.int64(count - 1), np.int64(1 << 52)
+    e0, e1, e2 = edges
+    ends = abs(e0 + last * steps[0]) | abs(e1 + last * steps[1]) | abs(e2 + last * steps[2])
+    return (abs(e0) | abs(e1) | abs(e2) | ends) < limit
+
+
 @disjoint_helper
-def weigh_along_row(second, third, behind, row_start, is_affine, front_turn):
-    """Write weights, and which side is seen, along a row of one face; return if any is doubtful."""
-    (e0, e1, e2), steps, _, ratios = row_start
-    whole, doubtful = np.float64(e0 + e1 + e2), np.int64(0)
-    over, is_behind = 1.0 / whole, np.int32(whole * front_turn < 0.0)
+def weigh_affine_row(second, third, edges, steps):
+    """Write affine weights along a row."""
+    over = 1.0 / (edges[0] + edges[1] + edges[2])
     for n in range(second.shape[0]):
-        k0, k1, k2 = np.float64(e0), np.float64(e1), np.float64(e2)
-        if is_affine:
-            second[n], third[n] = k1 * over, k2 * over
-        else:
-            w0, w1, w2 = k0 * ratios[0], k1 * ratios[1], k2 * ratios[2]
-            total = w0 + w1 + w2
-            second[n], third[n] = w1 / total, w2 / total
-            doubtful |= np.int64(not abs(total) > UNDERFLOW)
+        # Exact, as far as samples go.
+        way = np.float64(np.int32(n))
+        second[n], third[n] = (edges[1] + way * steps[1]) * over, (edges[2] + way * steps[2]) * over
+
+
+@disjoint_helper
+def weigh_along_row(second, third, count, edges, steps, ratios):
+    """Write weights along a row; return if any of them is doubtful."""
+    found = np.int32(0)
+    for n in range(second.shape[0]):
+        way = np.float64(np.int32(n))
+        w0 = (edges[0] + way * steps[0]) * ratios[0]
+        w1 = (edges[1] + way * steps[1]) * ratios[1]
+        w2 = (edges[2] + way * steps[2]) * ratios[2]
+        total = w0 + w1 + w2
+        second[n], third[n] = w1 / total, w2 / total
+        found |= np.int32((not abs(total) > UNDERFLOW) & (np.int32(n) < count))
+    return found
+
+
+@disjoint_helper
+def note_side(behind, is_behind):
+    """Write which side of a face is seen."""
+    for n in range(behind.shape[0]):
         behind[n] = is_behind
-        e0 += steps[0]
-        e1 += steps[1]
-        e2 += steps[2]
-    return np.int32(doubtful)
 
 
 @helper
-def doubt_span(s, e, column, row, row_start, doubtful, whole):
+def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
     """
     Note which samples of a span are unsure: all if one is, else those beside the face.
 
-    Notes their pixels, too. Returns whether any is unsure.
+    Notes their pixels, too, and which side is seen. Returns whether any is unsure.
     """
     (e0, e1, e2), steps, _, _ = row_start
+    is_behind = np.int32(np.float64(e0 + e1 + e2) * front_turn < 0.0)
     side, found = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
     for n in range(np.uintp(s), np.uintp(e)):
         is_beside = min(side * e0, min(side * e1, side * e2)) < 0
         unsure = doubtful | np.int32(is_beside)
         whole[COLUMN, n], whole[ROW, n], whole[UNSURE, n] = column, row, unsure
+        whole[BEHIND, n] = is_behind
         found |= unsure
         column += 1
         e0 += steps[0]
@@ -188,15 +299,23 @@ def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
     a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
     column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
     row_start = span_start(a, b, c, column, row, bits, xy, w)
+    edges, steps, _, ratios = row_start
     doubtful = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
+    doubtful |= np.int32(not are_exact(edges, steps, e - s))
     if doubtful == 0:
-        doubtful = weigh_along_row(
-            part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), row_start,
-            w.shape[0] == 0, front_turn,
-        )  # fmt: skip
+        stop = s + whole_vectors(e - s)
+        second, third = part(weights, 0, s, stop), part(weights, 1, s, stop)
+        first = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
+        gains = np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])
+        if w.shape[0] == 0:
+            weigh_affine_row(second, third, first, gains)
+        else:
+            doubtful = weigh_along_row(second, third, np.int32(e - s), first, gains, ratios)
+        area = np.float64(edges[0] + edges[1] + edges[2])
+        note_side(part(whole, BEHIND, s, stop), np.int32(area * front_turn < 0.0))
     if doubtful == 0 and reach == 0:
         return doubtful
-    return doubt_span(s, e, column, row, row_start, doubtful, whole)
+    return doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole)
 
 
 @disjoint_helper
@@ -247,12 +366,15 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     whole, real, weights = block.whole, block.real, block.weights
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
+    is_narrow = reach == 0 and not may_be_wide(geometry.viewport)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         turn = placement.front_turns[np.int64(segment[OWNER])]
         if segment[KIND] == SPAN:
             unsure = weigh_span(segment, whole, weights, xy, codes, w, bits, reach, turn)
         else:
-            unsure = weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, turn)
+            unsure = weigh_mixed(
+                segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, turn
+            )
         if unsure != 0:
             weigh_unsure(segment, whole, weights, geometry, placement)
