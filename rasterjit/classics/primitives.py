@@ -30,7 +30,7 @@ Places that lie less than ``TIE`` below a tie between two pixels are rounded up 
 rounding errors, all of them smaller, do not matter.
 
 From one column to the next a path moves by a pixel or by a diagonal, also where chords of one
-heading meet. At a *turn*, where the axis or the direction changes, the pixel in which the chords
+heading meet. At a *turn*, where the axis or a direction changes, the pixel in which the chords
 meet is a neighbour of the ones before and after it, or one of them. It is drawn if these two do not
 touch, if the curve goes back there, or if the place where the chords meet is further than ``FAR``
 from both. It is the same with the pixels of the two end points, which are always drawn.
@@ -539,6 +539,8 @@ def draw_bezier(target: uint32[:, ::1], points: float64[:, ::1], colors: uint8[:
             major0, major1, minor0, slope = y0, y1, x0, dx / dy
             sign, heading = (1, 3) if dy > 0.0 else (-1, 4)
         along_x = heading <= 2
+        if (dy if along_x else dx) < -TIE:
+            heading += 4
         slope = min(max(slope, -1.0), 1.0)
         # Between chords of two headings is a turn; keep one place there until it is passed
         is_new = heading != old_heading and old_heading != 0

@@ -357,6 +357,14 @@ SPECIAL = [
 ]
 """Curves of one place, curves that come back, and curves that are very long."""
 
+SMALL = [
+    [(4.98990162446429, 2.517265873430474), (3.8303341258837627, 1.0801302570774476),
+     (4.132596239536611, 4.044357923962259), (1.7156854295023045, 5.132182610719001)],
+    [(1.9946236598702376, 1.4231327580997872), (1.173376374587358, 2.48812011165619),
+     (1.3297059486072322, 1.01080515565073)],
+]  # fmt: skip
+"""Curves that turn between two columns or rows, with places a pixel from those around."""
+
 RAMP = ((0, 255, 9, 255), (255, 3, 250, 0))
 
 SEEN = math.sqrt(0.5) + 2 * primitives.TIE
@@ -456,7 +464,7 @@ def test_many_curves_are_the_exact_paths():
 
 def test_every_pixel_is_near_the_curve_and_the_curve_near_pixels():
     furthest = 0.0
-    for points in random_curves(8, 2000 if JIT else 30):
+    for points in [*map(np.array, SMALL), *random_curves(8, 2000 if JIT else 30)]:
         size = size_around(points)
         image = bezier(points, size).any(axis=2)
         pixels = np.argwhere(image)[:, ::-1]

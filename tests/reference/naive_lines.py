@@ -140,7 +140,7 @@ class BezierPath:
         (t, place), (t_end, place_end) = start, end
         change = tuple(b - a for a, b in zip(place, place_end, strict=True))
         axis = int(abs(change[0]) < abs(change[1]) * Fraction(primitives.DIAGONAL))
-        heading = axis, change[axis] > 0
+        heading = axis, change[axis] > 0, change[1 - axis] < -primitives.TIE
         if self.chord:
             product = sum(a * b for a, b in zip(change, self.chord[1], strict=True))
             self.pass_joint(t, place, self.chord[0] != heading, product < 0)
