@@ -100,11 +100,12 @@ def _element(context: Any, builder: Any, kind: Any, rows: Any, row: int, n: Any)
 
 
 def _texel_at(context: Any, builder: Any, kind: Any, array: Any, first: Any, number: Any) -> Any:
-    """Return a pointer to the channels of a texel, counted from a first one."""
-    place = builder.add(first, builder.sext(number, first.type))
+    """Return a pointer to the channels of a texel, given in `HALVES` from a first one."""
     data = field(context, builder, kind, array, "data")
-    data = builder.gep(data, [builder.mul(place, place.type(CHANNELS))])
-    return builder.bitcast(data, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
+    data = builder.gep(data, [builder.mul(first, first.type(CHANNELS))])
+    halves = builder.bitcast(data, ir.IntType(64).as_pointer())
+    place = builder.gep(halves, [builder.sext(number, first.type)])
+    return builder.bitcast(place, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
 
 
 def _texel(context: Any, builder: Any, *own: Any) -> Any:
@@ -161,7 +162,7 @@ def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 def copy_texels(
     typing_context: Any, texels: Any, first: Any, numbers: Any, colors: Any, n: Any
 ) -> Any:
-    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
+    """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, base, row, target, start = arguments

@@ -8,7 +8,7 @@ from fractions import Fraction
 import naive_textures as naive
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from naive_textures import (
     DETAIL_ERROR,
@@ -269,6 +269,19 @@ def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
         texels, shares = naive.texels_around(level, u, v, wraps, offset)
         assert all(first <= n < first + width * height for n in texels)
         assert all(0.0 <= share < 1.0 for share in shares)
+
+
+@settings(max_examples=300)
+@given(u=ANY_FLOAT, v=ANY_FLOAT, size=st.tuples(ANY_SIZE, ANY_SIZE))
+@example(u=-(2.0**-60), v=1.0 - 2.0**-53, size=(3, 5))
+@example(u=0.0, v=-0.0, size=(1, 1))
+@example(u=math.inf, v=math.nan, size=(7, 2))
+def test_a_repeated_texture_of_one_level_is_read_as_any_other(u, v, size):
+    level = (1000, *size)
+    repeat = WRAPS["repeat"]
+    assert naive.repeated_around(level, u, v) == naive.texels_around(
+        level, u, v, (repeat, repeat), 0.5
+    )
 
 
 @settings(max_examples=300)
