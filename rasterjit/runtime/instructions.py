@@ -267,8 +267,9 @@ def place_run(
 ) -> Any:  # fmt: skip
     """Write the texture coordinates of neighbouring samples of one face, in float64."""
 
-    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
-        count = arguments[2]
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # Half a vector for a few samples would cost a wrong guess now and then.
+        lanes, count = LANES, arguments[2]
         edge, step, factor, start, way = (
             [_all(builder, value, lanes) for value in _elements(builder, row, kind.count)]
             for row, kind in zip(arguments[3:], signature.args[3:], strict=True)
@@ -299,14 +300,6 @@ def place_run(
         groups = builder.add(count, count.type(lanes - 1))
         groups = builder.lshr(groups, count.type(lanes.bit_length() - 1))
         _repeat(builder, groups, [_numbers(ir.DoubleType(), lanes)], draw_group)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        half = arguments[2].type(LANES // 2)
-        with builder.if_else(builder.icmp_signed("<=", arguments[2], half)) as (narrow, wide):
-            with narrow:
-                draw(context, builder, signature, arguments, LANES // 2)
-            with wide:
-                draw(context, builder, signature, arguments, LANES)
         return context.get_dummy_value()
 
     three, two, four = (types.UniTuple(types.float64, size) for size in (3, 2, 4))
