@@ -135,13 +135,9 @@ def _put_channels(
 
 
 def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
-    """
-    Ask for the texels to the left of samples `AHEAD`, whose neighbours mostly share their line.
-
-    A texture is larger than the caches near the core: without it, samples wait for most texels.
-    """
+    """Ask for the texels left of samples `AHEAD`, whose neighbours mostly share their line."""
     texels, _, corners = signature.args[:3]
-    array, base, places, _, _, start = arguments
+    array, base, places, _, _, _, start = arguments
     rows = [builder.extract_value(places, row) for row in (0, 2)]
     length = words(context, builder, corners[0], rows[0], "shape")[0]
     last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
@@ -177,13 +173,15 @@ def copy_texels(
 
 @intrinsic
 def mix_texels(
-    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any
-) -> Any:
+    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, is_far: Any,
+    colors: Any, n: Any,
+) -> Any:  # fmt: skip
     """Mix texels for ``CHANNELS`` neighbouring samples."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, base, places, weights, target, start = arguments
-        _fetch_ahead(context, builder, signature, arguments)
+        array, base, places, weights, is_far, target, start = arguments
+        with builder.if_then(context.is_true(builder, types.boolean, is_far)):
+            _fetch_ahead(context, builder, signature, arguments)
         found = []
         for k in range(CHANNELS):
             at = builder.add(start, start.type(k))
@@ -200,7 +198,8 @@ def mix_texels(
             found.append(_mix(builder, lower, upper, upward))
         return _put_channels(context, builder, colors, target, start, found)
 
-    return types.void(texels, types.int64, corners, shares, colors, types.int64), generate
+    given = texels, types.int64, corners, shares, types.boolean, colors, types.int64
+    return types.void(*given), generate
 
 
 # Rows of samples

@@ -53,7 +53,9 @@ def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> N
 
 
 @intrinsic
-def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any) -> None:
+def mix_texels(
+    texels: Any, first: Any, corners: Any, shares: Any, is_far: Any, colors: Any, n: Any
+) -> None:
     """
     Mix texels for ``CHANNELS`` neighbouring samples.
 
@@ -66,6 +68,9 @@ def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, 
         For each sample the texels around it, in `HALVES`, lower left first, upper right last.
     shares : tuple of two rows of float32
         Those of the texels to the right, and of those above.
+    is_far : bool
+        Whether texels of samples further on are asked for, since the caches near the core hold
+        only some of them.
     colors : tuple of four rows of float32
         Written, channel by channel, from place ``n`` on.
     """

@@ -80,6 +80,10 @@ SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
 COLOR_ROWS = 3 * CHANNELS
 
 
+NEAR_TEXELS = 1 << 15
+"""Pictures of so many texels, 512 KiB, stay in the caches near the core."""
+
+
 @helper
 def axis_rule(wrap):
     """
@@ -377,9 +381,11 @@ def read_level(is_smooth, own, textures, corners, shares, target):
     """Write what texels around places show."""
     size, base = corners[0].shape[0], textures.levels[own[0], FIRST_TEXEL]
     along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
+    _, width, height = texturing.level_at(textures.levels, own[0])
+    is_far = width * height > NEAR_TEXELS
     for n in range(0, size, CHANNELS):
         if is_smooth:
-            mix_texels(textures.texels, base, corners, (along, upward), target, n)
+            mix_texels(textures.texels, base, corners, (along, upward), is_far, target, n)
         else:
             copy_texels(textures.texels, base, corners[0], target, n)
 
