@@ -35,7 +35,7 @@ from rasterjit.pipeline.surface.textures import (
     WRAP_U,
     WRAP_V,
 )
-from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part
+from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -79,6 +79,8 @@ SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
 """Four rows of colours each: what the texture shows, linear RGBA; a coarser level; one tap."""
 COLOR_ROWS = 3 * CHANNELS
 
+EVEN_RUN = 16
+"""Neighbours of one level, on average, from which on they are read level by level."""
 
 NEAR_TEXELS = 1 << 15
 """Pictures of so many texels, 512 KiB, stay in the caches near the core."""
@@ -226,14 +228,13 @@ def differences(values, count):
     return found
 
 
-@helper
-def common_level(count, level, is_mipped, numbers):
-    """Return the level that all samples read first: ``level`` of a texture without; -1 for none."""
-    if not is_mipped:
-        return np.int64(level)
-    if differences(numbers[LEVEL], count) == 0:
-        return np.int64(numbers[LEVEL, 0])
-    return np.int64(-1)
+@disjoint_helper
+def runs_of(values):
+    """Return how many runs of equal values there are."""
+    found = np.int32(1)
+    for n in range(values.shape[0] - 1):
+        found += np.int32(values[n] != values[n + 1])
+    return found
 
 
 @helper
@@ -347,24 +348,39 @@ def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
 
 
 @helper
-def find_texels(u, v, level, up, is_smooth, wraps, own, levels, numbers, shares, corners):
+def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, shares, corners):
     """Write which texels of its level lie around each place, and their shares."""
     size, base = u.shape[0], levels[own[0], FIRST_TEXEL]
+    details, start, level = part(numbers, LEVEL, 0, size), np.int64(0), own[0]
+    is_quick = is_smooth and wraps[0] == REPEAT and wraps[1] == REPEAT
+    if is_quick and (not is_mipped or runs_of(details) * EVEN_RUN <= size):
+        while start < size:
+            end = size
+            if is_mipped:
+                finer = details[start]
+                end = range_end(details, start, finer, np.int32(finer + np.int32(1)))
+                level = min(np.int64(finer) + up, own[1])
+            texel, width, height = texturing.level_at(levels, level)
+            find_repeated(
+                u[start:end], v[start:end],
+                (np.int32(texel - base), np.int32(width), np.int32(height)),
+                part(shares, ALONG, start, end), part(shares, UPWARD, start, end),
+                part(numbers, CORNERS, start, end), part(numbers, CORNERS + 1, start, end),
+                part(numbers, CORNERS + 2, start, end), part(numbers, CORNERS + 3, start, end),
+            )  # fmt: skip
+            start = end
+        return
     along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
     firsts, widths, heights = (
         part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size), part(numbers, HEIGHT, 0, size)
     )  # fmt: skip
-    if level >= 0:
-        texel, width, height = texturing.level_at(levels, min(level + up, own[1]))
-        one = np.int32(texel - base), np.int32(width), np.int32(height)
-        if is_smooth and wraps[0] == REPEAT and wraps[1] == REPEAT:
-            find_repeated(
-                u, v, one, along, upward, corners[0], corners[1], corners[2], corners[3]
-            )  # fmt: skip
-            return
-        fill_level(one[0], one[1], one[2], firsts, widths, heights)
-    else:
+    if is_mipped:
         take_levels(size, up, own, levels, numbers)
+    else:
+        texel, width, height = texturing.level_at(levels, level)
+        fill_level(
+            np.int32(texel - base), np.int32(width), np.int32(height), firsts, widths, heights
+        )
     columns, rows = part(numbers, COLUMN, 0, size), part(numbers, ROW, 0, size)
     find_positions(
         u, v, widths, heights, (axis_rule(wraps[0]), axis_rule(wraps[1])),
@@ -392,7 +408,7 @@ def read_level(is_smooth, own, textures, corners, shares, target):
 
 @helper
 def read_taps(
-    u, v, first, level, depth, most, is_smooth, wraps, own, textures, places, numbers, shares,
+    u, v, first, is_mipped, depth, most, is_smooth, wraps, own, textures, places, numbers, shares,
     colors,
 ):  # fmt: skip
     """Write the colours of neighbouring samples of one texture whose levels are known."""
@@ -411,8 +427,8 @@ def read_taps(
             )  # fmt: skip
         for up in range(depth):
             find_texels(
-                tap_u, tap_v, level, up, is_smooth, wraps, own, textures.levels, numbers, shares,
-                corners,
+                tap_u, tap_v, is_mipped, up, is_smooth, wraps, own, textures.levels, numbers,
+                shares, corners,
             )  # fmt: skip
             at, begin = (row, start) if up == 0 else (np.int64(COARSE), np.int64(0))
             target = rows_of(colors, at, begin, begin + size)
@@ -479,10 +495,9 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
         move_places(u, v, textures.transforms[owner, kind], moved_u, moved_v)
         u, v = moved_u, moved_v
     own = row[FIRST_LEVEL], row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
-    level = common_level(count, row[FIRST_LEVEL], is_mipped, numbers)
     read_taps(
-        u, v, first, level, depth, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]), own,
-        textures, places, numbers, shares, colors,
+        u, v, first, is_mipped, depth, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]),
+        own, textures, places, numbers, shares, colors,
     )  # fmt: skip
 
 
