@@ -100,11 +100,12 @@ def _element(context: Any, builder: Any, kind: Any, rows: Any, row: int, n: Any)
 
 
 def _texel_at(context: Any, builder: Any, kind: Any, array: Any, first: Any, number: Any) -> Any:
-    """Return a pointer to the channels of a texel, counted from a first one."""
-    place = builder.add(first, builder.sext(number, first.type))
+    """Return a pointer to the channels of a texel, given in `HALVES` from a first one."""
     data = field(context, builder, kind, array, "data")
-    data = builder.gep(data, [builder.mul(place, place.type(CHANNELS))])
-    return builder.bitcast(data, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
+    data = builder.gep(data, [builder.mul(first, first.type(CHANNELS))])
+    halves = builder.bitcast(data, ir.IntType(64).as_pointer())
+    place = builder.gep(halves, [builder.sext(number, first.type)])
+    return builder.bitcast(place, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
 
 
 def _texel(context: Any, builder: Any, *own: Any) -> Any:
@@ -143,13 +144,9 @@ def _fetch(builder: Any, place: Any) -> None:
 
 
 def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
-    """
-    Ask for the texels to the left of samples `AHEAD`, whose neighbours mostly share their line.
-
-    A texture is larger than the caches near the core: without it, samples wait for most texels.
-    """
+    """Ask for the texels left of samples `AHEAD`, whose neighbours mostly share their line."""
     texels, _, corners = signature.args[:3]
-    array, base, places, _, _, start = arguments
+    array, base, places, _, _, _, start = arguments
     rows = [builder.extract_value(places, row) for row in (0, 2)]
     length = words(context, builder, corners[0], rows[0], "shape")[0]
     last, ahead = builder.sub(length, length.type(CHANNELS)), builder.add(start, start.type(AHEAD))
@@ -165,7 +162,7 @@ def _fetch_ahead(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 def copy_texels(
     typing_context: Any, texels: Any, first: Any, numbers: Any, colors: Any, n: Any
 ) -> Any:
-    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
+    """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, base, row, target, start = arguments
@@ -180,13 +177,15 @@ def copy_texels(
 
 @intrinsic
 def mix_texels(
-    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any
-) -> Any:
+    typing_context: Any, texels: Any, first: Any, corners: Any, shares: Any, is_far: Any,
+    colors: Any, n: Any,
+) -> Any:  # fmt: skip
     """Mix texels for ``CHANNELS`` neighbouring samples."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, base, places, weights, target, start = arguments
-        _fetch_ahead(context, builder, signature, arguments)
+        array, base, places, weights, is_far, target, start = arguments
+        with builder.if_then(context.is_true(builder, types.boolean, is_far)):
+            _fetch_ahead(context, builder, signature, arguments)
         found = []
         for k in range(CHANNELS):
             at = builder.add(start, start.type(k))
@@ -203,7 +202,8 @@ def mix_texels(
             found.append(_mix(builder, lower, upper, upward))
         return _put_channels(context, builder, colors, target, start, found)
 
-    return types.void(texels, types.int64, corners, shares, colors, types.int64), generate
+    given = texels, types.int64, corners, shares, types.boolean, colors, types.int64
+    return types.void(*given), generate
 
 
 # Rows of samples
@@ -276,8 +276,9 @@ def place_run(
 ) -> Any:  # fmt: skip
     """Write the texture coordinates of neighbouring samples of one face, in float64."""
 
-    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
-        count = arguments[2]
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # Half a vector for a few samples would cost a wrong guess now and then.
+        lanes, count = LANES, arguments[2]
         edge, step, factor, start, way = (
             [_all(builder, value, lanes) for value in _elements(builder, row, kind.count)]
             for row, kind in zip(arguments[3:], signature.args[3:], strict=True)
@@ -308,14 +309,6 @@ def place_run(
         groups = builder.add(count, count.type(lanes - 1))
         groups = builder.lshr(groups, count.type(lanes.bit_length() - 1))
         _repeat(builder, groups, [_numbers(ir.DoubleType(), lanes)], draw_group)
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        half = arguments[2].type(LANES // 2)
-        with builder.if_else(builder.icmp_signed("<=", arguments[2], half)) as (narrow, wide):
-            with narrow:
-                draw(context, builder, signature, arguments, LANES // 2)
-            with wide:
-                draw(context, builder, signature, arguments, LANES)
         return context.get_dummy_value()
 
     three, two, four = (types.UniTuple(types.float64, size) for size in (3, 2, 4))

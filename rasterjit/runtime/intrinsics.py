@@ -22,6 +22,13 @@ LANES = 8
 CHANNELS = 4
 """Channels of a texel: a 128-bit register of 32-bit numbers."""
 
+HALVES = 2
+"""
+Steps from texel to texel, as rows of numbers count them: halves of 8 bytes.
+
+Addresses of x86-64 take a number times 8 without an instruction more, but none times 16.
+"""
+
 _ADDING = threading.Lock()
 
 
@@ -42,14 +49,16 @@ def part(rows: Any, number: Any, start: Any, stop: Any) -> Any:
 
 @intrinsic
 def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> None:
-    """Copy ``CHANNELS`` texels, counted from a first one, to places ``n`` ... of four rows."""
+    """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""
     some = slice(int(n), int(n) + CHANNELS)
-    for k, texel in enumerate(texels[int(first) + numbers[some].astype(np.int64)].T):
+    for k, texel in enumerate(texels[int(first) + numbers[some].astype(np.int64) // HALVES].T):
         colors[k][some] = texel
 
 
 @intrinsic
-def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, n: Any) -> None:
+def mix_texels(
+    texels: Any, first: Any, corners: Any, shares: Any, is_far: Any, colors: Any, n: Any
+) -> None:
     """
     Mix texels for ``CHANNELS`` neighbouring samples.
 
@@ -59,14 +68,17 @@ def mix_texels(texels: Any, first: Any, corners: Any, shares: Any, colors: Any, 
     first : int
         The texel that texels are counted from.
     corners : tuple of four rows of int32
-        For each sample the numbers of the texels around it, lower left first, upper right last.
+        For each sample the texels around it, in `HALVES`, lower left first, upper right last.
     shares : tuple of two rows of float32
         Those of the texels to the right, and of those above.
+    is_far : bool
+        Whether texels of samples further on are asked for, since the caches near the core hold
+        only some of them.
     colors : tuple of four rows of float32
         Written, channel by channel, from place ``n`` on.
     """
     some = slice(int(n), int(n) + CHANNELS)
-    a, b, c, d = (texels[int(first) + row[some].astype(np.int64)] for row in corners)
+    a, b, c, d = (texels[int(first) + row[some].astype(np.int64) // HALVES] for row in corners)
     right, up = (row[some, np.newaxis] for row in shares)
     lower, upper = a + right * (b - a), c + right * (d - c)
     for k, mixed in enumerate((lower + up * (upper - lower)).T):

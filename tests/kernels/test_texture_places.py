@@ -10,9 +10,9 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
-from rasterjit.pipeline.geometry.setup import GUARD, NEAR
+from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD, NEAR
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface import texture_places
+from rasterjit.pipeline.surface import texture_gradients, texture_places
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.pipeline.surface.samples import (
     COLUMN,
@@ -27,6 +27,7 @@ from rasterjit.pipeline.surface.samples import (
     INTERVAL_STOP,
     INTERVALS,
     KIND,
+    PATCHES,
     ROW,
     ROW_OF,
     SEGMENTS,
@@ -81,6 +82,20 @@ def place_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
             texture_places.place_exactly(
                 first, end, (a, b, c), ends, column, row, block.places, geometry
             )
+
+
+@stage
+def step_slowly(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
+    """Write the steps of samples on clipped faces one by one, over those of `find_steps`."""
+    whole, codes = block.whole, geometry.codes
+    for r in range(np.uintp(block.counts[PATCHES])):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        if np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0:
+            for n in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+                texture_gradients.note_clipped_steps(
+                    block.places, n, a, b, c, whole[COLUMN, n], whole[ROW, n], uv,
+                    geometry.clip_positions, geometry.viewport,
+                )  # fmt: skip
 
 
 def take(positions, uv, face_id, viewport, by=texture_places.find_places):
@@ -251,6 +266,22 @@ def test_pictures_are_those_by_weights(monkeypatch, squares, side, filter):
     # Positions are rounded to 2**-24 texel: hardly any rounds otherwise.
     assert (quick.color != slow.color).sum() <= 2
     assert (quick.linear != slow.linear).sum() <= 20
+
+
+@pytest.mark.parametrize("squares", [1, 2, 3])
+@pytest.mark.parametrize("shading", ["unlit", "phong"])
+def test_steps_on_clipped_faces_are_those_of_each_sample(monkeypatch, squares, shading):
+    scene = ground("trilinear", shading, squares, repeats=30.0)
+    outputs, steps = ("color", "linear"), stage_list.coordinate_steps
+    quick = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
+
+    def steps_and_twin(own, geometry):
+        return [*steps(own, geometry), Step(step_slowly, (own.uv, geometry))]
+
+    monkeypatch.setattr(stage_list, "coordinate_steps", steps_and_twin)
+    slow = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
+    assert quick.stats.clipped > 0
+    assert quick.linear.tobytes() == slow.linear.tobytes()
 
 
 def test_regions_and_threads_change_no_bit():

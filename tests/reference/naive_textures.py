@@ -14,6 +14,7 @@ import numpy as np
 
 import rasterjit as rj
 from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.runtime.intrinsics import HALVES
 
 HALF = Fraction(1, 2)
 
@@ -53,7 +54,16 @@ def texels_around(level, u, v, wraps, offset):
         texture_lookup.find_positions(u, v, widths, heights, rules, offset, *texels[:2], *shares)
     rules = tuple(texture_lookup.texel_rule(wrap) for wrap in wraps)
     texture_lookup.find_corners(*texels[:2], firsts, widths, heights, rules, *texels[2:])
-    return tuple(texels[2:, 0].tolist()), shares[:, 0].tolist()
+    return tuple((texels[2:, 0] // HALVES).tolist()), shares[:, 0].tolist()
+
+
+def repeated_around(level, u, v):
+    """Return the same of a repeated picture, as the engine finds it where all share a level."""
+    (u, v), texels = np.float64([[u], [v]]), np.empty((4, 1), np.int32)
+    shares = np.empty((2, 1), np.float32)
+    with np.errstate(invalid="ignore"):
+        texture_lookup.find_repeated(u, v, tuple(np.int32(level)), *shares, *texels)
+    return tuple((texels[:, 0] // HALVES).tolist()), shares[:, 0].tolist()
 
 
 def nearest(image, u, v, wraps):

@@ -84,6 +84,24 @@ def note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, view
 
 
 @disjoint_helper
+def fill_clipped_steps(
+    right_u, right_v, down_u, down_v, u, v, corners, ends, column, row, clip, viewport
+):  # fmt: skip
+    """
+    Write the steps of neighbouring samples of one face that was clipped, the first at a pixel.
+
+    Those of `note_clipped_steps`, without branches or calls between samples, so that it vectorizes.
+    """
+    a, b, c = corners
+    for n in range(u.shape[0]):
+        here = column + np.float64(np.int32(n))
+        right, down = texturing.clipped_slopes(a, b, c, here, row, clip, viewport)
+        place = u[n], v[n]
+        right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
+        down_u[n], down_v[n] = texturing.place_step(down, place, ends[0], ends[1], ends[2])
+
+
+@disjoint_helper
 def mix_places(u, v, owners, ua, va, ub, vb, uc, vc, second, third, owner):
     """Write the coordinates of samples, each of a face of its own, and the object."""
     for n in range(u.shape[0]):
@@ -238,9 +256,21 @@ def find_steps_of_clipped(segment, whole, places, uv, codes, clip_positions, vie
             np.uintp(whole[samples.C, r]),
         )  # fmt: skip
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
-            for n in range(whole[samples.FIRST, r], whole[samples.FIRST, r + np.uintp(1)]):
-                column, row = whole[samples.COLUMN, n], whole[samples.ROW, n]
-                note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, viewport)
+            s, e = (
+                np.int64(whole[samples.FIRST, r]),
+                np.int64(whole[samples.FIRST, r + np.uintp(1)]),
+            )
+            ends = (
+                texturing.vertex_place(uv, a), texturing.vertex_place(uv, b),
+                texturing.vertex_place(uv, c),
+            )  # fmt: skip
+            fill_clipped_steps(
+                part(places, STEPS, s, e), part(places, STEPS + 1, s, e),
+                part(places, STEPS + 2, s, e), part(places, STEPS + 3, s, e),
+                part(places, U, s, e), part(places, V, s, e), (a, b, c), ends,
+                np.float64(whole[samples.COLUMN, s]), np.int64(whole[samples.ROW, s]),
+                clip_positions, viewport,
+            )  # fmt: skip
 
 
 @stage

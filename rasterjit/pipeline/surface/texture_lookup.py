@@ -35,7 +35,7 @@ from rasterjit.pipeline.surface.textures import (
     WRAP_U,
     WRAP_V,
 )
-from rasterjit.runtime.intrinsics import CHANNELS, copy_texels, mix_texels, part
+from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -64,7 +64,11 @@ FIRST, WIDTH, HEIGHT = 2, 3, 4
 COLUMN, ROW = 5, 6
 """Rows of whole numbers: the texel to the left of a place and below it, before it is wrapped."""
 CORNERS = 7
-"""Four rows of whole numbers: the texels around a place, lower left first, upper right last."""
+"""
+Four rows of whole numbers: the texels around a place, lower left first, upper right last.
+
+In `HALVES` from the first of the picture.
+"""
 WHOLE_ROWS = 11
 
 COARSER, ALONG, UPWARD = 0, 1, 2
@@ -74,6 +78,12 @@ SHARE_ROWS = 3
 SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
 """Four rows of colours each: what the texture shows, linear RGBA; a coarser level; one tap."""
 COLOR_ROWS = 3 * CHANNELS
+
+EVEN_RUN = 16
+"""Neighbours of one level, on average, from which on they are read level by level."""
+
+NEAR_TEXELS = 1 << 15
+"""Pictures of so many texels, 512 KiB, stay in the caches near the core."""
 
 
 @helper
@@ -161,6 +171,43 @@ def find_corners(
         high = np.int32(bottom - texel_on_axis(top, height, rules[1]))
         low = np.int32(firsts[n] + np.int32(low * width))
         high = np.int32(firsts[n] + np.int32(high * width))
+        left, right = np.int32(HALVES * left), np.int32(HALVES * right)
+        low, high = np.int32(HALVES * low), np.int32(HALVES * high)
+        low_left[n], low_right[n] = np.int32(low + left), np.int32(low + right)
+        high_left[n], high_right[n] = np.int32(high + left), np.int32(high + right)
+
+
+@disjoint_helper
+def find_repeated(
+    u, v, own, along, upward, low_left, low_right, high_left, high_right
+):  # fmt: skip
+    """
+    Write what `find_positions` and `find_corners` do, of one level of a picture that is repeated.
+
+    Takes its first texel, its width and its height.
+    """
+    first, width, height = own
+    across, up = np.float64(width) * TEXEL_STEPS, np.float64(height) * TEXEL_STEPS
+    one, none = np.int32(1), np.int32(0)
+    last_column, last_row = np.uint32(width - one), np.uint32(height - one)
+    # Rows of texels run down.
+    bottom = np.int32(HALVES * np.int32(first + np.int32(np.int32(height - one) * width)))
+    step = np.int32(-HALVES * width)
+    for n in range(u.shape[0]):
+        x, y = u[n] - np.floor(u[n]), v[n] - np.floor(v[n])
+        # The middle of texel 0 stands for NaN and infinity.
+        x = (np.floor(x * across + 0.5) / TEXEL_STEPS if x == x else 0.5) - 0.5
+        y = (np.floor(y * up + 0.5) / TEXEL_STEPS if y == y else 0.5) - 0.5
+        column, row = np.floor(x), np.floor(y)
+        along[n], upward[n] = np.float32(x - column), np.float32(y - row)
+        # They begin at -1, which is the largest of numbers without a sign.
+        i, j = np.int32(column), np.int32(row)
+        left, low = min(np.uint32(i), last_column), min(np.uint32(j), last_row)
+        right, top = np.int32(i + one), np.int32(j + one)
+        right, top = right if right < width else none, top if top < height else none
+        left, right = np.int32(HALVES * np.int32(left)), np.int32(HALVES * right)
+        low = np.int32(bottom + np.int32(np.int32(low) * step))
+        high = np.int32(bottom + np.int32(top * step))
         low_left[n], low_right[n] = np.int32(low + left), np.int32(low + right)
         high_left[n], high_right[n] = np.int32(high + left), np.int32(high + right)
 
@@ -181,8 +228,17 @@ def differences(values, count):
     return found
 
 
+@disjoint_helper
+def runs_of(values):
+    """Return how many runs of equal values there are."""
+    found = np.int32(1)
+    for n in range(values.shape[0] - 1):
+        found += np.int32(values[n] != values[n + 1])
+    return found
+
+
 @helper
-def take_levels(count, size, up, own, levels, numbers):
+def take_levels(size, up, own, levels, numbers):
     """
     Write first texel and size of each sample's level, or of one ``up``, at most the last.
 
@@ -191,27 +247,11 @@ def take_levels(count, size, up, own, levels, numbers):
     """
     first, last = own
     base = levels[first, FIRST_TEXEL]
-    if differences(numbers[LEVEL], count) == 0:
-        level = min(np.int64(numbers[LEVEL, 0]) + up, last)
-        texel, width, height = texturing.level_at(levels, level)
-        fill_level(
-            np.int32(texel - base), np.int32(width), np.int32(height),
-            part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size),
-            part(numbers, HEIGHT, 0, size),
-        )  # fmt: skip
-        return
     for n in range(np.uintp(size)):
         level = np.uintp(min(np.int64(numbers[LEVEL, n]) + up, last))
         numbers[FIRST, n] = np.int32(levels[level, FIRST_TEXEL] - base)
         numbers[WIDTH, n] = np.int32(levels[level, LEVEL_WIDTH])
         numbers[HEIGHT, n] = np.int32(levels[level, LEVEL_HEIGHT])
-
-
-@disjoint_helper
-def fill_details(level, levels, shares, taps):
-    """Write one level, with no share of the coarser, and one tap for all samples."""
-    for n in range(levels.shape[0]):
-        levels[n], shares[n], taps[n] = level, np.float32(0.0), np.int32(1)
 
 
 @helper
@@ -308,15 +348,40 @@ def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
 
 
 @helper
-def read_level(u, v, is_smooth, wraps, own, textures, numbers, shares, target):
-    """Write what the levels at hand show at each place."""
-    size, first_texel = u.shape[0], textures.levels[own[0], FIRST_TEXEL]
+def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, shares, corners):
+    """Write which texels of its level lie around each place, and their shares."""
+    size, base = u.shape[0], levels[own[0], FIRST_TEXEL]
+    details, start, level = part(numbers, LEVEL, 0, size), np.int64(0), own[0]
+    is_quick = is_smooth and wraps[0] == REPEAT and wraps[1] == REPEAT
+    if is_quick and (not is_mipped or runs_of(details) * EVEN_RUN <= size):
+        while start < size:
+            end = size
+            if is_mipped:
+                finer = details[start]
+                end = range_end(details, start, finer, np.int32(finer + np.int32(1)))
+                level = min(np.int64(finer) + up, own[1])
+            texel, width, height = texturing.level_at(levels, level)
+            find_repeated(
+                u[start:end], v[start:end],
+                (np.int32(texel - base), np.int32(width), np.int32(height)),
+                part(shares, ALONG, start, end), part(shares, UPWARD, start, end),
+                part(numbers, CORNERS, start, end), part(numbers, CORNERS + 1, start, end),
+                part(numbers, CORNERS + 2, start, end), part(numbers, CORNERS + 3, start, end),
+            )  # fmt: skip
+            start = end
+        return
+    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
     firsts, widths, heights = (
         part(numbers, FIRST, 0, size), part(numbers, WIDTH, 0, size), part(numbers, HEIGHT, 0, size)
     )  # fmt: skip
+    if is_mipped:
+        take_levels(size, up, own, levels, numbers)
+    else:
+        texel, width, height = texturing.level_at(levels, level)
+        fill_level(
+            np.int32(texel - base), np.int32(width), np.int32(height), firsts, widths, heights
+        )
     columns, rows = part(numbers, COLUMN, 0, size), part(numbers, ROW, 0, size)
-    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
-    corners = rows_of(numbers, CORNERS, 0, size)
     find_positions(
         u, v, widths, heights, (axis_rule(wraps[0]), axis_rule(wraps[1])),
         0.5 if is_smooth else 0.0, columns, rows, along, upward,
@@ -325,25 +390,35 @@ def read_level(u, v, is_smooth, wraps, own, textures, numbers, shares, target):
         columns, rows, firsts, widths, heights, (texel_rule(wraps[0]), texel_rule(wraps[1])),
         corners[0], corners[1], corners[2], corners[3],
     )  # fmt: skip
+
+
+@helper
+def read_level(is_smooth, own, textures, corners, shares, target):
+    """Write what texels around places show."""
+    size, base = corners[0].shape[0], textures.levels[own[0], FIRST_TEXEL]
+    along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
+    _, width, height = texturing.level_at(textures.levels, own[0])
+    is_far = width * height > NEAR_TEXELS
     for n in range(0, size, CHANNELS):
         if is_smooth:
-            mix_texels(textures.texels, first_texel, corners, (along, upward), target, n)
+            mix_texels(textures.texels, base, corners, (along, upward), is_far, target, n)
         else:
-            copy_texels(textures.texels, first_texel, corners[0], target, n)
+            copy_texels(textures.texels, base, corners[0], target, n)
 
 
 @helper
 def read_taps(
-    u, v, first, count, most, is_smooth, wraps, own, textures, places, numbers, shares, colors
+    u, v, first, is_mipped, depth, most, is_smooth, wraps, own, textures, places, numbers, shares,
+    colors,
 ):  # fmt: skip
     """Write the colours of neighbouring samples of one texture whose levels are known."""
-    size, depth = u.shape[0], np.int64(2 if any_coarse(shares, count) else 1)
+    size = u.shape[0]
     # The colour of a lone tap is the result.
     row, start, tap_u, tap_v = np.int64(SHOWN), first, u, v
     if most > 1:
         row, start = np.int64(TAP), np.int64(0)
         tap_u, tap_v = part(places, TAP_U, 0, size), part(places, TAP_V, 0, size)
-    taps = part(numbers, TAPS, 0, size)
+    taps, corners = part(numbers, TAPS, 0, size), rows_of(numbers, CORNERS, 0, size)
     for k in range(most):
         if most > 1:
             place_taps(
@@ -351,10 +426,13 @@ def read_taps(
                 tap_v,
             )  # fmt: skip
         for up in range(depth):
-            take_levels(count, size, up, own, textures.levels, numbers)
+            find_texels(
+                tap_u, tap_v, is_mipped, up, is_smooth, wraps, own, textures.levels, numbers,
+                shares, corners,
+            )  # fmt: skip
             at, begin = (row, start) if up == 0 else (np.int64(COARSE), np.int64(0))
             target = rows_of(colors, at, begin, begin + size)
-            read_level(tap_u, tap_v, is_smooth, wraps, own, textures, numbers, shares, target)
+            read_level(is_smooth, own, textures, corners, shares, target)
         for i in range(CHANNELS):
             tap = part(colors, row + i, start, start + size)
             if depth > 1:
@@ -366,7 +444,11 @@ def read_taps(
 
 @helper
 def find_levels(first, count, owner, kind, textures, places, numbers, shares):
-    """Write the levels of neighbouring samples of one texture; return the most taps they take."""
+    """
+    Write the levels of neighbouring samples of one texture with levels to choose from.
+
+    Returns the most taps that they take.
+    """
     row, size = textures.table[owner, kind], whole_vectors(count)
     level, stop = np.int32(row[FIRST_LEVEL]), first + size
     levels, coarser, taps = (
@@ -374,9 +456,6 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
         part(shares, COARSER, 0, size),
         part(numbers, TAPS, 0, size),
     )
-    if row[FILTER] != TRILINEAR:
-        fill_details(level, levels, coarser, taps)
-        return np.int64(1)
     right_u, right_v = part(places, STEPS, first, stop), part(places, STEPS + 1, first, stop)
     down_u, down_v = part(places, STEPS + 2, first, stop), part(places, STEPS + 3, first, stop)
     if textures.transforms.shape[0] > 0:
@@ -406,7 +485,10 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
         shown = rows_of(colors, SHOWN, first, first + size)
         fill_white(shown[0], shown[1], shown[2], shown[3])
         return
-    most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
+    most, depth, is_mipped = np.int64(1), np.int64(1), row[FILTER] == TRILINEAR
+    if is_mipped:
+        most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
+        depth = np.int64(2 if any_coarse(shares, count) else 1)
     u, v = part(places, U, first, first + size), part(places, V, first, first + size)
     if textures.transforms.shape[0] > 0:
         moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
@@ -414,8 +496,8 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
         u, v = moved_u, moved_v
     own = row[FIRST_LEVEL], row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
     read_taps(
-        u, v, first, count, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]), own, textures,
-        places, numbers, shares, colors,
+        u, v, first, is_mipped, depth, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]),
+        own, textures, places, numbers, shares, colors,
     )  # fmt: skip
 
 

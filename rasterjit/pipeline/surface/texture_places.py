@@ -29,7 +29,8 @@ from rasterjit.pipeline.geometry.barycentric import (
 )
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface.float32_weights import is_wide
+from rasterjit.pipeline.surface.float32_colors import edges_along_row
+from rasterjit.pipeline.surface.float32_weights import is_wide, may_be_wide
 from rasterjit.pipeline.surface.samples import (
     COLUMN,
     COLUMN_OF,
@@ -53,7 +54,6 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.pipeline.surface.texture_lookup import OWNER as OWNERS
 from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.surface.textures import vertex_place
-from rasterjit.pipeline.surface.weights import span_start
 from rasterjit.runtime.intrinsics import part, place_run
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
@@ -107,7 +107,7 @@ def place_clipped(u, v, corners, ends, column, row, clip, viewport):
 
 
 @helper
-def place_patch(first, end, corners, column, row, places, uv, geometry):
+def place_patch(first, end, corners, column, row, has_wide, places, uv, geometry):
     """Write the coordinates of the samples of a patch, the first of which is at a pixel."""
     codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
     a, b, c = corners
@@ -120,15 +120,14 @@ def place_patch(first, end, corners, column, row, places, uv, geometry):
             row, geometry.clip_positions, geometry.viewport,
         )  # fmt: skip
         return
-    if is_wide(a, b, c, xy) or not are_accurate(factors):
+    if (has_wide and is_wide(a, b, c, xy)) or not are_accurate(factors):
         place_exactly(first, end, corners, (pa, pb, pc), column, row, places, geometry)
         return
-    edges, steps, _, _ = span_start(a, b, c, column, row, bits, xy, w)
+    edges, steps = edges_along_row(a, b, c, column, row, bits, xy)
     stop = end + VECTOR
     place_run(
         part(places, U, first, stop), part(places, V, first, stop), end - first,
-        (np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])),
-        (np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])), factors, pa,
+        edges, steps, factors, pa,
         (pb[0] - pa[0], pb[1] - pa[1], pc[0] - pa[0], pc[1] - pa[1]),
     )  # fmt: skip
 
@@ -140,7 +139,7 @@ def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
 
     Instead of weights and `texture_gradients.find_coordinates`, where nothing else reads weights.
     """
-    whole, places = block.whole, block.places
+    whole, places, has_wide = block.whole, block.places, may_be_wide(geometry.viewport)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
@@ -149,7 +148,7 @@ def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
             column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
             if segment[KIND] != SPAN:
                 column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
-            place_patch(first, end, corners, column, row, places, uv, geometry)
+            place_patch(first, end, corners, column, row, has_wide, places, uv, geometry)
         owner = np.float64(segment[OWNER])
         for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
             places[OWNERS, n] = owner
