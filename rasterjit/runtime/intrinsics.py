@@ -234,6 +234,35 @@ def blend_run(
             row[n] = base[k] * min(max(value, min(own)), max(own))
 
 
+@intrinsic
+def encode_lanes(
+    red: Any, green: Any, blue: Any, table: Any, first: Any, others: Any, color: Any
+) -> None:
+    """
+    Write the codes of ``LANES`` neighbouring pixels.
+
+    Parameters
+    ----------
+    red, green, blue : (N,) float32
+    table : (2**16,) int32
+        What to add to the lower half of a value's bits, for each upper half: bits 16 to 23 of the
+        sum are the code.
+    first : int
+        The first pixel.
+    others : uint32
+        Bits of each pixel beside the three codes, which stand in its lowest bytes, red first.
+    color : (N,) uint32
+        Written.
+    """
+    some = slice(int(first), int(first) + LANES)
+    pixels = np.full(LANES, others, np.uint32)
+    for k, row in enumerate((red, green, blue)):
+        bits = row[some].view(np.uint32)
+        sums = table[bits >> 16].view(np.uint32) + (bits & 0xFFFF)
+        pixels |= (sums >> 16 & 0xFF) << np.uint32(8 * k)
+    color[some] = pixels
+
+
 def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth

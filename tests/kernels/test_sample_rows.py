@@ -13,6 +13,7 @@ import pytest
 from rasterjit.runtime.intrinsics import (
     blend_run,
     draw_box,
+    encode_lanes,
     fill_rows,
     least_in_rows,
     range_end,
@@ -50,6 +51,11 @@ def compiled_blend_run(red, green, blue, edges, steps, ratios, corners, base):
 @helper
 def compiled_range_end(numbers, start, first, end):
     return range_end(numbers, start, first, end)
+
+
+@helper
+def compiled_encode_lanes(red, green, blue, table, first, others, color):
+    encode_lanes(red, green, blue, table, first, others, color)
 
 
 def both(compiled, intrinsic, tile, *arguments):
@@ -181,6 +187,19 @@ def test_colours_of_runs(count):
         assert np.isfinite(one).all()
 
 
+def test_codes():
+    random = np.random.default_rng(5)
+    table = random.integers(0, 2**24, 2**16, np.int32)
+    for first in (0, 3, 12):
+        light = random.integers(0, 2**32, (3, 20), np.uint32).view(np.float32)
+        asked = (*light, table, np.int64(first), np.uint32(random.integers(0, 256) << 24))
+        one, other = np.full((2, 20), 7, np.uint32)
+        compiled_encode_lanes(*asked, one)
+        encode_lanes.function(*asked, other)
+        assert_same((one,), (other,))
+        assert np.count_nonzero(one != 7) == 8
+
+
 def test_checked_indices_find_boxes_beyond_the_tile():
     if not CHECKED:
         pytest.skip("indices are checked with NUMBA_BOUNDSCHECK=1 alone")
@@ -192,6 +211,11 @@ def test_checked_indices_find_boxes_beyond_the_tile():
         )  # fmt: skip
     with pytest.raises(IndexError, match="ends beyond its memory"):
         compiled_least_in_rows(tile[0], *map(np.int64, (0, STRIDE, 2)), np.int32(0), np.int32(7))
+    with pytest.raises(IndexError, match="ends beyond its memory"):
+        compiled_encode_lanes(
+            *np.zeros((3, 20), np.float32), np.zeros(2**16, np.int32), np.int64(13),
+            np.uint32(0), np.zeros(20, np.uint32),
+        )  # fmt: skip
 
 
 COUNT_MASKED_STORES = """
