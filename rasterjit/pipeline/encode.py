@@ -70,8 +70,9 @@ def encoding_table() -> np.ndarray:
     """
     # Behind infinity, the last value of code 255, the codes begin again at 0.
     places = np.append(code_thresholds().view(np.int32), np.int32(INFINITY_BITS + 1))
-    starts = np.arange(BUCKETS, dtype=np.int64) << BUCKET_BITS
-    table = np.searchsorted(places, starts, side="right") << BUCKET_BITS
+    first = -(-places.astype(np.int64) >> BUCKET_BITS)
+    buckets_of_codes = np.diff(first, prepend=0, append=BUCKETS)
+    table = np.repeat(np.arange(len(buckets_of_codes)) << BUCKET_BITS, buckets_of_codes)
     buckets, cuts = places >> BUCKET_BITS, places & ((1 << BUCKET_BITS) - 1)
     inside = cuts != 0
     table[buckets[inside]] += (1 << BUCKET_BITS) - cuts[inside]
