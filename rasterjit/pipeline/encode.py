@@ -3,9 +3,10 @@ Turn linear light into sRGB ``uint8``.
 
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
 up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
-ones number a bucket, which holds at most one threshold, and the low ones tell on which side of it.
-One look into a table of 6.5 KiB and one sum, no branch. Below zero and NaN give 0, above one gives
-255.
+half numbers a bucket, which holds at most one threshold, and the low half tells on which side of
+it. One look into a table and one sum, no branch: every float32 has a bucket, so nothing is held to
+a range first. What is darker than code 1 or brighter than 255 is rare; all others share 6.5 KiB of
+the table. Below zero and NaN give 0, above one gives 255.
 
 References
 ----------
@@ -21,17 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.runtime.float_math import clamped
-from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.intrinsics import LANES, encode_lanes, flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, int32, uint32
 
 BUCKET_BITS = 16
 """Low bits of a float32 in one bucket: 128 buckets from each power of two to the next."""
 
-LEAST_VALUE = np.float32(2.0**-13)
-"""Start of the first bucket; code 1 begins at 1.5e-4."""
+BUCKETS = 1 << (32 - BUCKET_BITS)
+"""Buckets of all float32, those below zero and NaN last."""
 
-LEAST_BITS = np.int32(LEAST_VALUE.view(np.int32))
+INFINITY_BITS = 0x7F800000
 
 
 def reaches_code(bits: int, code: int) -> bool:
@@ -61,15 +62,17 @@ def code_thresholds() -> np.ndarray:
 @functools.cache
 def encoding_table() -> np.ndarray:
     """
-    Return what to add to the low bits of a value in each bucket from 2**-13 to 1, (1665,) int32.
+    Return what to add to the low bits of a value in each bucket, (65536,) int32.
 
-    The code at the start of the bucket stands above ``BUCKET_BITS``; below is what low bits at or
-    beyond a threshold lack to the next code, 0 where the whole bucket has one.
+    The lower 8 of the bits above ``BUCKET_BITS`` are the code then. So it stands there for the
+    start of the bucket; below is what low bits at or beyond a threshold lack to the next code, 0
+    where the whole bucket has one.
     """
-    places = code_thresholds().view(np.int32) - LEAST_BITS
-    count = (int(np.float32(1.0).view(np.int32) - LEAST_BITS) >> BUCKET_BITS) + 1
-    starts = np.arange(count) << BUCKET_BITS
-    table = np.searchsorted(places, starts, side="right") << BUCKET_BITS
+    # Behind infinity, the last value of code 255, the codes begin again at 0.
+    places = np.append(code_thresholds().view(np.int32), np.int32(INFINITY_BITS + 1))
+    first = -(-places.astype(np.int64) >> BUCKET_BITS)
+    buckets_of_codes = np.diff(first, prepend=0, append=BUCKETS)
+    table = np.repeat(np.arange(len(buckets_of_codes)) << BUCKET_BITS, buckets_of_codes)
     buckets, cuts = places >> BUCKET_BITS, places & ((1 << BUCKET_BITS) - 1)
     inside = cuts != 0
     table[buckets[inside]] += (1 << BUCKET_BITS) - cuts[inside]
@@ -94,10 +97,10 @@ def encode(value, table):
     """Return the sRGB code of a linear value, rounded half up."""
     # Every step is cast back to 32 bits, which halves the registers it takes; the index is
     # unsigned, so it is not tested for counting from the end.
-    place = np.uint32(bits_of(clamped(value, LEAST_VALUE, np.float32(1.0))) - LEAST_BITS)
-    entry = np.uint32(table[np.uintp(np.uint32(place >> np.uint32(BUCKET_BITS)))])
-    low = np.uint32(place & np.uint32((1 << BUCKET_BITS) - 1))
-    return np.uint32(np.uint32(entry + low) >> np.uint32(BUCKET_BITS))
+    bits = np.uint32(bits_of(value))
+    entry = np.uint32(table[np.uintp(np.uint32(bits >> np.uint32(BUCKET_BITS)))])
+    low = np.uint32(bits & np.uint32((1 << BUCKET_BITS) - 1))
+    return np.uint32(np.uint32(np.uint32(entry + low) >> np.uint32(BUCKET_BITS)) & np.uint32(255))
 
 
 @helper
@@ -107,16 +110,29 @@ def encode_alpha(value):
     return np.uint32(np.int32(np.float64(share) * 255.0 + 0.5))
 
 
-@disjoint_helper
+@helper
+def encode_light(red, green, blue, table, alpha, color):
+    """Encode a span of pixels, given by channel, beside an alpha code that stands in its byte."""
+    size = color.shape[0]
+    if size < LANES:
+        for i in range(size):
+            color[i] = (
+                encode(red[i], table)
+                | encode(green[i], table) << np.uint32(8)
+                | encode(blue[i], table) << np.uint32(16)
+                | alpha
+            )
+        return
+    for i in range(0, size - LANES, LANES):
+        encode_lanes(red, green, blue, table, i, alpha, color)
+    # Some once more, instead of a few one by one.
+    encode_lanes(red, green, blue, table, size - LANES, alpha, color)
+
+
+@helper
 def encode_span(red, green, blue, table, color):
-    """Encode a span of opaque pixels, given by channel; without branches."""
-    for i in range(color.shape[0]):
-        color[i] = (
-            encode(red[i], table)
-            | encode(green[i], table) << np.uint32(8)
-            | encode(blue[i], table) << np.uint32(16)
-            | np.uint32(0xFF000000)
-        )
+    """Encode a span of opaque pixels, given by channel."""
+    encode_light(red, green, blue, table, np.uint32(0xFF000000), color)
 
 
 @helper
@@ -131,16 +147,18 @@ def encode_pixel(linear, table):
 
 
 @disjoint_helper
-def encode_channels(red, green, blue, alpha, table, color):
-    """Encode a span of pixels, given by channel; without branches."""
+def add_alpha(alpha, color):
+    """Add the alpha of a span of pixels to their codes."""
     for i in range(color.shape[0]):
         share = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
-        color[i] = (
-            encode(red[i], table)
-            | encode(green[i], table) << np.uint32(8)
-            | encode(blue[i], table) << np.uint32(16)
-            | np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
-        )
+        color[i] |= np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+
+
+@helper
+def encode_channels(red, green, blue, alpha, table, color):
+    """Encode a span of pixels, given by channel."""
+    encode_light(red, green, blue, table, np.uint32(0), color)
+    add_alpha(alpha, color)
 
 
 @disjoint_helper
@@ -165,7 +183,7 @@ def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, 
     Parameters
     ----------
     linear : (R, W, 4) float32
-    table : (1665,) int32
+    table : (65536,) int32
         `encoding_table`.
     color : (R, W) uint32
         Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.

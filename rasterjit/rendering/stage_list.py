@@ -421,7 +421,7 @@ class Shading:
     geometry, placement, surface, lighting : records
         ``lighting`` None: every object shows its own colour.
     effects : sequence of Active
-    table : (1665,) int32
+    table : (65536,) int32
         `encode.encoding_table`.
     background : (4,) float32, linear
         What `shade` paints where no face is.

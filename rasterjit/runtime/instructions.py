@@ -670,6 +670,37 @@ def range_end(typing_context: Any, numbers: Any, start: Any, first: Any, end: An
     return types.int64(numbers, types.int64, types.int32, types.int32), generate
 
 
+def _blending(builder: Any, corners: Any, base: Any) -> Callable:
+    """Return what turns weights of samples into a base times vertices' colours, held to these."""
+    corner = [
+        [_all(builder, value, LANES) for value in _elements(builder, own, 3)]
+        for own in _elements(builder, corners, 3)
+    ]
+    shown = [_all(builder, value, LANES) for value in _elements(builder, base, 3)]
+
+    def lesser(value: Any, other: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", value, other), value, other)
+
+    def greater(value: Any, other: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", value, other), value, other)
+
+    limits = [
+        [reach(corner[0][k], reach(corner[1][k], corner[2][k])) for reach in (greater, lesser)]
+        for k in range(3)
+    ]
+
+    def blend(weights: list[Any]) -> list[Any]:
+        colors = []
+        for k in range(3):
+            parts = [builder.fmul(weights[j], corner[j][k]) for j in range(3)]
+            value = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
+            most, least = limits[k]
+            colors.append(builder.fmul(shown[k], lesser(greater(value, least), most)))
+        return colors
+
+    return blend
+
+
 @intrinsic
 def blend_run(
     typing_context: Any, red: Any, green: Any, blue: Any, edges: Any, steps: Any, ratios: Any,
@@ -685,24 +716,9 @@ def blend_run(
         starts = [_from(builder, *pair, LANES) for pair in zip(edge, step, strict=True)]
         strides = [_all(builder, builder.fmul(own, own.type(float(LANES))), LANES) for own in step]
         ratio_b, ratio_c = (_all(builder, v, LANES) for v in _elements(builder, arguments[5], 2))
-        corner = [
-            [_all(builder, v, LANES) for v in _elements(builder, own, 3)]
-            for own in _elements(builder, arguments[6], 3)
-        ]
-        base = [_all(builder, v, LANES) for v in _elements(builder, arguments[7], 3)]
+        blended = _blending(builder, arguments[6], arguments[7])
         single = ratio_b.type
         one = ir.Constant(single, [1.0] * LANES)
-
-        def lesser(value: Any, other: Any) -> Any:
-            return builder.select(builder.fcmp_ordered("<", value, other), value, other)
-
-        def greater(value: Any, other: Any) -> Any:
-            return builder.select(builder.fcmp_ordered(">", value, other), value, other)
-
-        limits = [
-            [reach(corner[0][k], reach(corner[1][k], corner[2][k])) for reach in (greater, lesser)]
-            for k in range(3)
-        ]
 
         def blend(number: Any, exact: list[Any]) -> list[Any]:
             first, second, third = (builder.fptrunc(value, single) for value in exact)
@@ -711,11 +727,7 @@ def blend_run(
             over = builder.fdiv(one, total)
             weights = [builder.fmul(value, over) for value in (first, second, third)]
             place = builder.mul(number, number.type(LANES))
-            for k, row in enumerate(rows):
-                parts = [builder.fmul(weights[j], corner[j][k]) for j in range(3)]
-                value = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
-                most, least = limits[k]
-                value = builder.fmul(base[k], lesser(greater(value, least), most))
+            for row, value in zip(rows, blended(weights), strict=True):
                 target = builder.bitcast(builder.gep(row, [place]), single.as_pointer())
                 builder.store(value, target, align=4)
             return [_step(builder, *pair) for pair in zip(exact, strides, strict=True)]
@@ -726,6 +738,132 @@ def blend_run(
     exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
     pair, three = types.UniTuple(types.float32, 2), types.UniTuple(color, 3)
     return types.void(red, red, red, exact, exact, pair, three, color), generate
+
+
+@intrinsic
+def blend_clipped_run(
+    typing_context: Any, red: Any, green: Any, blue: Any, memory: Any, odd: Any, width: Any,
+    xs: Any, ws: Any, down: Any, corners: Any, base: Any,
+) -> Any:  # fmt: skip
+    """
+    Do what `blend_run` does for a face that was clipped; return not 0 if a sum is not positive.
+
+    In two loops: in one, so many steps would follow each other that a CPU finds too few to do at a
+    time.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = signature.args
+        rows = [field(context, builder, kinds[k], arguments[k], "data") for k in range(3)]
+        places = [
+            field(context, builder, kinds[3][k], builder.extract_value(arguments[3], k), "data")
+            for k in range(4)
+        ]
+        length = words(context, builder, red, arguments[0], "shape")[0]
+        groups = builder.ashr(length, length.type(LANES.bit_length() - 1))
+        double = ir.VectorType(ir.DoubleType(), LANES)
+        single = ir.VectorType(ir.FloatType(), LANES)
+        one, none = (ir.Constant(double, [value] * LANES) for value in (1.0, 0.0))
+        width = _all(builder, arguments[5], LANES)
+        xs, ws, down = (
+            [_all(builder, value, LANES) for value in _elements(builder, own, 3)]
+            for own in arguments[6:9]
+        )
+
+        def pointer(row: Any, number: Any, kind: Any) -> Any:
+            place = builder.gep(row, [builder.mul(number, number.type(LANES))])
+            return builder.bitcast(place, kind.as_pointer())
+
+        def product(pair: tuple[Any, Any]) -> Any:
+            return builder.fmul(*pair)
+
+        def total_of(values: list[Any]) -> Any:
+            return builder.fadd(builder.fadd(values[0], values[1]), values[2])
+
+        def weigh(number: Any, running: list[Any]) -> list[Any]:
+            odds, least, sums = running
+            x = builder.fsub(builder.fdiv(odds, width), one)
+            across = [builder.fsub(xs[k], product((x, ws[k]))) for k in range(3)]
+            areas = [
+                builder.fsub(
+                    product((across[k - 2], down[k - 1])), product((across[k - 1], down[k - 2]))
+                )
+                for k in range(3)
+            ]  # fmt: skip
+            held = [
+                builder.select(builder.fcmp_ordered(">", none, area), none, area) for area in areas
+            ]
+            for value, row in zip([*held, total_of(held)], places, strict=True):
+                builder.store(value, pointer(row, number, double), align=8)
+            total = total_of(areas)
+            least = builder.select(builder.fcmp_ordered("<", total, least), total, least)
+            step = ir.Constant(double, [2.0 * LANES] * LANES)
+            # Their sum is NaN if one of them is.
+            return [builder.fadd(odds, step), least, builder.fadd(sums, total)]
+
+        first = _from(builder, arguments[4], arguments[4].type(2.0), LANES)
+        _, least, sums = _repeat(builder, groups, [first, one, none], weigh)
+        blend = _blending(builder, arguments[9], arguments[10])
+
+        def divide(number: Any, _: list[Any]) -> list[Any]:
+            *areas, total = (builder.load(pointer(row, number, double), align=8) for row in places)
+            weights = [builder.fptrunc(builder.fdiv(area, total), single) for area in areas]
+            for row, value in zip(rows, blend(weights), strict=True):
+                builder.store(value, pointer(row, number, single), align=4)
+            return []
+
+        _repeat(builder, groups, [], divide)
+        is_sure = builder.and_(
+            builder.fcmp_ordered(">", least, none), builder.fcmp_ordered("ord", sums, none)
+        )
+        sure = builder.bitcast(is_sure, ir.IntType(LANES))
+        return builder.zext(builder.icmp_signed("!=", sure, sure.type(2**LANES - 1)), LANE)
+
+    exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
+    given = types.float64, types.float64, exact, exact, exact, types.UniTuple(color, 3), color
+    return types.int32(red, red, red, memory, *given), generate
+
+
+@intrinsic
+def encode_lanes(
+    typing_context: Any, red: Any, green: Any, blue: Any, table: Any, first: Any, others: Any,
+    color: Any,
+) -> Any:  # fmt: skip
+    """
+    Write the codes of ``LANES`` neighbouring pixels.
+
+    Reads the upper halves of values as 16-bit numbers of their own: to take them out of a vector,
+    as LLVM does where it finds no quick instruction that reads a table, takes half as long again.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds, (*light, entries, start, beside, target) = signature.args, arguments
+        whole, half = ir.VectorType(LANE, LANES), ir.IntType(16)
+        entries = field(context, builder, kinds[3], entries, "data")
+        size = words(context, builder, kinds[6], target, "shape")[0]
+        _check(context, builder, builder.add(start, start.type(LANES)), size)
+
+        def every(number: int) -> Any:
+            return ir.Constant(whole, [number] * LANES)
+
+        pixels = _all(builder, beside, LANES)
+        for k, row in enumerate(light):
+            place = builder.gep(field(context, builder, kinds[k], row, "data"), [start])
+            halves = builder.bitcast(place, half.as_pointer())
+            found = ir.Constant(whole, ir.Undefined)
+            for lane in range(LANES):
+                upper = builder.load(builder.gep(halves, [LANE(2 * lane + 1)]), align=2)
+                entry = builder.load(builder.gep(entries, [builder.zext(upper, WORD)]), align=4)
+                found = builder.insert_element(found, entry, LANE(lane))
+            bits = builder.load(builder.bitcast(place, whole.as_pointer()), align=4)
+            code = builder.add(found, builder.and_(bits, every(0xFFFF)))
+            code = builder.and_(builder.lshr(code, every(16)), every(0xFF))
+            pixels = builder.or_(pixels, builder.shl(code, every(8 * k)))
+        place = builder.gep(field(context, builder, kinds[6], target, "data"), [start])
+        builder.store(pixels, builder.bitcast(place, whole.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(red, green, blue, table, types.int64, types.uint32, color), generate
 
 
 def _pointer(builder: Any, address: Any, bits: int) -> Any:

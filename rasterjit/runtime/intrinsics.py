@@ -250,6 +250,84 @@ def blend_run(
             row[n] = base[k] * min(max(value, min(own)), max(own))
 
 
+@intrinsic
+def blend_clipped_run(
+    red: Any, green: Any, blue: Any, memory: Any, odd: Any, width: Any, xs: Any, ws: Any,
+    down: Any, corners: Any, base: Any,
+) -> Any:  # fmt: skip
+    """
+    Do what `blend_run` does for a face that was clipped, whose weights are worked out in float64.
+
+    Takes the steps of ``barycentric.clipped_weights`` and ``normalized``.
+
+    Parameters
+    ----------
+    red, green, blue : (N,) float32
+        Written; N is a multiple of ``LANES``.
+    memory : 4 of (N,) float64
+        To work in.
+    odd : float64
+        Twice the column of the first sample in the whole picture, plus one.
+    width : float64
+        Columns of the whole picture.
+    xs, ws : (3,) float64
+        x and w of the vertices, clip space.
+    down : (3,) float64
+        y - Y w of the vertices, Y being that of the row in normalized device coordinates; all of
+        them negated if that makes sums of weights positive.
+    corners, base
+        As `blend_run` takes them.
+
+    Returns
+    -------
+    int32
+        0 if all sums are positive; else what was written does not count.
+    """
+    odds = odd + 2.0 * np.arange(len(red), dtype=np.float64)
+    x = odds / width - 1.0
+    across = [xs[k] - x * ws[k] for k in range(3)]
+    areas = [across[k - 2] * down[k - 1] - across[k - 1] * down[k - 2] for k in range(3)]
+    memory[3][:] = 0.0
+    for area, row in zip(areas, memory, strict=False):
+        row[:] = np.where(area < 0.0, 0.0, area)
+        memory[3][:] += row
+    weights = [(row / memory[3]).astype(np.float32) for row in memory[:3]]
+    for k, row in enumerate((red, green, blue)):
+        own = [corner[k] for corner in corners]
+        value = weights[0] * own[0] + weights[1] * own[1] + weights[2] * own[2]
+        row[:] = base[k] * np.fmin(np.fmax(value, min(own)), max(own))
+    return np.int32(not (areas[0] + areas[1] + areas[2] > 0.0).all())
+
+
+@intrinsic
+def encode_lanes(
+    red: Any, green: Any, blue: Any, table: Any, first: Any, others: Any, color: Any
+) -> None:
+    """
+    Write the codes of ``LANES`` neighbouring pixels.
+
+    Parameters
+    ----------
+    red, green, blue : (N,) float32
+    table : (2**16,) int32
+        What to add to the lower half of a value's bits, for each upper half: bits 16 to 23 of the
+        sum are the code.
+    first : int
+        The first pixel.
+    others : uint32
+        Bits of each pixel beside the three codes, which stand in its lowest bytes, red first.
+    color : (N,) uint32
+        Written.
+    """
+    some = slice(int(first), int(first) + LANES)
+    pixels = np.full(LANES, others, np.uint32)
+    for k, row in enumerate((red, green, blue)):
+        bits = row[some].view(np.uint32)
+        sums = table[bits >> 16].view(np.uint32) + (bits & 0xFFFF)
+        pixels |= (sums >> 16 & 0xFF) << np.uint32(8 * k)
+    color[some] = pixels
+
+
 def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rasterjit.pipeline import encode as resolve
+from rasterjit.runtime.jit import helper
 from rasterjit.scene.color import linear_to_srgb
 
 TABLE = resolve.encoding_table()
@@ -51,13 +52,13 @@ def test_codes_equal_naive_on_both_sides_of_every_threshold():
 
 def bucket_starts():
     """Return the least value of each bucket of the table."""
-    places = np.arange(len(TABLE), dtype=np.int32) << resolve.BUCKET_BITS
-    return (places + resolve.LEAST_BITS).view(np.float32)
+    return (np.arange(len(TABLE), dtype=np.uint32) << resolve.BUCKET_BITS).view(np.float32)
 
 
 def test_codes_equal_naive_on_a_sweep():
     sweep = np.linspace(0.0, 1.0, 20011).astype(np.float32)
-    sweep = np.concatenate([sweep, bucket_starts()])
+    starts = bucket_starts()
+    sweep = np.concatenate([sweep, starts[(starts >= 0.0) & (starts <= 1.0)]])
     sweep = around(sweep.astype(np.float32), 1)
     values = 255.0 * linear_to_srgb(sweep) + 0.5
     assert encode(sweep).tolist() == np.floor(values).astype(int).tolist()
@@ -110,13 +111,13 @@ def test_every_code_begins_at_the_least_float32_that_reaches_it():
 def test_no_bucket_holds_two_thresholds():
     buckets = resolve.code_thresholds().view(np.int32) >> resolve.BUCKET_BITS
     assert len(set(buckets.tolist())) == 255
-    assert resolve.code_thresholds()[0] > resolve.LEAST_VALUE
-    assert len(TABLE) == len(bucket_starts()) == 13 * 128 + 1
-    assert bucket_starts()[-1] == 1.0
+    assert len(TABLE) == 2**16
 
 
-def test_the_table_leaves_most_of_the_smallest_cache_to_others():
-    assert TABLE.nbytes < 6.7e3
+def test_what_is_read_of_the_table_leaves_most_of_the_smallest_cache_to_others():
+    starts = bucket_starts()
+    is_read = (starts >= resolve.code_thresholds()[0] / 2) & (starts <= 1.0)
+    assert TABLE[is_read].nbytes < 7.2e3
 
 
 def codes_of_bits(first, count):
@@ -130,15 +131,47 @@ def codes_of_bits(first, count):
     return np.repeat(np.array(codes, np.uint8), held[1] - held[0])
 
 
-def test_codes_on_both_sides_of_every_jump_are_those_of_its_bits():
+def jumps_of_bits():
+    """Return bits of float32 where codes or buckets begin."""
     one, infinity = (int(np.float32(value).view(np.uint32)) for value in (1.0, np.inf))
     jumps = [0, one, infinity, 1 << 31, (1 << 31) + infinity, (1 << 32) - 64]
     jumps += resolve.code_thresholds().view(np.uint32).tolist()
-    jumps += bucket_starts().view(np.uint32).tolist()
-    for jump in jumps:
+    return [*jumps, *bucket_starts().view(np.uint32).tolist()[::16]]
+
+
+def test_codes_on_both_sides_of_every_jump_are_those_of_its_bits():
+    for jump in jumps_of_bits():
         first = max(jump - 32, 0)
         bits = np.arange(first, first + 64, dtype=np.uint32)
         assert (encode(bits.view(np.float32)) == codes_of_bits(first, 64)).all()
+
+
+@helper
+def compiled_encode_span(red, green, blue, table, color):
+    resolve.encode_span(red, green, blue, table, color)
+
+
+@helper
+def compiled_encode_channels(red, green, blue, alpha, table, color):
+    resolve.encode_channels(red, green, blue, alpha, table, color)
+
+
+@pytest.mark.parametrize("size", [0, 1, 7, 8, 9, 15, 16, 17, 64])
+def test_spans_have_the_codes_that_pixels_get(size):
+    random = np.random.default_rng(size)
+    jumps = np.array(jumps_of_bits(), np.int64)
+    for _ in range(20):
+        bits = random.choice(jumps, (4, size)) + random.integers(-1, 2, (4, size))
+        light = (bits % (1 << 32)).astype(np.uint32).view(np.float32)
+        want = np.zeros((1, size + 2), np.uint32)
+        resolve.encode_rows(np.ascontiguousarray(light.T[np.newaxis]), TABLE, want[:, 1:-1])
+        have = np.zeros(size + 2, np.uint32)
+        compiled_encode_channels(*light, TABLE, have[1:-1])
+        assert have.tolist() == want[0].tolist()
+        have[1:-1] = 7
+        compiled_encode_span(*light[:3], TABLE, have[1:-1])
+        want[0, 1:-1] |= 0xFF000000
+        assert have.tolist() == want[0].tolist()
 
 
 @pytest.mark.takes_long

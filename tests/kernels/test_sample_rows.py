@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from rasterjit.runtime.intrinsics import (
+    blend_clipped_run,
     blend_run,
     draw_box,
+    encode_lanes,
     fill_rows,
     least_in_rows,
     range_end,
@@ -48,8 +50,20 @@ def compiled_blend_run(red, green, blue, edges, steps, ratios, corners, base):
 
 
 @helper
+def compiled_blend_clipped_run(
+    red, green, blue, memory, odd, width, xs, ws, down, corners, base
+):  # fmt: skip
+    return blend_clipped_run(red, green, blue, memory, odd, width, xs, ws, down, corners, base)
+
+
+@helper
 def compiled_range_end(numbers, start, first, end):
     return range_end(numbers, start, first, end)
+
+
+@helper
+def compiled_encode_lanes(red, green, blue, table, first, others, color):
+    encode_lanes(red, green, blue, table, first, others, color)
 
 
 def both(compiled, intrinsic, tile, *arguments):
@@ -181,6 +195,62 @@ def test_colours_of_runs(count):
         assert np.isfinite(one).all()
 
 
+@pytest.mark.parametrize("count", [8, 16, 40])
+def test_colours_of_clipped_runs(count):
+    random = np.random.default_rng(count)
+    unsure = 0
+    for _ in range(100):
+        corners = random.uniform(0, 1, (3, 3)) ** random.integers(1, 20)
+        corners[random.random((3, 3)) < 0.3] = 0.0
+        xs, ws, down = random.normal(size=(3, 3)) * 2.0 ** random.integers(-30, 30)
+        given = (
+            np.float64(2 * random.integers(0, 900) + 1), np.float64(random.integers(1000, 2000)),
+            tuple(xs), tuple(ws), tuple(down),
+            tuple(tuple(map(np.float32, corner)) for corner in corners),
+            tuple(map(np.float32, random.uniform(0, 1, 3))),
+        )  # fmt: skip
+        one, other = np.full((2, 3, count), np.nan, np.float32)
+        memories = np.full((2, 4, count), np.nan)
+        found = compiled_blend_clipped_run(*one, tuple(memories[0]), *given)
+        with np.errstate(invalid="ignore"):
+            assert found == blend_clipped_run.function(*other, tuple(memories[1]), *given)
+        unsure += found
+        if not found:
+            assert_same(one, other)
+            assert_same(*memories)
+    assert 20 < unsure < 80
+
+
+@pytest.mark.parametrize(("down", "is_found"), [
+    ((0.0, 0.0, 1.0), False), ((1.0, 0.0, 0.0), True), ((0.0, 1.0, 0.0), True),
+    ((0.0, 0.0, np.nan), True), ((0.0, 0.0, np.inf), True), ((0.0, 0.0, -np.inf), True),
+])  # fmt: skip
+def test_sums_that_are_not_positive_are_found(down, is_found):
+    # All sums are the last number minus the first.
+    color = (np.float32(0.5),) * 3
+    rows, memory = np.zeros((3, 16), np.float32), np.zeros((4, 16))
+    given = (
+        np.float64(1.0), np.float64(16.0), (0.0, 1.0, 0.0), (1.0, 1.0, 1.0), down, (color,) * 3,
+        color,
+    )  # fmt: skip
+    assert compiled_blend_clipped_run(*rows, tuple(memory), *given) == is_found
+    with np.errstate(all="ignore"):
+        assert blend_clipped_run.function(*rows, tuple(memory), *given) == is_found
+
+
+def test_codes():
+    random = np.random.default_rng(5)
+    table = random.integers(0, 2**24, 2**16, np.int32)
+    for first in (0, 3, 12):
+        light = random.integers(0, 2**32, (3, 20), np.uint32).view(np.float32)
+        asked = (*light, table, np.int64(first), np.uint32(random.integers(0, 256) << 24))
+        one, other = np.full((2, 20), 7, np.uint32)
+        compiled_encode_lanes(*asked, one)
+        encode_lanes.function(*asked, other)
+        assert_same((one,), (other,))
+        assert np.count_nonzero(one != 7) == 8
+
+
 def test_checked_indices_find_boxes_beyond_the_tile():
     if not CHECKED:
         pytest.skip("indices are checked with NUMBA_BOUNDSCHECK=1 alone")
@@ -192,6 +262,11 @@ def test_checked_indices_find_boxes_beyond_the_tile():
         )  # fmt: skip
     with pytest.raises(IndexError, match="ends beyond its memory"):
         compiled_least_in_rows(tile[0], *map(np.int64, (0, STRIDE, 2)), np.int32(0), np.int32(7))
+    with pytest.raises(IndexError, match="ends beyond its memory"):
+        compiled_encode_lanes(
+            *np.zeros((3, 20), np.float32), np.zeros(2**16, np.int32), np.int64(13),
+            np.uint32(0), np.zeros(20, np.uint32),
+        )  # fmt: skip
 
 
 COUNT_MASKED_STORES = """

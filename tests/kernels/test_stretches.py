@@ -106,6 +106,16 @@ def assert_neighbours_do_not_matter(bands):
                 assert kept >= LONG or stages.samples_listed(some)[SPAN] == 0
 
 
+@pytest.mark.parametrize("first", [0, 1, 7, 15, 16, 23])
+def test_long_runs_are_spans_from_any_column_on(first):
+    for length in (LONG - 1, LONG, LONG + 9, 100):
+        faces = np.full((2, first + length + 3), -1, np.int32)
+        faces[1, first : first + length] = 1
+        listed = stages.samples_listed(faces)
+        assert listed[SPAN if length >= LONG else MIXED] == length
+        assert sum(listed) == length
+
+
 @pytest.mark.parametrize("model", ["unlit", "flat", "gouraud", "phong"])
 @pytest.mark.parametrize("near", [0.1, 3.9])
 def test_neighbours_change_no_bit_of_a_sample(model, near):

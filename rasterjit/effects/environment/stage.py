@@ -482,7 +482,7 @@ def show_environment(
         Width and height of the whole frame, pixels.
     environment : EnvironmentRecord
     tone : ToneRecord
-    table : (1665,) int32
+    table : (65536,) int32
         `encode.encoding_table`.
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.

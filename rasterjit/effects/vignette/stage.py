@@ -39,7 +39,7 @@ def darken_rows(
         As `rasterjit.Vignette` has them; ``start`` below 1.
     light : (256,) float32
         Linear light of each code.
-    table : (1665,) int32
+    table : (65536,) int32
         `encode.encoding_table`.
     """
     width, height = np.float64(size[0]), np.float64(size[1])

@@ -372,7 +372,7 @@ def lay_lines(
         Opaque; red in the lowest byte.
     light : (256,) float32, or (0,): codes are mixed, not light
         Linear light of each code.
-    table : (1665,) int32, `encode.encoding_table`
+    table : (65536,) int32, `encode.encoding_table`
     color : (R, W) uint32
         Changed where lines are.
     """

@@ -320,7 +320,7 @@ def finish_mix(
         The share that shows no face.
     mixed : (R, 4, W) float32
         As `mix_shares` leaves it; scratch memory from here on.
-    table : (1665,) int32
+    table : (65536,) int32
         `encoding_table`.
     linear : (R, W, 4) float32
         Written: linear RGBA with straight alpha. Unless it is not wanted, then W is 0.

@@ -11,8 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import clipped_weights, normalized
-from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.geometry.barycentric import (
+    clipped_weights,
+    normalized,
+    seen_from_sample,
+)
+from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import samples as row
 from rasterjit.pipeline.surface.attributes import (
@@ -50,7 +54,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import LANES, blend_run, part
+from rasterjit.runtime.intrinsics import LANES, blend_clipped_run, blend_run, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
@@ -103,6 +107,23 @@ def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
 
 
 @helper
+def blend_clipped_row(corner, rows, memory, place, geometry, colors, base):
+    """Write the colours along a row of one clipped face, given by rows; return not 0 if unsure."""
+    (a, b, c), (red, green, blue), (column, line) = corner, rows, place
+    clip, viewport = geometry.clip_positions, geometry.viewport
+    across, down = seen_from_sample(a, b, c, np.float64(column), line, clip, viewport)
+    (u0, u1, u2), (v0, v1, v2) = across, down
+    # All sums of weights on a face have the same sign, but for how they are rounded.
+    if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:
+        down = -v0, -v1, -v2
+    return blend_clipped_run(
+        red, green, blue, memory, np.float64(2 * (viewport.left + column) + 1),
+        np.float64(whole_size(viewport)[0]), (clip[a, 0], clip[b, 0], clip[c, 0]),
+        (clip[a, 3], clip[b, 3], clip[c, 3]), down, colors, base,
+    )  # fmt: skip
+
+
+@helper
 def edges_along_row(a, b, c, column, row, bits, xy):
     """Return the edge functions of a face that is not wide at a pixel on it, and their steps."""
     half = np.int32(1) << (bits - 1)
@@ -124,7 +145,20 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
     (a, b, c), (column, line) = corner, place
     at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
-    if not (is_clipped or (has_wide and is_wide(a, b, c, xy))):
+    end, shown = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
+    rows = (
+        part(samples, row.RED, start, end), part(samples, row.GREEN, start, end),
+        part(samples, row.BLUE, start, end),
+    )  # fmt: skip
+    if is_clipped:
+        real = block.real
+        memory = (
+            part(real, 0, start, end), part(real, 1, start, end), part(real, 2, start, end),
+            part(real, 3, start, end),
+        )  # fmt: skip
+        if blend_clipped_row(corner, rows, memory, place, geometry, shown, base) == 0:
+            return
+    elif not (has_wide and is_wide(a, b, c, xy)):
         edges, steps = edges_along_row(a, b, c, column, line, geometry.viewport.grid_bits, xy)
         one = np.float32(1.0)
         ratio_b, ratio_c = one, one
@@ -135,11 +169,8 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         least = size * min(one, min(ratio_b, ratio_c))
         most = size * max(one, max(ratio_b, ratio_c))
         if least > 2.0 * LEAST_TOTAL and most < 0.5 * LARGEST_TOTAL:
-            end = start + ((stop - start + (LANES - 1)) & -LANES)
             blend_run(
-                part(samples, row.RED, start, end), part(samples, row.GREEN, start, end),
-                part(samples, row.BLUE, start, end), edges, steps, (ratio_b, ratio_c),
-                (at_a, at_b, at_c), base,
+                rows[0], rows[1], rows[2], edges, steps, (ratio_b, ratio_c), shown, base
             )  # fmt: skip
             return
     weights = block.float32_weights

@@ -44,8 +44,11 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
 LONG = 16
-"""Columns that must show one face to make a span, counted from a multiple of this number on: face
-numbers in a 512-bit register."""
+"""
+Columns that must show one face to make a span: face numbers in a 512-bit register.
+
+Among shorter runs a span is looked for at multiples of this number alone.
+"""
 
 
 @helper
@@ -181,7 +184,7 @@ def list_samples(
             # A block may be full before the row ends.
             wanted = numbers[: min(columns, at + SAMPLES - n)]
             end = run_end(wanted, at)
-            if at % LONG == 0 and end >= at + LONG:
+            if end >= at + LONG:
                 whole[FIRST, r], whole[FACE, r] = n, face
                 segments[k, KIND], segments[k, OWNER] = SPAN, owner
                 segments[k, START], segments[k, FIRST_PATCH] = n, r
