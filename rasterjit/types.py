@@ -23,6 +23,7 @@ from rasterjit.rendering.stream import Progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike
+from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.fog import FogMode
 from rasterjit.scene.framing import Projection
 from rasterjit.scene.light import Light, ShadowFilter
@@ -61,6 +62,7 @@ __all__ = [
     "Camera",
     "ColorLike",
     "ColorSpace",
+    "ColormapLike",
     "Cull",
     "Curve",
     "DepthFormat",

@@ -193,6 +193,19 @@ class Maps(NamedTuple):
     """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
+class Fields(NamedTuple):
+    """The scalars of all objects' vertices, and how they are shown: see ``surface.fields``."""
+
+    values: Any
+    """(V,) float64."""
+    rules: Any
+    """(O, 2) float64: the value of the first entry, and what those above are divided by."""
+    entries: Any
+    """(O, 2) int64: first row of ``colors`` and number of entries; 0 entries: it has none."""
+    colors: Any
+    """(N, 4) float32, linear RGBA: the entries of each map, and the colour of NaN behind them."""
+
+
 class Microfacets(NamedTuple):
     """The metallic-roughness materials of all objects."""
 
@@ -226,6 +239,8 @@ class Surface(NamedTuple):
     """What it takes to find the alpha of a sample | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
+    fields: Fields | None = None
+    """Scalars of vertices | None -> none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
 

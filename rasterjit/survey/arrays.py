@@ -14,7 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import records
-from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Placement, Surface, Textures
+from rasterjit.pipeline.records import (
+    AlphaTests,
+    Fields,
+    Maps,
+    Microfacets,
+    Placement,
+    Surface,
+    Textures,
+)
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
@@ -241,6 +249,37 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     runs = runs_of(meshes)
     rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
+
+
+def join_fields(meshes: Sequence[Mesh]) -> Fields:
+    """Join the scalars of vertices, NaN where an object has none, and the maps that show them."""
+    runs = runs_of(meshes)
+    colors, rules, entries, first = [], [], [], 0
+    for mesh, _ in runs:
+        field = mesh.vertex_field
+        rules.append((0.0, 1.0) if field is None else field.rule)
+        entries.append((first, 0 if field is None else len(field.colormap)))
+        if field is not None:
+            colors.append(field.table)
+            first += len(field.table)
+    return Fields(
+        join_scalars(meshes),
+        _repeat(rules, runs, np.float64),
+        _repeat(entries, runs, np.int64),
+        np.concatenate(colors),
+    )
+
+
+def join_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
+    """Join the scalars of vertices, (V,), the infinite ones finite; NaN where there are none."""
+    return np.concatenate(
+        [
+            np.full(len(mesh.vertices), np.nan)
+            if mesh.vertex_field is None
+            else mesh.vertex_field.limited
+            for mesh in meshes
+        ]
+    )
 
 
 def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
@@ -19,6 +19,7 @@ from rasterjit.survey import placement
 from rasterjit.survey.arrays import (
     SceneArrays,
     join_alpha_tests,
+    join_fields,
     join_maps,
     join_microfacets,
     join_textures,
@@ -180,6 +181,11 @@ class MaterialTables:
     def microfacets(self) -> Microfacets:
         """Metallic and roughness of all objects."""
         return join_microfacets(self.meshes)
+
+    @cached_property
+    def fields(self) -> Fields:
+        """The scalars of all objects' vertices, and the colour maps that show them."""
+        return join_fields(self.meshes)
 
     @cached_property
     def maps(self) -> Maps:

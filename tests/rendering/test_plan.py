@@ -297,6 +297,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "shadows                  out (no light casts them)",
         "smooth normals           in  (shading gouraud, phong)",
         "textures                 in  (1 bilinear (base color))",
+        "scalar fields            out (no mesh has scalars of its vertices)",
         "alpha masks              out (no material has the alpha_mode 'mask')",
         "microfacets              out (no material is shaded pbr)",
         "normal maps              out (no lit material has a normal_texture)",
