@@ -203,6 +203,16 @@ class Frame:
         """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
         return self._output("uv")
 
+    @property
+    def scalar(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: the scalars of the meshes, whatever they are shown by.
+
+        The face's, or that between its vertices, perspective-correct and in float64; beyond float32
+        infinite. NaN where nothing is, an object has none, or a corner of the face has NaN.
+        """
+        return self._output("scalar")
+
     def attribute(self, name: str) -> NDArray[np.float32]:
         """
         Return an attribute of the meshes, as the output ``attribute:NAME`` shows it.

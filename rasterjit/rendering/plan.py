@@ -147,6 +147,8 @@ def _refuse(scene: Scene, facts: Facts) -> None:
     contents, quality = facts.contents, facts.quality
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
+    if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
+        raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
     if contents.masked_fields:
         refuse_masked_field(scene.nodes)
     if facts.colors_faces and contents.unlaid:

@@ -282,6 +282,25 @@ def join_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
     )
 
 
+def join_face_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float32] | None:
+    """
+    Join the scalars of faces, (F+1,); NaN where an object has none, and in the last row.
+
+    None where no object has any.
+    """
+    if not any(mesh.field is not None and mesh.field.of_faces for mesh in meshes):
+        return None
+    joined = np.concatenate(
+        [
+            mesh.field.values
+            if mesh.field is not None and mesh.field.of_faces
+            else np.full(len(mesh.faces), np.nan)
+            for mesh in meshes
+        ]
+    )
+    return np.append(joined, np.nan).astype(np.float32)
+
+
 def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
     """
     Join what lies over the objects besides a base colour, and what it needs.

@@ -86,6 +86,23 @@ class Shapes:
         return self._attributes[name]
 
     @cached_property
+    def scalars(self) -> tuple[NDArray[np.float64], NDArray[np.float32] | None]:
+        """Scalars of vertices, (V,), and of faces, (F+1,), as `join_face_scalars` has them."""
+        of_faces = plan_arrays.join_face_scalars(self.meshes)
+        return plan_arrays.join_scalars(self.meshes), of_faces
+
+    @cached_property
+    def has_face_scalars(self) -> NDArray[np.bool_]:
+        """Whether each face is of a mesh with scalars of its faces, (F+1,); face -1 is of none."""
+        return np.append(
+            np.repeat(
+                [mesh.field is not None and mesh.field.of_faces for mesh in self.meshes],
+                np.diff(self.arrays.face_starts),
+            ),
+            False,
+        )
+
+    @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Vertex normals of all objects, (V, 3)."""
         return plan_arrays.join_normals(self.meshes)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import interpolate
-from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.geometry.barycentric import interpolate, lowest_first, sample_weights
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import samples as rows_of
 from rasterjit.pipeline.surface.attributes import span_corners
 from rasterjit.pipeline.surface.samples import (
     END_PATCH,
@@ -30,8 +31,8 @@ from rasterjit.pipeline.surface.samples import (
 )
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.intrinsics import part, spread
-from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, float64, int64, uint8
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
 VALUE = 3
 """Row of ``real``: the scalar of each sample; those of its face's vertices are in three before."""
@@ -152,4 +153,34 @@ def multiply_alphas(block: Block, count, is_blended: uint8[::1]):
         segment = block.segments[k]
         if is_blended[np.uintp(segment[OWNER])] != 0:
             for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
-                samples[row.ALPHA, n] *= shown[SHOWN + 3, n]
+                samples[rows_of.ALPHA, n] *= shown[SHOWN + 3, n]
+
+
+@kernel
+def fill_scalars(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, values: float64[::1],
+    scalar: float32[:, ::1],
+):  # fmt: skip
+    """
+    Interpolate the scalars of vertices at each sample.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        First row, and one past the last.
+    geometry : Geometry
+    values : (V,) float64
+    scalar : (H, W) float32
+        Written; NaN where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                scalar[row, column] = np.nan
+                continue
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            found = scalar_at(weights, values[a], values[b], values[c])
+            scalar[row, column] = np.float32(found)
