@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,20 @@ NAN_COLOR = "darkgray"
 """The colour of values that are NaN, if no other is given."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+
+
+class ColorScale(NamedTuple):
+    """Which colour stands for which value: what a colour bar shows."""
+
+    colormap: Colormap
+    range: tuple[float, float]
+    nan_color: NDArray[np.float32] | None
+    """(4,), linear RGBA; None: no value is NaN."""
+
+    def same(self, other: ColorScale) -> bool:
+        """Tell whether values have the same colours, but for those that are NaN."""
+        is_same = self.range == other.range
+        return is_same and np.array_equal(self.colormap.codes, other.colormap.codes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +70,11 @@ class Field:
     def has_nan(self) -> bool:
         """Whether any value is NaN."""
         return bool(np.isnan(self.values).any())
+
+    @property
+    def scale(self) -> ColorScale:
+        """Which colour stands for which value."""
+        return ColorScale(self.colormap, self.range, self.nan_color if self.has_nan else None)
 
     @property
     def table(self) -> NDArray[np.float32]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
@@ -130,6 +131,7 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
     def contents(self) -> Contents:
@@ -174,6 +176,11 @@ class Inventory:
         """Of each kind of texture, whether any is laid otherwise than its object's base colour."""
         sets = np.array([sets_of(textures) for textures in self._textures])
         return tuple((sets != sets[:, :1]).any(axis=0).tolist())
+
+    @property
+    def color_scales(self) -> list[ColorScale | None]:
+        """How each object shows its scalars; None where it has none."""
+        return [self._scales[number] for number in self._numbers.tolist()]
 
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
