@@ -13,7 +13,7 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
     move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
     that has no word for.
-    `Material` and `Texture` are what surfaces look like, a `Colormap` what their scalars look like;
+    `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
     `ToneMap` and `Vignette` are effects of a whole scene.
@@ -98,6 +98,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.colormap import Colormap
+from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
@@ -137,6 +138,7 @@ __all__ = [
     "CalibrationWarning",
     "Choice",
     "Colormap",
+    "Contours",
     "Diagnostics",
     "DirectionalLight",
     "Environment",

@@ -24,6 +24,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike
 from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
 from rasterjit.scene.framing import Projection
 from rasterjit.scene.light import Light, ShadowFilter
@@ -63,6 +64,7 @@ __all__ = [
     "ColorLike",
     "ColorSpace",
     "ColormapLike",
+    "ContoursLike",
     "Cull",
     "Curve",
     "DepthFormat",

@@ -54,7 +54,7 @@ def full_scene():
         ),
         square(rj.Material("phong", "red"), (0.0, 0.0, -1.0), colors=np.ones((2, 3))),
         square(rj.Material("phong", (0.1, 0.2, 0.9, 0.5), alpha_mode="blend"), (0.3, 0.2, 1.0)),
-        square(rj.Material("phong"), (0.0, 0.0, -2.0), scalars=[0.0, 1.0, 2.0, 3.0]),
+        square(rj.Material("phong"), (0.0, 0.0, -2.0), scalars=[0, 1, 2, 3], contours=3),
     ]  # fmt: skip
     scene = rj.Scene()
     for mesh, place in squares:

@@ -193,6 +193,17 @@ class Maps(NamedTuple):
     """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
+class Levels(NamedTuple):
+    """The iso-lines of the scalars of all objects: see ``surface.contours``."""
+
+    levels: Any
+    """(N,) float64: those of each object, ascending."""
+    places: Any
+    """(O, 2) int64: the first of an object's levels, and how many it has."""
+    lines: Any
+    """(O, 4) float32: half the width of lines, pixels; red, green, blue, linear."""
+
+
 class Fields(NamedTuple):
     """The scalars of all objects' vertices, and how they are shown: see ``surface.fields``."""
 
@@ -204,6 +215,8 @@ class Fields(NamedTuple):
     """(O, 2) int64: first row of ``colors`` and number of entries; 0 entries: it has none."""
     colors: Any
     """(N, 4) float32, linear RGBA: the entries of each map, and the colour of NaN behind them."""
+    contours: Levels | None = None
+    """None -> no object has iso-lines."""
 
 
 class Microfacets(NamedTuple):

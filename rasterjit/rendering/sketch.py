@@ -18,6 +18,7 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     Fields,
     Geometry,
+    Levels,
     Lighting,
     Maps,
     Microfacets,
@@ -156,7 +157,9 @@ def _tables(plan: RenderPlan) -> _Tables:
     )
     apart = [empty[:, :2] if one else None for one in plan.facts.inventory.kinds_apart]
     maps, microfacets = Maps(empty, counts, empty, apart), Microfacets(empty[:, :2], np.ones(2))
-    fields = Fields(np.empty(0), np.empty((0, 2)), np.empty((0, 2), np.int64), empty)
+    none = np.empty((0, 2), np.int64)
+    lines = Levels(np.empty(0), none, empty) if contents.contoured else None
+    fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
     return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields)
 
 

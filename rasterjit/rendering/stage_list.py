@@ -24,6 +24,7 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     PBR,
     PHONG,
+    Fields,
     Geometry,
     Lighting,
     Maps,
@@ -33,6 +34,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import (
     attributes,
+    contours,
     fields,
     float32_colors,
     float32_weights,
@@ -104,7 +106,7 @@ def surface_steps(
         below = surface.face_colors, materials, DIFFUSE
         steps.append(Step(attributes.multiply_face_colors_below_highlights, below))
     if surface.fields is not None:
-        steps += [Step(fields.show_scalars, surface.fields), multiply_step(surface)]
+        steps += [*field_steps(surface.fields, geometry), multiply_step(surface)]
     has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
     if has_textures:
         steps += texture_steps(surface)
@@ -116,7 +118,7 @@ def surface_steps(
         steps.append(Step(attributes.find_alphas, alphas))
         if surface.fields is not None:
             steps += [
-                Step(fields.show_scalars, surface.fields),
+                *field_steps(surface.fields, geometry),
                 Step(fields.multiply_alphas, (surface.alphas.is_blended,)),
             ]
     if lighting is None:
@@ -143,6 +145,15 @@ def surface_steps(
         steps.append(Step(attributes.stand_in, (stands_in,)))
     if surface.maps is not None and surface.textures is not None:
         steps += map_steps(surface.textures, surface.maps, surface, geometry, placement)
+    return steps
+
+
+def field_steps(own: Fields, geometry: Geometry) -> list[Step]:
+    """Return the stages that show the colours of scalars, and the lines between them."""
+    *shown, lines = own
+    steps = [Step(fields.show_scalars, tuple(shown))]
+    if lines is not None:
+        steps.append(Step(contours.draw_contours, (own.values, *lines, geometry)))
     return steps
 
 

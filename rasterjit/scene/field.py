@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import Colormap, ColormapLike, read_colormap, width_of
+from rasterjit.scene.contours import Contours, ContoursLike, read_contours
 from rasterjit.scene.validation import (
     MaskedError,
     cut_short,
@@ -18,8 +19,8 @@ from rasterjit.scene.validation import (
     unmasked_array,
 )
 
-FARTHEST = 1e300
-"""What stands for infinite values: beyond all others, and their differences are finite."""
+FARTHEST = 1e200
+"""What stands for infinite values: beyond all others, and their products are finite."""
 
 NAN_COLOR = "darkgray"
 """The colour of values that are NaN, if no other is given."""
@@ -59,6 +60,7 @@ class Field:
     """What its first and its last entry stand for."""
     nan_color: NDArray[np.float32]
     """(4,), read-only, linear RGBA: the colour of faces with a corner that is NaN."""
+    contours: Contours | None = None
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
@@ -92,6 +94,11 @@ class Field:
         return self.range[0], width_of(*self.range)
 
     @property
+    def levels(self) -> NDArray[np.float64]:
+        """The values of its contours, ascending; (0,) without."""
+        return np.empty(0) if self.contours is None else self.contours.values_in(*self.range)
+
+    @property
     def least_alpha(self) -> np.float32:
         """An alpha that no colour of it is below."""
         lowest = self.colormap.colors[:, 3].min()
@@ -113,6 +120,7 @@ def make_field(
     colormap: ColormapLike,
     range: tuple[float, float] | None,
     nan_color: ColorLike,
+    contours: ContoursLike | None,
 ) -> Field:
     """
     Return the field that the arguments of a mesh say, checked.
@@ -122,7 +130,7 @@ def make_field(
     scalars : (V,) or (F,) array_like
     counts : (int, int)
         V and F.
-    colormap, range, nan_color
+    colormap, range, nan_color, contours
         As `Mesh` takes them.
 
     Raises
@@ -131,12 +139,15 @@ def make_field(
         Naming the argument that is wrong.
     """
     values = _scalar_array(scalars, counts)
+    if contours is not None and len(values) != counts[0]:
+        raise ValueError("contours must be None where scalars are those of faces, without slopes")
     return Field(
         values=read_only(values),
         of_faces=len(values) != counts[0],
         colormap=read_colormap(colormap),
         range=_range_of(values) if range is None else _range(range),
         nan_color=read_only(linear_color("nan_color", nan_color)),
+        contours=None if contours is None else read_contours(contours),
     )
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.field import NAN_COLOR, Field, make_field
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
@@ -109,6 +110,9 @@ class Mesh(Guarded, Previewed):
         is finite; (0, 1) if none is.
     nan_color : colour
         Of faces that are NaN, or have a corner that is.
+    contours : int, (N,) array_like or Contours, optional
+        Lines along which scalars of vertices have one value: how many inside the range, which
+        values, or `Contours`, which has their width and colour too.
     material : Material, optional
         Default ``Material()``.
     on_invalid : {"raise", "drop"}
@@ -148,6 +152,7 @@ class Mesh(Guarded, Previewed):
         colormap: ColormapLike = "viridis",
         range: tuple[float, float] | None = None,
         nan_color: ColorLike = NAN_COLOR,
+        contours: ContoursLike | None = None,
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
@@ -166,9 +171,11 @@ class Mesh(Guarded, Previewed):
                     "colors must be None where scalars are given, which have their own"
                 )
             counts = len(self._vertices), len(self._faces)
-            self._field = make_field(scalars, counts, colormap, range, nan_color)
+            self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
             if self._field.of_faces:
                 self._face_colors = read_only(self._field.colors())
+        elif contours is not None:
+            raise ValueError("contours must be None where no scalars are given")
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
             self._normals = read_only(_normal_array(normals, len(self._vertices)))

@@ -17,6 +17,7 @@ from rasterjit.pipeline import records
 from rasterjit.pipeline.records import (
     AlphaTests,
     Fields,
+    Levels,
     Maps,
     Microfacets,
     Placement,
@@ -31,6 +32,7 @@ from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 from rasterjit.survey.contents import (
     Attribute,
     base_color_of,
+    contours_of,
     may_have_holes,
     sets_of,
     textures_read,
@@ -267,6 +269,25 @@ def join_fields(meshes: Sequence[Mesh]) -> Fields:
         _repeat(rules, runs, np.float64),
         _repeat(entries, runs, np.int64),
         np.concatenate(colors),
+        _join_contours(runs) if any(contours_of(mesh) for mesh, _ in runs) else None,
+    )
+
+
+def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
+    """Join the iso-lines of all objects."""
+    levels, places, lines, first = [], [], [], 0
+    for mesh, _ in runs:
+        contours, found = contours_of(mesh), np.empty(0)
+        if contours is not None and mesh.field is not None:
+            found = mesh.field.levels
+        levels.append(found)
+        places.append((first, len(found)))
+        lines.append(
+            (0.0,) * 4 if contours is None else (contours.width / 2.0, *contours.color[:3])
+        )
+        first += len(found)
+    return Levels(
+        np.concatenate(levels), _repeat(places, runs, np.int64), _repeat(lines, runs, np.float32)
     )
 
 

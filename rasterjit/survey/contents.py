@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.contours import Contours
 from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
@@ -71,6 +72,8 @@ class Contents(NamedTuple):
     """With a colour of each face."""
     with_field: int
     """With a scalar of each vertex, shown by a colour map."""
+    contoured: int
+    """Of those, with iso-lines."""
     masked_fields: int
     """Of those, with an alpha mask, while the map has colours that are not opaque."""
     mipped: int
@@ -222,6 +225,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
         with_field=field is not None,
+        contoured=contours_of(mesh) is not None,
         masked_fields=has_masked_field(mesh),
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
@@ -264,6 +268,11 @@ def may_have_holes(mesh: Mesh) -> bool:
     if material.alpha_mode != "mask":
         return False
     return bool(_least_alpha(mesh) < np.float32(material.alpha_cutoff))
+
+
+def contours_of(mesh: Mesh) -> Contours | None:
+    """Return the iso-lines of a mesh's scalars, or None."""
+    return None if mesh.vertex_field is None else mesh.vertex_field.contours
 
 
 def has_masked_field(mesh: Mesh) -> bool:

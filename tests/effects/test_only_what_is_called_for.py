@@ -89,7 +89,9 @@ GONE = {
     # Holes are where the colours of vertices say so.
     "vertex colors": {"attributes.multiply_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
-    "scalar fields": {"fields.multiply_alphas", "fields.show_scalars"},
+    "scalar fields": {
+        "contours.draw_contours", "fields.multiply_alphas", "fields.show_scalars",
+    },
     "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {

@@ -58,7 +58,7 @@ def colored(mesh, mapped):
 )  # fmt: skip
 def test_one_value_everywhere_is_one_color_bit_for_bit(material, samples):
     plain = grid(material=material)
-    field = grid(material=material, scalars=np.full(81, 2.0), colormap=BANDS)
+    field = grid(material=material, scalars=np.full(81, 2.0), colormap=BANDS, contours=[1.0, 2.0])
     pictures = []
     for mesh in (colored(plain, mapped=True), field):
         scene = rj.Scene()
@@ -101,7 +101,7 @@ def full_scene():
     made = rj.Scene()
     values = waves(81)
     values[7] = np.nan
-    field = grid(scalars=values, colormap="plasma", material=rj.Material("phong"))
+    field = grid(scalars=values, colormap="plasma", contours=6, material=rj.Material("phong"))
     made.add(field, T.translate((-0.6, 0.0, 0.0)))
     made.add(field, T.compose(T.translate((1.0, 0.4, -0.5)), T.scale((-0.5, 0.5, 0.5))))
     made.add(grid(scalars=waves(128), material=rj.Material("flat")), T.translate((0.9, -0.6, 0.4)))
@@ -176,7 +176,9 @@ def test_bits_are_the_same_in_tiles_threads_batches_and_layers():
 
 
 def test_fields_go_wherever_their_mesh_goes(tmp_path):
-    mesh = grid(scalars=waves(81), colormap="plasma", range=(-1, 2), nan_color="red")
+    mesh = grid(
+        scalars=waves(81), colormap="plasma", range=(-1, 2), nan_color="red", contours=[0.5]
+    )
     wanted = rj.render(mesh, CAMERA, size=SIZE, threads=1)
     scene = rj.Scene()
     scene.add(mesh)
@@ -271,3 +273,20 @@ def test_a_column_of_scalars_is_one():
     assert mesh.field.values.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert mesh.field.range == (1.0, 4.0)
     assert not mesh.field.values.flags.writeable
+
+
+def test_lines_are_opaque_and_lit_as_surfaces_are():
+    clear = np.array([[255, 0, 0, 51]], np.uint8)
+    material = rj.Material("unlit", (0.5, 1.0, 1.0), alpha_mode="blend")
+    contours = rj.Contours(4, 2.0, "white")
+    mesh = grid(scalars=waves(81), colormap=clear, contours=contours, material=material)
+    frame = rj.render(mesh, CAMERA, size=SIZE, background="transparent", threads=1)
+    alphas = frame.color[..., 3]
+    assert set(np.unique(alphas)) == {0, 51, 255}
+    # White lines times the base colour.
+    assert (frame.color[alphas == 255] == [188, 255, 255, 255]).all()
+    lit = rj.Scene()
+    lit.add(grid(scalars=waves(81), contours=contours, material=rj.Material("flat")))
+    lit.lights = [rj.AmbientLight("white", 0.5)]
+    shown = rj.render(lit, CAMERA, size=SIZE, threads=1).color
+    assert (shown == [188, 188, 188, 255]).all(axis=2).any()
