@@ -75,6 +75,23 @@ def test_values_are_interpolated_before_the_color_is_looked_up():
     assert len(np.unique(frame.color[hit], axis=0)) == 4
 
 
+def test_entries_are_the_exact_ones():
+    rng = np.random.default_rng(3)
+    own = rj.Colormap("viridis")
+    for low, high in ((0.0, 1.0), (-3.0, 5.0), (1e-30, 4e-30), (0.0, 1e38), (2.0, 2.0)):
+        values = low + (high - low) * rng.uniform(-0.2, 1.2, 300)
+        found = own.entries(values, low, high)
+        exact = [oracle.colormap_entry(value, low, high, 256) for value in values]
+        # None of them lies so near to an entry's end that rounding would put it beyond.
+        assert found.tolist() == exact
+    assert [oracle.colormap_entry(value, 0, 4, 4) for value in (-1, 0, 1, 2, 4, 9)] == [
+        0, 0, 1, 2, 3, 3,
+    ]  # fmt: skip
+    for wrong in ((np.nan, 0, 1, 4), (0, 1, 0, 4), (0, 0, np.inf, 4), (0, 0, 1, 0)):
+        with pytest.raises(ValueError, match="must"):
+            oracle.colormap_entry(*wrong)
+
+
 def test_faces_have_one_color_each_though_they_share_vertices():
     square = [(0, 0), (16, 0), (16, 16), (0, 16)]
     values = [1.5, np.nan]
