@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from decimal import Decimal
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -133,22 +134,26 @@ def find_ticks(low: float, high: float, most: int) -> list[float]:
     width = high - low
     if width <= 0.0:
         return [low]
-    power = 10.0 ** math.floor(math.log10(width / most)) if width / most > 0.0 else 0.0
-    if power <= 0.0:
+    if not width / most > 0.0:
         return [low]
-    if not math.isfinite(max(abs(low), abs(high)) / power):
+    # From text, so that each is rounded once.
+    steps = [float(f"{factor}e{exponent_of(width / most)}") for factor in STEPS]
+    if not (steps[0] > 0.0 and math.isfinite(max(abs(low), abs(high)) / steps[0])):
         return [low]
-    counts = (
-        (step, math.floor(high / step) - math.ceil(low / step) + 1)
-        for step in (factor * power for factor in STEPS)
-    )
-    step = next((step for step, count in counts if count <= most + 1), STEPS[-1] * power)
+    counts = (math.floor(high / step) - math.ceil(low / step) + 1 for step in steps)
+    fitting = (step for step, count in zip(steps, counts, strict=True) if count <= most + 1)
+    step = next(fitting, steps[-1])
     ticks = [n * step for n in range(math.ceil(low / step), math.floor(high / step) + 1)]
     # So that 3 * 0.1 is 0.3.
-    digits = -math.floor(math.log10(step))
+    digits = -exponent_of(step)
     rounded = [round(tick, digits) + 0.0 for tick in ticks]
     held = [tick for tick in rounded if low <= tick <= high]
     return list(dict.fromkeys(held)) or [low]
+
+
+def exponent_of(value: float) -> int:
+    """Return the power of ten of a number's first digit, as it is written; 0 for 0."""
+    return Decimal(repr(value)).adjusted() if value else 0
 
 
 def write_ticks(ticks: Sequence[float]) -> list[str]:
@@ -156,11 +161,12 @@ def write_ticks(ticks: Sequence[float]) -> list[str]:
     largest = max(abs(tick) for tick in ticks)
     if len(ticks) == 1:
         return [f"{ticks[0]:.{PLAIN_DIGITS}g}"]
-    step = min(abs(b - a) for a, b in pairwise(ticks))
-    digits = max(0, -math.floor(math.log10(step)))
-    if largest < 10.0**PLAIN_DIGITS and digits <= PLAIN_DIGITS:
+    # Differences are off by their last bits: 3e-9 - 2e-9 is below 1e-9.
+    step = float(f"{min(b - a for a, b in pairwise(ticks)):.6g}")
+    digits = max(0, -exponent_of(step))
+    if exponent_of(largest) < PLAIN_DIGITS and digits <= PLAIN_DIGITS:
         return [f"{tick:.{digits}f}" for tick in ticks]
-    places = max(0, math.floor(math.log10(largest)) - math.floor(math.log10(step)))
+    places = max(0, exponent_of(largest) - exponent_of(step))
     return [f"{tick:.{places}e}" if tick else "0" for tick in ticks]
 
 
