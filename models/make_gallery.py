@@ -37,6 +37,7 @@ from gallery_parts import (
     studio,
 )
 from PIL import Image
+from surfaces import grid_faces
 
 import rasterjit as rj
 
@@ -381,6 +382,27 @@ def wireframe(size: Size) -> Picture:
         camera = rj.PerspectiveCamera(eye=(0.8, 1.8, 6.0), target=(0.1, -0.1, 0), fov_y=37.0)
         pictures.append(shown(scene, camera, part))
     return in_row(pictures)
+
+
+@picture
+def scalar_fields(size: Size) -> Picture:
+    """A wave in a colour map, with iso-lines and its colour bar."""
+    count, half = 81, 4.0
+    z, x = np.mgrid[-half : half : count * 1j, -half : half : count * 1j]
+    height = 2.2 * np.cos(1.9 * np.hypot(x + 0.8, z - 0.4)) * np.exp(-0.11 * (x * x + z * z))
+    points = np.stack([x, 0.4 * height, z], axis=2).reshape(-1, 3)
+    wave = rj.Mesh(
+        points, grid_faces(count, count)[:, ::-1], scalars=height.ravel(), range=(-2.0, 2.0),
+        contours=rj.Contours([-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5], color="#20242c"),
+        material=rj.Material("phong", specular=0.15),
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(wave)
+    scene.lights = [rj.AmbientLight(intensity=0.55), sun(0.6)]
+    camera = rj.PerspectiveCamera(eye=(4.5, 7.0, 9.5), target=(0.0, -0.3, 0.0), fov_y=44.0)
+    bar = rj.render(scene, camera, size=(8, size[1])).colorbar("cm")[:, : size[0] // 2, :3]
+    part = size[0] - bar.shape[1], size[1]
+    return np.hstack([shown(scene, camera, part, background="white"), bar])
 
 
 @picture

@@ -13,9 +13,9 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
     move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
     that has no word for.
-    `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
-    `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
-    `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
+    `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
+    `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
+    without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
@@ -97,6 +97,8 @@ from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.colormap import Colormap
+from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
@@ -135,6 +137,8 @@ __all__ = [
     "Batch",
     "CalibrationWarning",
     "Choice",
+    "Colormap",
+    "Contours",
     "Diagnostics",
     "DirectionalLight",
     "Environment",

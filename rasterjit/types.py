@@ -23,6 +23,8 @@ from rasterjit.rendering.stream import Progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike
+from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
 from rasterjit.scene.framing import Projection
 from rasterjit.scene.light import Light, ShadowFilter
@@ -61,6 +63,8 @@ __all__ = [
     "Camera",
     "ColorLike",
     "ColorSpace",
+    "ColormapLike",
+    "ContoursLike",
     "Cull",
     "Curve",
     "DepthFormat",

@@ -54,6 +54,7 @@ def full_scene():
         ),
         square(rj.Material("phong", "red"), (0.0, 0.0, -1.0), colors=np.ones((2, 3))),
         square(rj.Material("phong", (0.1, 0.2, 0.9, 0.5), alpha_mode="blend"), (0.3, 0.2, 1.0)),
+        square(rj.Material("phong"), (0.0, 0.0, -2.0), scalars=[0, 1, 2, 3], contours=3),
     ]  # fmt: skip
     scene = rj.Scene()
     for mesh, place in squares:
@@ -168,6 +169,7 @@ WITHOUT = {
     "alpha masks": opaque("mask"),
     "vertex colors": without_colors(1),
     "face colors": without_colors(4),
+    "scalar fields": without_colors(6),
     "highlights": lacking(specular=0.0),
     "microfacets": shaded("pbr", "phong"),
     "Gouraud": shaded("gouraud", "phong"),

@@ -25,7 +25,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.framing import Projection, bounded, fit_camera, frame_of, orbit_direction
-from rasterjit.scene.mesh import Mesh, with_face_values
+from rasterjit.scene.mesh import Mesh, with_face_values, with_field_of
 from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
@@ -263,6 +263,7 @@ class MorphTrack(_Track):
             attributes=mesh.vertex_attributes,
             material=mesh.material,
         )
+        with_field_of(moved, mesh)
         return with_face_values(moved, mesh.face_colors, mesh.face_attributes)
 
 

@@ -89,7 +89,7 @@ def describe(scene: Scene) -> dict[str, Any]:
 
 def _attributes(meshes: list[Mesh]) -> dict[str, int]:
     """Return how many meshes have each attribute, of those that any has."""
-    names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors")
+    names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors", "field")
     counts = {name: sum(getattr(mesh, name) is not None for mesh in meshes) for name in names}
     return {name: count for name, count in counts.items() if count}
 

@@ -114,7 +114,7 @@ def render_partitions(
     camera = check_camera("camera", camera)
     parts = _parts_of(partitions)
     for name in options.outputs:
-        if name == "uv" or is_attribute(name):
+        if name in ("uv", "scalar") or is_attribute(name):
             _check_meshes(name, partitions, parts)
     # What is here is looked at here, before anything is sent.
     planned = [

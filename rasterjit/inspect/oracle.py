@@ -49,11 +49,11 @@ from fractions import Fraction
 from typing import TypeAlias
 
 __all__ = [
-    "VIEW_VOLUME", "affine_weights", "clip_near", "clip_polygon", "clip_weights", "composite",
-    "covered_pixels", "covers", "depth_at", "edge", "guard_band", "interpolate", "line_colors",
-    "line_pixels", "perspective_weights", "pixel_area", "plane_distance", "polygon_area",
-    "render_faces", "round_half_up", "screen_position", "snap", "snap_triangle", "view_planes",
-    "visible_faces",
+    "VIEW_VOLUME", "affine_weights", "clip_near", "clip_polygon", "clip_weights", "colormap_entry",
+    "composite", "covered_pixels", "covers", "depth_at", "edge", "guard_band", "interpolate",
+    "line_colors", "line_pixels", "perspective_weights", "pixel_area", "plane_distance",
+    "polygon_area", "render_faces", "round_half_up", "screen_position", "snap", "snap_triangle",
+    "view_planes", "visible_faces",
 ]  # fmt: skip
 
 Number: TypeAlias = int | Fraction | float
@@ -504,6 +504,41 @@ def interpolate(
 def _weighted(weights, values) -> Fraction:
     """Return the weighted sum of exact numbers."""
     return sum((w * v for w, v in zip(weights, values, strict=True)), Fraction(0))
+
+
+def colormap_entry(value: Number, low: Number, high: Number, count: int) -> int:
+    """
+    Return which entry of a colour map stands for a value.
+
+    Parameters
+    ----------
+    value : number
+    low, high : numbers
+        The range, low <= high. What is outside has the entry of its nearer end; without a width
+        all values have entry 0.
+    count : int
+        Number of entries.
+
+    Returns
+    -------
+    int
+        In 0..count-1.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the range goes down, or there is no entry.
+    """
+    exact, start, end = (
+        _exact(name, given) for name, given in (("value", value), ("low", low), ("high", high))
+    )
+    count = _whole("count", count, 1)
+    if start > end:
+        raise ValueError(f"low must not be above high, got {low!r} and {high!r}")
+    if start == end:
+        return 0
+    place = math.floor(Fraction(count * (exact - start)) / (end - start))
+    return min(max(place, 0), count - 1)
 
 
 def depth_at(triangle: Points, depths: Numbers, point: Numbers) -> Fraction:

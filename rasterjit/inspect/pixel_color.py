@@ -199,7 +199,7 @@ def _white(surface: Surface) -> Surface:
         for name, value in surface._asdict().items()
         if name in ("vertex_colors", "face_colors")
     }
-    return surface._replace(materials=materials, **colors)
+    return surface._replace(materials=materials, fields=None, **colors)
 
 
 def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:

@@ -143,6 +143,11 @@ class Batch:
         return self._output("uv")
 
     @property
+    def scalar(self) -> NDArray[np.float32]:
+        """(N, H, W) float32; see `Frame.scalar`."""
+        return self._output("scalar")
+
+    @property
     def normal(self) -> NDArray[np.float32]:
         """(N, H, W, 3) float32; see `Frame.normal`."""
         return self._output("normal")

@@ -19,6 +19,7 @@ from rasterjit.outputs.motion import Motion
 from rasterjit.outputs.table import row_of
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
@@ -64,6 +65,8 @@ def fill_buffers(
         result["barycentric"] = fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:
         result["uv"] = fill_attribute(face_id, geometry, shapes.uv, workers)
+    if "scalar" in plan.outputs:
+        result["scalar"] = _fill_scalars(shapes, geometry, face_id, workers)
     for name in plan.facts.attributes.keys() & set(plan.outputs):
         result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
     _fill_numbers(plan, shapes, face_id, result)
@@ -109,6 +112,19 @@ def _show_attribute(
         has_none = np.isnan(shown[..., 0])
         shown[has_none] = of_faces[face_id[has_none]]
     return shown
+
+
+def _fill_scalars(
+    shapes: Shapes, geometry: Geometry, face_id: NDArray[np.int32], workers: Workers
+) -> NDArray[np.float32]:
+    """Return the scalars, (H, W); NaN where nothing is or an object has none."""
+    of_vertices, of_faces = shapes.scalars
+    scalar = workers.memory.empty(face_id.shape, np.float32)
+    fill_rows(fields.fill_scalars, face_id, (geometry, of_vertices, scalar), workers)
+    if of_faces is not None:
+        has_own = shapes.has_face_scalars[face_id]
+        scalar[has_own] = of_faces[face_id[has_own]]
+    return scalar
 
 
 def _fill_numbers(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
+from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
@@ -203,6 +204,16 @@ class Frame:
         """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
         return self._output("uv")
 
+    @property
+    def scalar(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: the scalars of the meshes, whatever they are shown by.
+
+        The face's, or that between its vertices, perspective-correct and in float64; beyond float32
+        infinite. NaN where nothing is, an object has none, or a corner of the face has NaN.
+        """
+        return self._output("scalar")
+
     def attribute(self, name: str) -> NDArray[np.float32]:
         """
         Return an attribute of the meshes, as the output ``attribute:NAME`` shows it.
@@ -370,6 +381,7 @@ class Frame:
         outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
+        colorbar: bool = False,
     ) -> None:
         """
         Write the colour to an image file, or outputs to a file that holds them exactly.
@@ -392,6 +404,8 @@ class Frame:
         scale : float, optional
             For a ``.png`` of floats: scene units a code; 0.001 stores millimetres of metres. By
             default chosen from this frame's own range, so give it where frames are compared.
+        colorbar : bool
+            Whether a picture of the colour has its `colorbar` to the right.
 
         Raises
         ------
@@ -418,7 +432,16 @@ class Frame:
             self._output("color")
             outputs = "color"
         arrays = saving.chosen(self._outputs, outputs)
-        if suffix in saving.FORMATS:
+        if not isinstance(colorbar, bool):
+            raise ValueError(f"colorbar must be True or False, got {in_short(colorbar)}")
+        if colorbar and (not is_image or list(arrays) != ["color"]):
+            raise ValueError(
+                f"colorbar must be False but for pictures of the colour, got True, {suffix} and "
+                f"outputs {', '.join(arrays)}"
+            )
+        if colorbar:
+            images.save_image(place, beside(self.color, self.colorbar()))
+        elif suffix in saving.FORMATS:
             saving.save_outputs(place, arrays, scale=scale)
         elif list(arrays) == ["color"] and scale is None:
             images.save_image(place, self.color)
@@ -427,6 +450,35 @@ class Frame:
                 f"path {str(path)!r}: {suffix} holds the colour alone, without a scale; "
                 f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
             )
+
+    def colorbar(self, title: str = "", *, node: int | None = None) -> NDArray[np.uint8]:
+        """
+        Draw which colours stand for which scalars, as high as the frame, the highest on top.
+
+        Ticks lie at round numbers. If any scalar is NaN, its colour is shown as well.
+
+        Parameters
+        ----------
+        title : str
+            Stands above the bar.
+        node : int, optional
+            Index in ``scene.nodes`` of the object whose bar it is. Default: all objects with
+            scalars must have one colormap and range.
+
+        Returns
+        -------
+        (H, W, 4) uint8
+            sRGB, black on white; as wide as its labels make it.
+
+        Raises
+        ------
+        ValueError
+            If no object has scalars, the node has none, or several bars are meant.
+        """
+        if not isinstance(title, str):
+            raise ValueError(f"title must be a text, got {in_short(title)}")
+        scale = scale_of(self.plan.facts.inventory.color_scales, node)
+        return draw_colorbar(scale, self.plan.size[1], title)
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
@@ -575,6 +627,7 @@ class LayeredFrame(Frame):
         outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
+        colorbar: bool = False,
     ) -> None:
         """
         Write all layers of outputs to a file that holds them exactly.
@@ -589,6 +642,8 @@ class LayeredFrame(Frame):
             What to write. Default: everything.
         scale : None
             For pictures, which hold no layers.
+        colorbar : bool
+            For pictures too: False.
 
         Raises
         ------
@@ -602,6 +657,8 @@ class LayeredFrame(Frame):
         """
         if scale is not None:
             raise ValueError(f"scale must be None for layers, got {scale!r}")
+        if colorbar:
+            raise ValueError(f"colorbar must be False for layers, got {in_short(colorbar)}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
     def pick(self, x: float, y: float, layer: int = 0) -> Pick | None:

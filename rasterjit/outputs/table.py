@@ -20,7 +20,7 @@ from rasterjit.scene.validation import question
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
     "distance", "object_position", "nocs", "geometric_normal", "normal_camera", "position_camera",
-    "material_id", "instance_id", "coverage", "motion", "motion_visible",
+    "material_id", "instance_id", "coverage", "motion", "motion_visible", "scalar",
 ]  # fmt: skip
 """The names of the rows below, for type checkers."""
 
@@ -119,6 +119,7 @@ TABLE: dict[OutputName, Output] = {
     "motion_visible": Output(
         1, "bool", 0, needs_previous=True, kernel="motion_stage.fill_visible"
     ),
+    "scalar": Output(1, "float32", math.nan, "of the scalars", kernel="fields.fill_scalars"),
 }  # fmt: skip
 """What a frame can hold, by name."""
 

@@ -193,6 +193,32 @@ class Maps(NamedTuple):
     """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
+class Levels(NamedTuple):
+    """The iso-lines of the scalars of all objects: see ``surface.contours``."""
+
+    levels: Any
+    """(N,) float64: those of each object, ascending."""
+    places: Any
+    """(O, 2) int64: the first of an object's levels, and how many it has."""
+    lines: Any
+    """(O, 4) float32: half the width of lines, pixels; red, green, blue, linear."""
+
+
+class Fields(NamedTuple):
+    """The scalars of all objects' vertices, and how they are shown: see ``surface.fields``."""
+
+    values: Any
+    """(V,) float64."""
+    rules: Any
+    """(O, 2) float64: the value of the first entry, and what those above are divided by."""
+    entries: Any
+    """(O, 2) int64: first row of ``colors`` and number of entries; 0 entries: it has none."""
+    colors: Any
+    """(N, 4) float32, linear RGBA: the entries of each map, and the colour of NaN behind them."""
+    contours: Levels | None = None
+    """None -> no object has iso-lines."""
+
+
 class Microfacets(NamedTuple):
     """The metallic-roughness materials of all objects."""
 
@@ -226,6 +252,8 @@ class Surface(NamedTuple):
     """What it takes to find the alpha of a sample | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
+    fields: Fields | None = None
+    """Scalars of vertices | None -> none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
 

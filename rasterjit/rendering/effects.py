@@ -27,6 +27,7 @@ EFFECTS: tuple[Effect, ...] = (
     SHADOWS,
     rows.SmoothNormals(),
     rows.Textures(),
+    rows.ScalarFields(),
     rows.AlphaMasks(),
     rows.Microfacets(),
     rows.Map("normal maps", "normal_texture"),

@@ -35,6 +35,7 @@ from rasterjit.survey.contents import (
     Inventory,
     check_scene,
     may_have_holes,
+    refuse_masked_field,
     refuse_texture,
     take_inventory,
 )
@@ -142,10 +143,14 @@ def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32
 
 
 def _refuse(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` if texture coordinates are needed and missing."""
+    """Raise ``ValueError`` if texture coordinates are missing, or alphas cannot be told."""
     contents, quality = facts.contents, facts.quality
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
+    if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
+        raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
+    if contents.masked_fields:
+        refuse_masked_field(scene.nodes)
     if facts.colors_faces and contents.unlaid:
         refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and facts.finds_faces:

@@ -119,6 +119,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         maps=tables.maps if facts.needs_maps else None,
         alphas=Alphas(shown.is_blended) if has_blended else None,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
+        fields=tables.fields if facts.needs_fields else None,
         in_float32=facts.interpolates_in_float32,
     )
 

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
+    Fields,
     Geometry,
+    Levels,
     Lighting,
     Maps,
     Microfacets,
@@ -134,6 +136,7 @@ class _Tables(NamedTuple):
     textures: Textures
     microfacets: Microfacets
     maps: Maps
+    fields: Fields
 
 
 def _tables(plan: RenderPlan) -> _Tables:
@@ -154,7 +157,10 @@ def _tables(plan: RenderPlan) -> _Tables:
     )
     apart = [empty[:, :2] if one else None for one in plan.facts.inventory.kinds_apart]
     maps, microfacets = Maps(empty, counts, empty, apart), Microfacets(empty[:, :2], np.ones(2))
-    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps)
+    none = np.empty((0, 2), np.int64)
+    lines = Levels(np.empty(0), none, empty) if contents.contoured else None
+    fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
+    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields)
 
 
 def _textures(plan: RenderPlan) -> Textures:

@@ -24,6 +24,7 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     PBR,
     PHONG,
+    Fields,
     Geometry,
     Lighting,
     Maps,
@@ -33,6 +34,8 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import (
     attributes,
+    contours,
+    fields,
     float32_colors,
     float32_weights,
     maps,
@@ -106,6 +109,8 @@ def surface_steps(
     elif surface.face_colors is not None:
         below = surface.face_colors, materials, DIFFUSE
         steps.append(Step(attributes.multiply_face_colors_below_highlights, below))
+    if surface.fields is not None:
+        steps += [*field_steps(surface.fields, geometry), multiply_step(surface)]
     has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
     if has_textures:
         steps += texture_steps(surface)
@@ -115,6 +120,11 @@ def surface_steps(
         own = (none if some is None else some for some in colors)
         alphas = surface.alphas.is_blended, materials, *own, int(has_textures)
         steps.append(Step(attributes.find_alphas, alphas))
+        if surface.fields is not None:
+            steps += [
+                *field_steps(surface.fields, geometry),
+                Step(fields.multiply_alphas, (surface.alphas.is_blended,)),
+            ]
     if lighting is None:
         return steps + emission_steps(surface, rows.RED, geometry, placement)
     count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
@@ -142,9 +152,19 @@ def surface_steps(
     return steps
 
 
+def field_steps(own: Fields, geometry: Geometry) -> list[Step]:
+    """Return the stages that show the colours of scalars, and the lines between them."""
+    *shown, lines = own
+    steps = [Step(fields.show_scalars, tuple(shown))]
+    if lines is not None:
+        steps.append(Step(contours.draw_contours, (own.values, *lines, geometry)))
+    return steps
+
+
 def is_interpolated(surface: Surface) -> bool:
     """Return whether anything is interpolated between vertices, without light."""
-    return surface.vertex_colors is not None or surface.textures is not None
+    kinds = surface.vertex_colors, surface.textures, surface.fields
+    return any(kind is not None for kind in kinds)
 
 
 def shows(own: Textures, kind: int) -> bool:
@@ -161,7 +181,8 @@ def has_levels(own: Textures) -> bool:
 def reads_places_alone(surface: Surface, own: Textures, geometry: Geometry) -> bool:
     """Return whether samples lie on their faces, and weights are read for coordinates alone."""
     is_on_face = geometry.viewport.reach == 0
-    return is_on_face and surface.vertex_colors is None and not has_levels(own)
+    is_alone = surface.vertex_colors is None and surface.fields is None
+    return is_on_face and is_alone and not has_levels(own)
 
 
 def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
@@ -174,16 +195,16 @@ def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
 
 def texture_steps(surface: Surface) -> list[Step]:
     """Return the stages that multiply base colours by what textures show."""
-    materials, read = surface.materials, (textures.BASE_COLOR, surface.textures)
+    read = textures.BASE_COLOR, surface.textures
+    return [Step(texture_lookup.read_textures, read), multiply_step(surface)]
+
+
+def multiply_step(surface: Surface) -> Step:
+    """Return the stage that multiplies base colours by what a stage before shows."""
     if surface.diffuse_vertices is None:
-        return [
-            Step(texture_lookup.read_textures, read),
-            Step(texture_lookup.multiply_textures, ()),
-        ]
-    return [
-        Step(texture_lookup.read_textures, read),
-        Step(texture_lookup.multiply_textures_below_highlights, (materials, DIFFUSE)),
-    ]
+        return Step(texture_lookup.multiply_textures, ())
+    below = surface.materials, DIFFUSE
+    return Step(texture_lookup.multiply_textures_below_highlights, below)
 
 
 def read_steps(

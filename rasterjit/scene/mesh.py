@@ -16,7 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.assigning import Guarded
-from rasterjit.scene.color import linear_rows
+from rasterjit.scene.color import ColorLike, linear_rows
+from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.contours import ContoursLike
+from rasterjit.scene.field import NAN_COLOR, Field, make_field
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -95,6 +98,21 @@ class Mesh(Guarded, Previewed):
     attributes : mapping of str to (V, D) or (F, D) array_like, optional
         Values of one's own by name, any D >= 1, stored as float32: of each vertex or, with F rows,
         of each face (V rows win where V equals F). ``outputs="attribute:heat"`` shows ``"heat"``.
+    scalars : (V,) or (F,) array_like, optional
+        A number for each vertex or, with F of them, of each face (V win where V equals F), shown by
+        a colour map in the place of ``colors``. Those of vertices are interpolated over each face
+        before the colour is looked up. NaN and infinity are allowed; whole numbers and booleans are
+        numbers. The output ``"scalar"`` has the values themselves.
+    colormap : str, (N, 3|4) array_like or Colormap
+        Which colours: see `Colormap`.
+    range : (float, float), optional
+        The values of its first and its last colour. Default: the least and the greatest scalar that
+        is finite; (0, 1) if none is.
+    nan_color : colour
+        Of faces that are NaN, or have a corner that is.
+    contours : int, (N,) array_like or Contours, optional
+        Lines along which scalars of vertices have one value: how many inside the range, which
+        values, or `Contours`, which has their width and colour too.
     material : Material, optional
         Default ``Material()``.
     on_invalid : {"raise", "drop"}
@@ -110,7 +128,8 @@ class Mesh(Guarded, Previewed):
     ------
     ValueError
         If an array has the wrong shape or type or is empty, a face points outside the vertices, a
-        value is NaN or infinite where it may not be, or no vertex is finite.
+        value is NaN or infinite where it may not be, no vertex is finite, or both ``colors`` and
+        ``scalars`` are given.
     AttributeError
         If anything else than ``material`` is assigned.
     """
@@ -129,6 +148,11 @@ class Mesh(Guarded, Previewed):
         uv1: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
+        scalars: ArrayLike | None = None,
+        colormap: ColormapLike = "viridis",
+        range: tuple[float, float] | None = None,
+        nan_color: ColorLike = NAN_COLOR,
+        contours: ContoursLike | None = None,
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
@@ -140,6 +164,18 @@ class Mesh(Guarded, Previewed):
         self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
             self._store_colors(colors)
+        self._field: Field | None = None
+        if scalars is not None:
+            if colors is not None:
+                raise ValueError(
+                    "colors must be None where scalars are given, which have their own"
+                )
+            counts = len(self._vertices), len(self._faces)
+            self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
+            if self._field.of_faces:
+                self._face_colors = read_only(self._field.colors())
+        elif contours is not None:
+            raise ValueError("contours must be None where no scalars are given")
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
             self._normals = read_only(_normal_array(normals, len(self._vertices)))
@@ -180,6 +216,16 @@ class Mesh(Guarded, Previewed):
     def face_colors(self) -> NDArray[np.float32] | None:
         """(F, 4) float32, read-only: linear RGBA, or None."""
         return self._face_colors
+
+    @property
+    def field(self) -> Field | None:
+        """The scalars and how they are shown, or None; those of faces are ``face_colors`` too."""
+        return self._field
+
+    @property
+    def vertex_field(self) -> Field | None:
+        """The scalars if they are those of vertices, or None."""
+        return None if self._field is None or self._field.of_faces else self._field
 
     @property
     def normals(self) -> NDArray[np.float32] | None:
@@ -383,7 +429,7 @@ class Mesh(Guarded, Previewed):
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
         where their corners differ, and merged if they carry neither colours nor texture coordinates
-        nor ``tangents`` nor attributes.
+        nor ``tangents`` nor attributes nor scalars.
 
         Parameters
         ----------
@@ -403,7 +449,7 @@ class Mesh(Guarded, Previewed):
         angle = finite_number("angle", angle)
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
-        carried = self.vertex_colors, *self.uv_sets, self.tangents
+        carried = self.vertex_colors, *self.uv_sets, self.tangents, self.vertex_field
         plain = all(values is None for values in carried) and not self._vertex_attributes
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
@@ -414,6 +460,9 @@ class Mesh(Guarded, Previewed):
         if self.vertex_colors is not None:
             result._vertex_colors = read_only(self.vertex_colors[split.sources])
         result._face_colors = self.face_colors
+        result._field = self.field
+        if self.vertex_field is not None:
+            result._field = self.vertex_field.of_rows(split.sources)
         result._uv, result._uv1 = (
             None if uv is None else read_only(uv[split.sources]) for uv in self.uv_sets
         )
@@ -447,10 +496,14 @@ class Mesh(Guarded, Previewed):
         """
         return HOOKS["to_trimesh"](self)
 
+    def shown_vertex_colors(self) -> NDArray[np.float32] | None:
+        """Return colours of the vertices, (V, 4) linear RGBA, or of their scalars, or None."""
+        return self.vertex_colors if self.vertex_field is None else self.vertex_field.colors()
+
     def without_colors(self) -> Mesh:
-        """Return the same mesh without vertex and face colours."""
+        """Return the same mesh without vertex and face colours and scalars."""
         result = copy.copy(self)
-        result._vertex_colors = result._face_colors = None
+        result._vertex_colors = result._face_colors = result._field = None
         return result
 
     def _scale(self) -> float:
@@ -597,6 +650,12 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     tangents[:, :3] = unit_rows(array[:, :3])
     tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)
     return tangents
+
+
+def with_field_of(mesh: Mesh, other: Mesh) -> Mesh:
+    """Give a new mesh the scalars of another one of as many vertices and faces; return it."""
+    mesh._field = other.field
+    return mesh
 
 
 def with_face_values(

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import records
-from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Placement, Surface, Textures
+from rasterjit.pipeline.records import (
+    AlphaTests,
+    Fields,
+    Levels,
+    Maps,
+    Microfacets,
+    Placement,
+    Surface,
+    Textures,
+)
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
@@ -23,6 +32,7 @@ from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 from rasterjit.survey.contents import (
     Attribute,
     base_color_of,
+    contours_of,
     may_have_holes,
     sets_of,
     textures_read,
@@ -241,6 +251,75 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     runs = runs_of(meshes)
     rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
+
+
+def join_fields(meshes: Sequence[Mesh]) -> Fields:
+    """Join the scalars of vertices, NaN where an object has none, and the maps that show them."""
+    runs = runs_of(meshes)
+    colors, rules, entries, first = [], [], [], 0
+    for mesh, _ in runs:
+        field = mesh.vertex_field
+        rules.append((0.0, 1.0) if field is None else field.rule)
+        entries.append((first, 0 if field is None else len(field.colormap)))
+        if field is not None:
+            colors.append(field.table)
+            first += len(field.table)
+    return Fields(
+        join_scalars(meshes),
+        _repeat(rules, runs, np.float64),
+        _repeat(entries, runs, np.int64),
+        np.concatenate(colors),
+        _join_contours(runs) if any(contours_of(mesh) for mesh, _ in runs) else None,
+    )
+
+
+def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
+    """Join the iso-lines of all objects."""
+    levels, places, lines, first = [], [], [], 0
+    for mesh, _ in runs:
+        contours, found = contours_of(mesh), np.empty(0)
+        if contours is not None and mesh.field is not None:
+            found = mesh.field.levels
+        levels.append(found)
+        places.append((first, len(found)))
+        lines.append(
+            (0.0,) * 4 if contours is None else (contours.width / 2.0, *contours.color[:3])
+        )
+        first += len(found)
+    return Levels(
+        np.concatenate(levels), _repeat(places, runs, np.int64), _repeat(lines, runs, np.float32)
+    )
+
+
+def join_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
+    """Join the scalars of vertices, (V,), the infinite ones finite; NaN where there are none."""
+    return np.concatenate(
+        [
+            np.full(len(mesh.vertices), np.nan)
+            if mesh.vertex_field is None
+            else mesh.vertex_field.limited
+            for mesh in meshes
+        ]
+    )
+
+
+def join_face_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float32] | None:
+    """
+    Join the scalars of faces, (F+1,); NaN where an object has none, and in the last row.
+
+    None where no object has any.
+    """
+    if not any(mesh.field is not None and mesh.field.of_faces for mesh in meshes):
+        return None
+    joined = np.concatenate(
+        [
+            mesh.field.values
+            if mesh.field is not None and mesh.field.of_faces
+            else np.full(len(mesh.faces), np.nan)
+            for mesh in meshes
+        ]
+    )
+    return np.append(joined, np.nan).astype(np.float32)
 
 
 def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:

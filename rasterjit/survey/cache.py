@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
@@ -19,6 +19,7 @@ from rasterjit.survey import placement
 from rasterjit.survey.arrays import (
     SceneArrays,
     join_alpha_tests,
+    join_fields,
     join_maps,
     join_microfacets,
     join_textures,
@@ -83,6 +84,23 @@ class Shapes:
         if name not in self._attributes:
             self._attributes[name] = plan_arrays.join_attribute(self.meshes, name, attribute)
         return self._attributes[name]
+
+    @cached_property
+    def scalars(self) -> tuple[NDArray[np.float64], NDArray[np.float32] | None]:
+        """Scalars of vertices, (V,), and of faces, (F+1,), as `join_face_scalars` has them."""
+        of_faces = plan_arrays.join_face_scalars(self.meshes)
+        return plan_arrays.join_scalars(self.meshes), of_faces
+
+    @cached_property
+    def has_face_scalars(self) -> NDArray[np.bool_]:
+        """Whether each face is of a mesh with scalars of its faces, (F+1,); face -1 is of none."""
+        return np.append(
+            np.repeat(
+                [mesh.field is not None and mesh.field.of_faces for mesh in self.meshes],
+                np.diff(self.arrays.face_starts),
+            ),
+            False,
+        )
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
@@ -180,6 +198,11 @@ class MaterialTables:
     def microfacets(self) -> Microfacets:
         """Metallic and roughness of all objects."""
         return join_microfacets(self.meshes)
+
+    @cached_property
+    def fields(self) -> Fields:
+        """The scalars of all objects' vertices, and the colour maps that show them."""
+        return join_fields(self.meshes)
 
     @cached_property
     def maps(self) -> Maps:

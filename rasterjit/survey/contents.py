@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.contours import Contours
+from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
@@ -68,6 +70,12 @@ class Contents(NamedTuple):
     """With a colour of each vertex."""
     face_colored: int
     """With a colour of each face."""
+    with_field: int
+    """With a scalar of each vertex, shown by a colour map."""
+    contoured: int
+    """Of those, with iso-lines."""
+    masked_fields: int
+    """Of those, with an alpha mask, while the map has colours that are not opaque."""
     mipped: int
     """With a texture that is read between mip levels."""
     textured: dict[str, int]
@@ -126,6 +134,7 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
     def contents(self) -> Contents:
@@ -171,6 +180,11 @@ class Inventory:
         sets = np.array([sets_of(textures) for textures in self._textures])
         return tuple((sets != sets[:, :1]).any(axis=0).tolist())
 
+    @property
+    def color_scales(self) -> list[ColorScale | None]:
+        """How each object shows its scalars; None where it has none."""
+        return [self._scales[number] for number in self._numbers.tolist()]
+
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())
@@ -183,7 +197,11 @@ def _contents_of(mesh: Mesh) -> Contents:
     material = mesh.material
     read = textures_read(material)
     unlaid = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
-    is_painted, has_hole = "base_color_texture" in read, may_have_holes(mesh)
+    is_painted, has_hole, field = (
+        "base_color_texture" in read,
+        may_have_holes(mesh),
+        mesh.vertex_field,
+    )
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
     return Contents(
         **{name: material.shading == name for name in SHADINGS},
@@ -192,7 +210,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         unlaid=bool(unlaid),
         highlights=shines,
         tinted_highlights=(
-            (is_painted or mesh.face_colors is not None)
+            (is_painted or mesh.face_colors is not None or field is not None)
             and material.shading == "gouraud"
             and shines
         ),
@@ -206,6 +224,9 @@ def _contents_of(mesh: Mesh) -> Contents:
         single_sided=not material.double_sided,
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
+        with_field=field is not None,
+        contoured=contours_of(mesh) is not None,
+        masked_fields=has_masked_field(mesh),
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
@@ -219,7 +240,9 @@ def textures_read(material: Material) -> dict[str, Texture]:
 
 def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
     """Return what multiplies the colours and the texture of a mesh, linear RGBA."""
-    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    has_colors = not (
+        mesh.vertex_colors is None and mesh.face_colors is None and mesh.field is None
+    )
     return mesh.material.base_color_over(has_colors)
 
 
@@ -247,9 +270,23 @@ def may_have_holes(mesh: Mesh) -> bool:
     return bool(_least_alpha(mesh) < np.float32(material.alpha_cutoff))
 
 
+def contours_of(mesh: Mesh) -> Contours | None:
+    """Return the iso-lines of a mesh's scalars, or None."""
+    return None if mesh.vertex_field is None else mesh.vertex_field.contours
+
+
+def has_masked_field(mesh: Mesh) -> bool:
+    """Tell whether a mesh with an alpha mask shows its vertices' scalars by colours with holes."""
+    field = mesh.vertex_field
+    is_masked = mesh.material.alpha_mode == "mask" and field is not None
+    return is_masked and bool(field.least_alpha < np.float32(1.0))
+
+
 def _least_alpha(mesh: Mesh) -> np.float32:
     """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
     least = np.float32(base_color_of(mesh)[3])
+    if mesh.vertex_field is not None:
+        least = least * mesh.vertex_field.least_alpha
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
             least = least * colors[:, 3].min()
@@ -304,6 +341,17 @@ def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
                     f"the mesh of {node.name!r} must have {UV_NAMES[texture.uv_set]}, for its "
                     f"material has a {name}; got none"
                 )
+
+
+def refuse_masked_field(nodes: Sequence[Node]) -> None:
+    """Raise ``ValueError`` naming the object that a colour map would make holes in."""
+    for node in nodes:
+        if has_masked_field(node.mesh):
+            raise ValueError(
+                f"the material of {node.name!r} must have another alpha_mode than 'mask', for its "
+                "scalars are those of vertices, and its colour map is not opaque: masks read "
+                "colours and textures alone; 'blend' reads colour maps too"
+            )
 
 
 def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:

@@ -159,6 +159,7 @@ class Facts:
             and contents.unlit == contents.objects
             and contents.blended == 0
             and not contents.has_textures
+            and contents.with_field == 0
         )
 
     @cached_property
@@ -195,6 +196,11 @@ class Facts:
     def needs_textures(self) -> bool:
         """Whether textures are read."""
         return self.shades and self.seen.has_textures
+
+    @cached_property
+    def needs_fields(self) -> bool:
+        """Whether colours are looked up for scalars of vertices."""
+        return self.shades and self.seen.with_field > 0
 
     @cached_property
     def pictures(self) -> int:
@@ -361,6 +367,7 @@ def float64_reason(facts: Facts) -> str | None:
         (contents.blended > 0, "an object is blended"),
         (contents.unlit < contents.objects, "an object is lit"),
         (contents.has_textures, "an object has a texture"),
+        (contents.with_field > 0, "an object has scalars of its vertices"),
         (contents.vertex_colored == 0, "no mesh has colours of its vertices"),
     )
     return next((reason for is_so, reason in reasons if is_so), UNKNOWN_REASON)

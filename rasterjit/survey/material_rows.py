@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -230,6 +231,23 @@ class CountedRow(MaterialRow):
         return in_words(seen, count) if is_used or not seen else "nothing is shaded"
 
 
+class ScalarFields(CountedRow):
+    """Scalars of vertices, shown by colour maps."""
+
+    name = "scalar fields"
+    none = "no mesh has scalars of its vertices"
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects show some."""
+        return contents.with_field
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with meshes that have none."""
+        return with_meshes(
+            scene, lambda mesh: mesh if mesh.vertex_field is None else mesh.without_colors()
+        )
+
+
 class Microfacets(CountedRow):
     """Metallic-roughness materials."""
 
@@ -323,12 +341,22 @@ def counted(kinds: Sequence[str]) -> str:
 
 def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scene:
     """Return a scene with other materials, on copies of its meshes."""
+
+    def changed(mesh: Mesh) -> Mesh:
+        mesh = copy.copy(mesh)
+        mesh.material = change(mesh.material)
+        return mesh
+
+    return with_meshes(scene, changed)
+
+
+def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
+    """Return a scene with other meshes, each changed once."""
     changed, known = copy.copy(scene), {}
     changed.nodes = []
     for node in scene.nodes:
         if node.mesh not in known:
-            known[node.mesh] = mesh = copy.copy(node.mesh)
-            mesh.material = change(mesh.material)
+            known[node.mesh] = change(node.mesh)
         changed.nodes.append(Node(known[node.mesh], node.world_from_model, node.name))
     return changed
 

@@ -326,8 +326,9 @@ def test_other_outputs_are_written_beside_the_picture(tmp_path):
 
 def test_an_npz_holds_every_output_and_no_more(tmp_path):
     path = tmp_path / "all.npz"
-    assert run("render", KNOT, "-o", path, *SMALL, "--outputs", ",".join(OUTPUTS)).exit_code == 0
-    assert_arrays(path, rendered(file=KNOT, outputs=OUTPUTS), OUTPUTS)
+    names = [name for name in OUTPUTS if name != "scalar"]
+    assert run("render", KNOT, "-o", path, *SMALL, "--outputs", ",".join(names)).exit_code == 0
+    assert_arrays(path, rendered(file=KNOT, outputs=names), names)
     assert run("render", KNOT, "-o", path, *SMALL, "--outputs", "depth").exit_code == 0
     assert_arrays(path, rendered(file=KNOT, outputs=("depth",)), ("depth",))
     assert [place.name for place in tmp_path.iterdir()] == ["all.npz"]

@@ -89,6 +89,9 @@ GONE = {
     # Holes are where the colours of vertices say so.
     "vertex colors": {"attributes.show_vertex_colors", *TESTED},
     "face colors": {FACES_BELOW},
+    "scalar fields": {
+        "contours.draw_contours", "fields.multiply_alphas", "fields.show_scalars",
+    },
     "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
@@ -128,8 +131,8 @@ GONE = {
     },
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
-        "compositing.start_sums", "encode.encode_rows", "fragments.find_layers",
-        "fragments.split_lists", "tone_map.show_over",
+        "compositing.start_sums", "encode.encode_rows", "fields.multiply_alphas",
+        "fragments.find_layers", "fragments.split_lists", "tone_map.show_over",
     },
     "anti-aliasing": {
         "compositing.list_faces", "compositing.mix_samples", "weights.finish_mix",
@@ -139,7 +142,7 @@ GONE = {
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
 INSTEAD = {
-    "textures": {"attributes.multiply_face_colors"},
+    "textures": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     # Fog needs the points of what is lit at vertices too.

@@ -18,7 +18,7 @@ TYPES = {
     "geometric_normal": (np.float32, (3,)), "material_id": (np.int32, ()),
     "instance_id": (np.int32, ()), "coverage": (np.float32, ()), "motion": (np.float32, (2,)),
     "motion_visible": (np.bool_, ()), "normal_camera": (np.float32, (3,)),
-    "position_camera": (np.float32, (3,)),
+    "position_camera": (np.float32, (3,)), "scalar": (np.float32, ()),
 }  # fmt: skip
 SAME = rj.View()
 """Nothing has moved."""
@@ -26,7 +26,8 @@ SAME = rj.View()
 
 @pytest.fixture
 def mesh(cube):
-    return rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2])
+    scalars = cube.vertices[:, 2]
+    return rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2], scalars=scalars)
 
 
 @pytest.mark.parametrize("output", OUTPUTS)
@@ -87,7 +88,7 @@ def test_outputs_agree_about_what_is_covered(mesh, camera):
     assert (frame.color[~hit] == 0).all()
     for name in ("uv", "position", "position_camera", "object_position", "nocs", "motion"):
         assert (np.isfinite(getattr(frame, name)).all(axis=2) == hit).all(), name
-    for name in ("distance", "depth"):
+    for name in ("distance", "depth", "scalar"):
         assert (np.isfinite(getattr(frame, name)) == hit).all(), name
     for name in ("material_id", "instance_id"):
         assert ((getattr(frame, name) >= 0) == hit).all(), name
@@ -218,7 +219,8 @@ def test_what_a_file_cannot_hold_is_an_error(mesh, camera, tmp_path, name, outpu
 
 def test_each_output_has_the_channels_type_and_empty_value_of_its_row(cube, camera):
     scene = rj.Scene()
-    mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2])
+    uv, scalars = cube.vertices[:, :2], cube.vertices[:, 2]
+    mesh = rj.Mesh(cube.vertices, cube.faces, uv=uv, scalars=scalars)
     scene.add(mesh)
     frame = rj.render(
         scene, camera, size=(32, 24), outputs=OUTPUTS, previous=rj.View(),

@@ -86,7 +86,7 @@ def test_vertex_normals_are_read_for_the_output_alone_or_for_smooth_shading(
         return
     monkeypatch.setattr(rj.Mesh, "vertex_normals", None)
     normals = "normal", "normal_camera"
-    outputs = [name for name in OUTPUTS if name not in (*normals, "uv", *MOTION_OUTPUTS)]
+    outputs = [name for name in OUTPUTS if name not in (*normals, "uv", "scalar", *MOTION_OUTPUTS)]
     frame = rj.render(scene, camera, size=(8, 8), outputs=outputs)
     assert not frame.plan.facts.needs_normals
     for name in normals:
@@ -176,6 +176,7 @@ def test_outputs_are_listed_once_in_order():
         ({"outputs": ("color", "colour")}, ["outputs", "'colour'", "face_id"]),
         ({"outputs": ()}, ["outputs"]),
         ({"outputs": "uv"}, ["outputs", "uv", "texture"]),
+        ({"outputs": "scalar"}, ["outputs", "scalar", "no mesh"]),
         ({"cull": "both"}, ["cull", "both"]),
         ({"size": (0, 4)}, ["size"]),
         ({"size": (4, 16385)}, ["size"]),
@@ -297,6 +298,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "shadows                  out (no light casts them)",
         "smooth normals           in  (shading gouraud, phong)",
         "textures                 in  (1 bilinear (base color))",
+        "scalar fields            out (no mesh has scalars of its vertices)",
         "alpha masks              out (no material has the alpha_mode 'mask')",
         "microfacets              out (no material is shaded pbr)",
         "normal maps              out (no lit material has a normal_texture)",

@@ -25,11 +25,12 @@ def everything(frame):
 
 
 def painted(mesh, shading="phong", texels=((0.9, 0.1), (0.2, 0.6)), **options):
-    """Return a mesh with a texture."""
+    """Return a mesh with scalars under a texture."""
     texture = rj.Texture(np.array(texels), filter="nearest")
     material = rj.Material(shading, base_color_texture=texture, **options)
     uv = mesh.vertices[:, :2] * 0.5 + 0.5
-    return rj.Mesh(mesh.vertices, mesh.faces, uv=uv, material=material)
+    scalars = mesh.vertices[:, 2]
+    return rj.Mesh(mesh.vertices, mesh.faces, uv=uv, scalars=scalars, material=material)
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from rasterjit.scene.quality import LEVELS
 from rasterjit.survey.overrides import COARSER, filter_of
 
 SIZE = (72, 56)
-OUTPUTS = tuple(name for name in ALL_OUTPUTS if name != "uv")
+OUTPUTS = tuple(name for name in ALL_OUTPUTS if name not in ("uv", "scalar"))
 """Those of any scene."""
 CAMERA = rj.PerspectiveCamera((2.5, 2.0, 5.0), (0, 0, 0), near=0.5, far=30.0)
 

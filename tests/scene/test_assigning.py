@@ -31,6 +31,7 @@ FROZEN = [
     rj.Environment(np.ones((4, 8, 3))),
     Panorama(np.ones((4, 8, 3))),
     rj.Environment.gradient().sky,
+    rj.Contours([1.0, 2.0], 2.0, "red"),
     rj.Equirectangular(),
     rj.FisheyeLens(0.1),
     rj.PinholeDistortion(0.1),

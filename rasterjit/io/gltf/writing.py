@@ -233,7 +233,9 @@ class _Writer:
         if mesh.face_colors is not None:
             colors, corners = np.repeat(mesh.face_colors, 3, axis=0), np.arange(len(corners))
         else:
-            colors = mesh.vertex_colors
+            colors = mesh.shown_vertex_colors()
+        if mesh.field is not None:
+            self.left_out.note("scalars, but for their colours")
         attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
         normals = self._units(mesh.vertex_normals()[rows])
         attributes["NORMAL"] = self._accessor(normals, "VEC3", _FLOAT)

@@ -103,6 +103,8 @@ class _Converter:
         for name in ("uv1", "tangents"):
             if getattr(mesh, name) is not None:
                 self.left_out.note(name)
+        if mesh.field is not None:
+            self.left_out.note("scalars, but for their colours")
         return trimesh.Trimesh(
             mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
             vertex_attributes=dict(mesh.vertex_attributes),
@@ -116,7 +118,7 @@ class _Converter:
 
         vertex_colors, face_colors = (
             None if colors is None else self._bytes(colors, "srgb", "colours")
-            for colors in (mesh.vertex_colors, mesh.face_colors)
+            for colors in (mesh.shown_vertex_colors(), mesh.face_colors)
         )
         is_plain = mesh.material in (Material(name=mesh.material.name), UnsaidMaterial())
         if face_colors is not None or (is_plain and mesh.uv is None):

@@ -1,0 +1,179 @@
+"""Colour maps: tables of colours that stand for numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.color import linear_rows
+from rasterjit.scene.colormap_tables import TABLES
+from rasterjit.scene.validation import MaskedError, in_short, read_only, unmasked_array
+
+REVERSED = "_r"
+"""What the name of a map ends with that is read from its other end."""
+
+COLORMAPS = tuple(sorted(TABLES))
+"""The names of the maps that are known, without those of reversed ones."""
+
+ColormapLike: TypeAlias = "str | ArrayLike | Colormap | Callable[..., Any]"
+"""A name, rows of sRGB colours, a `Colormap`, or one of Matplotlib's."""
+
+
+class Colormap(Guarded):
+    """
+    A table of colours, from that of the lowest value to that of the highest.
+
+    A value x of a range from ``low`` to ``high`` shows entry ``floor(N (x - low) / (high - low))``
+    of N, held to 0..N-1: what lies outside the range shows the colour of its nearer end, and there
+    is nothing between two entries. That is Matplotlib's rule, in float64, so that figures agree.
+    Where ``low`` equals ``high`` all values show entry 0, as there.
+
+    Parameters
+    ----------
+    colors : str, (N, 3) or (N, 4) array_like, Colormap, or Matplotlib's ``Colormap``
+        ``"viridis"``, ``"plasma"``, ``"inferno"``, ``"magma"``, ``"cividis"``, ``"turbo"``,
+        ``"coolwarm"`` or ``"gray"``, of 256 entries each, with ``"_r"`` at its end read from the
+        other side; or the entries themselves in sRGB: ``uint8`` codes, or floats in 0..1, which
+        are *not* linear light here: so are the maps that others publish. Floats become 8-bit codes
+        as in Matplotlib, rounded down. Alpha is 1 where it is not given.
+
+    Attributes
+    ----------
+    name : str
+        The name it was asked for by; empty for entries.
+
+    Raises
+    ------
+    ValueError
+        If there is no map of that name, with those that are nearly called so; or the array has
+        another shape, is empty, or holds anything else than numbers in 0..1.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> rj.Colormap("viridis").codes[[0, -1]].tolist()
+    [[68, 1, 84, 255], [253, 231, 36, 255]]
+    """
+
+    def __init__(self, colors: ColormapLike) -> None:
+        self._name = colors.strip() if isinstance(colors, str) else getattr(colors, "name", "")
+        self._codes = read_only(_codes_of(colors))
+
+    @property
+    def name(self) -> str:
+        """The name it was asked for by; empty for entries."""
+        return self._name
+
+    @property
+    def codes(self) -> NDArray[np.uint8]:
+        """(N, 4) uint8, read-only: sRGB codes of the entries, and alpha."""
+        return self._codes
+
+    @cached_property
+    def _linear(self) -> NDArray[np.float32]:
+        return read_only(linear_rows("colors", self._codes))
+
+    @property
+    def colors(self) -> NDArray[np.float32]:
+        """(N, 4) float32, read-only: the entries in linear light."""
+        return self._linear
+
+    def __len__(self) -> int:
+        """Return the number of entries."""
+        return len(self._codes)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its entries are read-only too."""
+        self._name, self._codes = state["_name"], read_only(state["_codes"])
+
+    def __repr__(self) -> str:
+        return f"Colormap({self._name!r})" if self._name else f"Colormap of {len(self)} entries"
+
+    def entries(self, values: ArrayLike, low: float, high: float) -> NDArray[np.int64]:
+        """
+        Return which entry each value shows, in 0..N-1; N, one past the last, for NaN.
+
+        Parameters
+        ----------
+        values : (...) array_like
+        low, high : float
+            The range, low <= high.
+        """
+        count, width = len(self), width_of(low, high)
+        with np.errstate(over="ignore", invalid="ignore"):
+            places = (np.asarray(values, np.float64) - low) / width * count
+        held = np.clip(np.nan_to_num(places, nan=0.0, posinf=count, neginf=0.0), 0, count - 1)
+        return np.where(np.isnan(places), count, np.floor(held).astype(np.int64))
+
+
+def width_of(low: float, high: float) -> float:
+    """Return what values are divided by; infinite where a range has no width: all show entry 0."""
+    return high - low if high > low else np.inf
+
+
+def read_colormap(value: ColormapLike) -> Colormap:
+    """Return a colour map as it is given, or made of what stands for one."""
+    return value if isinstance(value, Colormap) else Colormap(value)
+
+
+def _codes_of(colors: Any) -> NDArray[np.uint8]:
+    """Return the entries of a map, (N, 4) sRGB, however it is given."""
+    if isinstance(colors, Colormap):
+        return colors.codes
+    if isinstance(colors, str):
+        return _named(colors.strip())
+    if callable(colors) and isinstance(getattr(colors, "N", None), int):
+        return np.array(colors(np.arange(colors.N), bytes=True), np.uint8)
+    try:
+        array = unmasked_array("colormap", colors)
+    except MaskedError:
+        raise
+    except ValueError:
+        array = np.empty(0, object)
+    if array.dtype.kind not in "uif":
+        raise ValueError(
+            f"colormap must be a name, one of {', '.join(COLORMAPS)}, or (N, 3) or (N, 4) numbers; "
+            f"got {in_short(colors)}"
+        )
+    if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
+        raise ValueError(f"colormap must have shape (N, 3) or (N, 4), N >= 1, got {array.shape}")
+    codes = np.full((len(array), 4), 255, np.uint8)
+    if array.dtype == np.uint8:
+        codes[:, : array.shape[1]] = array
+        return codes
+    if not (array.min() >= 0 and array.max() <= 1):
+        wrong = array[~((array >= 0) & (array <= 1))][0].item()
+        raise ValueError(
+            f"colormap must hold floats in 0..1, or uint8 codes, got {wrong!r} in an array of "
+            f"{array.dtype}"
+        )
+    codes[:, : array.shape[1]] = (array * 255).astype(np.uint8)
+    return codes
+
+
+def _named(name: str) -> NDArray[np.uint8]:
+    """Return the entries of a map that is known by name."""
+    plain = name.removesuffix(REVERSED)
+    if plain not in TABLES:
+        raise ValueError(
+            f"colormap must be one of {', '.join(COLORMAPS)}, or one of them with "
+            f"{REVERSED!r} at its end; got {name!r}{_similar_names(name)}"
+        )
+    rgb = np.frombuffer(bytes.fromhex(TABLES[plain]), np.uint8).reshape(-1, 3)
+    codes = np.full((len(rgb), 4), 255, np.uint8)
+    codes[:, :3] = rgb if plain == name else rgb[::-1]
+    return codes
+
+
+def _similar_names(name: str) -> str:
+    """Return a question with the names most like one, if there are any."""
+    import difflib
+
+    names = [*COLORMAPS, *(one + REVERSED for one in COLORMAPS)]
+    found = difflib.get_close_matches(name.lower(), names, n=3)
+    return f": did you mean {' or '.join(map(repr, found))}?" if found else ""

@@ -1,0 +1,84 @@
+"""Contours: lines along which a scalar field has one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.validation import cut_short, finite_array, in_short, positive_number
+
+MOST_LEVELS = 4096
+"""Most lines of one mesh that are asked for by their number."""
+
+ContoursLike: TypeAlias = "int | ArrayLike | Contours"
+"""How many lines, their values, or `Contours`."""
+
+
+@says_replace
+@dataclass(frozen=True)
+class Contours:
+    """
+    Ask for the iso-lines of a mesh's scalars, in the place of the colours of its map.
+
+    A line is straight within a face, under perspective too. It shows the pixels whose centre is at
+    most half a width from it, measured on the screen, and exactly half a width on one side alone. A
+    face of three equal scalars has no line. Lines are surfaces: lit, multiplied by ``base_color``
+    and hidden as these are, in no other output than colours.
+
+    Parameters
+    ----------
+    levels : int or (N,) array_like
+        Their values; or how many lie inside the range, at equal steps from its ends and each other.
+        A range without width has none inside.
+    width : float
+        Pixels, above zero. From 1 on, lines have no gaps within a face.
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
+        RGBA. Lines are opaque: its alpha is not read.
+
+    Raises
+    ------
+    ValueError
+        If the levels are not 1 to 4096 in number or finite values, the width is not above zero, or
+        the colour is not one.
+    """
+
+    levels: Any = 10
+    width: float = 1.0
+    color: ColorLike = "black"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "levels", _levels(self.levels))
+        object.__setattr__(self, "width", positive_number("width", self.width))
+        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+
+    def values_in(self, low: float, high: float) -> NDArray[np.float64]:
+        """Return the values of the lines, ascending, (N,), given the range."""
+        if not isinstance(self.levels, int):
+            return np.unique(np.array(self.levels, np.float64))
+        inside = low + (high - low) * (np.arange(1, self.levels + 1) / (self.levels + 1))
+        return np.unique(inside[(inside > low) & (inside < high)])
+
+
+def read_contours(value: ContoursLike) -> Contours:
+    """Return contours as they are given, or made of their number or values."""
+    return value if isinstance(value, Contours) else Contours(value)
+
+
+def _levels(value: Any) -> int | tuple[float, ...]:
+    """Return a number of levels, or their values, or raise ``ValueError``."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        if not 1 <= value <= MOST_LEVELS:
+            raise ValueError(f"contours must be 1 to {MOST_LEVELS} in number, got {value}")
+        return int(value)
+    if isinstance(value, (bool, float, str)) or value is None:
+        raise ValueError(f"contours must be a whole number or values, got {cut_short(value)}")
+    values = finite_array("contours", value, (None,))
+    if not len(values):
+        raise ValueError(f"contours must be one or more values, got {in_short(value)}")
+    return tuple(values.tolist())

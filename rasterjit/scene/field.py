@@ -1,0 +1,200 @@
+"""Scalar fields: a number for each vertex or face of a mesh, shown by a colour map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.colormap import Colormap, ColormapLike, read_colormap, width_of
+from rasterjit.scene.contours import Contours, ContoursLike, read_contours
+from rasterjit.scene.validation import (
+    MaskedError,
+    cut_short,
+    in_short,
+    read_only,
+    unmasked_array,
+)
+
+FARTHEST = 1e200
+"""What stands for infinite values: beyond all others, and their products are finite."""
+
+NAN_COLOR = "darkgray"
+"""The colour of values that are NaN, if no other is given."""
+
+_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+
+
+class ColorScale(NamedTuple):
+    """Which colour stands for which value: what a colour bar shows."""
+
+    colormap: Colormap
+    range: tuple[float, float]
+    nan_color: NDArray[np.float32] | None
+    """(4,), linear RGBA; None: no value is NaN."""
+
+    def same(self, other: ColorScale) -> bool:
+        """Tell whether values have the same colours, but for those that are NaN."""
+        is_same = self.range == other.range
+        return is_same and np.array_equal(self.colormap.codes, other.colormap.codes)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """
+    The scalars of a mesh, and how they are shown; `Mesh.field` has it.
+
+    Values are interpolated over each face, perspective-correctly and in float64, *before* the
+    colour is looked up.
+    """
+
+    values: NDArray[np.float64]
+    """(V,) or (F,), read-only, as given: NaN and infinity too."""
+    of_faces: bool
+    """Whether they are those of the faces, each of one colour."""
+    colormap: Colormap
+    range: tuple[float, float]
+    """What its first and its last entry stand for."""
+    nan_color: NDArray[np.float32]
+    """(4,), read-only, linear RGBA: the colour of faces with a corner that is NaN."""
+    contours: Contours | None = None
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its arrays are read-only too."""
+        for name, value in state.items():
+            held = read_only(value) if isinstance(value, np.ndarray) else value
+            object.__setattr__(self, name, held)
+
+    @property
+    def has_nan(self) -> bool:
+        """Whether any value is NaN."""
+        return bool(np.isnan(self.values).any())
+
+    @property
+    def scale(self) -> ColorScale:
+        """Which colour stands for which value."""
+        return ColorScale(self.colormap, self.range, self.nan_color if self.has_nan else None)
+
+    @property
+    def table(self) -> NDArray[np.float32]:
+        """(N+1, 4), linear RGBA: the entries of the map, and the colour of NaN behind them."""
+        return np.vstack([self.colormap.colors, self.nan_color])
+
+    @property
+    def limited(self) -> NDArray[np.float64]:
+        """The values, the infinite ones beyond all others but finite."""
+        return np.clip(self.values, -FARTHEST, FARTHEST)
+
+    @property
+    def rule(self) -> tuple[float, float]:
+        """The low end of the range, and what values above it are divided by."""
+        return self.range[0], width_of(*self.range)
+
+    @property
+    def levels(self) -> NDArray[np.float64]:
+        """The values of its contours, ascending; (0,) without."""
+        return np.empty(0) if self.contours is None else self.contours.values_in(*self.range)
+
+    @property
+    def least_alpha(self) -> np.float32:
+        """An alpha that no colour of it is below."""
+        lowest = self.colormap.colors[:, 3].min()
+        return np.float32(min(lowest, self.nan_color[3]) if self.has_nan else lowest)
+
+    def colors(self) -> NDArray[np.float32]:
+        """Return the colours of the values themselves, linear RGBA, (V, 4) or (F, 4)."""
+        return self.table[self.colormap.entries(self.limited, *self.range)]
+
+    def of_rows(self, rows: NDArray[Any]) -> Field:
+        """Return the field of some vertices, or of vertices again, shown as before."""
+        held = {one.name: getattr(self, one.name) for one in fields(self)}
+        return Field(**held | {"values": read_only(self.values[rows])})
+
+
+def make_field(
+    scalars: ArrayLike,
+    counts: tuple[int, int],
+    colormap: ColormapLike,
+    range: tuple[float, float] | None,
+    nan_color: ColorLike,
+    contours: ContoursLike | None,
+) -> Field:
+    """
+    Return the field that the arguments of a mesh say, checked.
+
+    Parameters
+    ----------
+    scalars : (V,) or (F,) array_like
+    counts : (int, int)
+        V and F.
+    colormap, range, nan_color, contours
+        As `Mesh` takes them.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    values = _scalar_array(scalars, counts)
+    if contours is not None and len(values) != counts[0]:
+        raise ValueError("contours must be None where scalars are those of faces, without slopes")
+    return Field(
+        values=read_only(values),
+        of_faces=len(values) != counts[0],
+        colormap=read_colormap(colormap),
+        range=_range_of(values) if range is None else _range(range),
+        nan_color=read_only(linear_color("nan_color", nan_color)),
+        contours=None if contours is None else read_contours(contours),
+    )
+
+
+def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
+    """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
+    try:
+        array = unmasked_array("scalars", scalars)
+    except MaskedError:
+        raise
+    except ValueError:
+        raise ValueError(f"scalars must be an array of numbers, got {in_short(scalars)}") from None
+    if array.dtype.kind not in "buif":
+        raise ValueError(f"scalars must hold numbers, got an array of dtype {array.dtype}")
+    if array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
+    if array.ndim != 1 or len(array) not in counts:
+        raise ValueError(
+            f"scalars must have one number per vertex ({counts[0]}) or per face ({counts[1]}), "
+            f"got shape {array.shape}"
+        )
+    values = np.array(array, np.float64)
+    finite = np.abs(values[np.isfinite(values)])
+    if finite.size and finite.max() > _LARGEST_FLOAT32:
+        raise ValueError(f"scalars must fit float32, got {float(finite.max())!r} in size")
+    return values
+
+
+def _range_of(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the least and the greatest finite value; 0 and 1 where there is none."""
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+
+
+def _range(value: Any) -> tuple[float, float]:
+    """Return the range that is given, or raise ``ValueError``."""
+    try:
+        ends = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        ends = np.empty(0)
+    if ends.shape != (2,) or not np.isfinite(ends).all():
+        raise ValueError(f"range must be two finite numbers, low and high, got {cut_short(value)}")
+    low, high = ends.tolist()
+    if low > high:
+        raise ValueError(
+            f"range must go from low to high, got {(low, high)!r}; a colormap with '_r' at the end "
+            "of its name shows low values as others show high ones"
+        )
+    if high - low > FARTHEST:
+        raise ValueError(f"range must be at most {FARTHEST:g} wide, got {(low, high)!r}")
+    return low, high

@@ -1,0 +1,158 @@
+"""Colour bars: every colour at its value's height, round ticks, and what is meant is clear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit.outputs.colorbar import find_ticks, write_ticks
+
+SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+FACES = [[0, 1, 2], [0, 2, 3]]
+SIZE = (64, 240)
+BANDS = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]], np.uint8)
+
+
+def field(scalars=(0, 1, 2, 4), **options):
+    return rj.Mesh(SQUARE, FACES, scalars=scalars, **options)
+
+
+def frame(*meshes, size=SIZE):
+    scene = rj.Scene()
+    for mesh in meshes:
+        scene.add(mesh)
+    return rj.render(scene, size=size, threads=1)
+
+
+def bar_of(picture):
+    """Return the colours of a bar from below, (L, 3): the column inside its frame."""
+    column = picture[:, max(10, len(picture) // 30) + 2, :3].astype(int)
+    inside = np.flatnonzero(np.ptp(column, axis=1) > 0)
+    return column[inside][::-1]
+
+
+def test_the_bar_has_the_colors_of_its_map_from_below():
+    bar = bar_of(frame(field(colormap=BANDS)).colorbar())
+    length = len(bar)
+    assert length > 200
+    places = (np.arange(length) + 0.5) / length
+    assert np.array_equal(bar, BANDS[np.floor(4 * places).astype(int)])
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 4), (-1, 1), (1e-30, 3e-30), (1e9, 1e9 + 2), (0, 0)])
+def test_ticks_are_where_their_values_are(low, high):
+    picture = frame(field(range=(low, high))).colorbar()
+    assert picture.shape[0] == SIZE[1]
+    assert picture.dtype == np.uint8
+    assert (picture[..., 3] == 255).all()
+    # Right of the bar's frame: black rows are ticks.
+    size = 10
+    right = size + 12
+    assert (picture[size:-size, right, :3] == 0).all()
+    marks = np.flatnonzero((picture[:, right + 2, :3] == 0).all(axis=1))
+    ticks = find_ticks(low, high, 220 // 30)
+    shares = [(tick - low) / (high - low) if high > low else 0.5 for tick in ticks]
+    wanted = sorted(SIZE[1] - size - 1 - round(share * 219) for share in shares)
+    assert marks.tolist() == wanted
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "most", "texts"),
+    [
+        (0.0, 1.0, 5, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
+        (0.0, 10.0, 5, ["0", "2", "4", "6", "8", "10"]),
+        (-3.0, 3.0, 3, ["-2", "0", "2"]),
+        (0.13, 0.97, 4, ["0.2", "0.4", "0.6", "0.8"]),
+        (-1e30, 1e30, 4, ["-1.0e+30", "-5.0e+29", "0", "5.0e+29", "1.0e+30"]),
+        (0.0, 3e-9, 3, ["0", "1e-09", "2e-09", "3e-09"]),
+        (1e9, 1e9 + 2.0, 2, ["1.000000000e+09", "1.000000001e+09", "1.000000002e+09"]),
+        (0.0, 1e6, 2, ["0", "5.0e+05", "1.0e+06"]),
+        (5.0, 5.0, 4, ["5"]),
+        (1.0, 1.0 + 2.0**-52, 4, ["1.0000000000000000e+00", "1.0000000000000002e+00"]),
+        (0.0, 5e-324, 4, ["0"]),
+        (123.456, 123.456, 4, ["123.456"]),
+    ],
+)
+def test_ticks_are_round_and_told_apart(low, high, most, texts):
+    ticks = find_ticks(low, high, most)
+    assert write_ticks(ticks) == texts
+    assert all(low <= tick <= high for tick in ticks)
+    assert len(ticks) <= most + 1
+
+
+def test_a_great_many_ranges_have_ticks():
+    rng = np.random.default_rng(5)
+    for _ in range(3000):
+        low = float(rng.normal() * 10.0 ** rng.uniform(-30, 30))
+        high = low + float(10.0 ** rng.uniform(-30, 30))
+        most = int(rng.integers(1, 12))
+        ticks = find_ticks(low, high, most)
+        texts = write_ticks(ticks)
+        assert 1 <= len(ticks) <= most + 1
+        assert all(low <= tick <= high for tick in ticks)
+        assert len(set(texts)) == len(texts)
+        for tick, text in zip(ticks, texts, strict=True):
+            assert float(text) == pytest.approx(tick, rel=1e-5, abs=0.0)
+
+
+def test_nan_is_shown_if_there_is_any_and_titles_stand_above():
+    plain = frame(field()).colorbar()
+    nan = frame(field([0, 1, 2, np.nan], nan_color="#102030")).colorbar()
+    assert (nan[:, 12, :3] == [0x10, 0x20, 0x30]).all(axis=1).sum() == 9
+    assert not (plain[..., :3] == [0x10, 0x20, 0x30]).all(axis=2).any()
+    titled = frame(field()).colorbar("Temperature of the surface in K")
+    assert titled.shape[1] > plain.shape[1]
+    assert (titled[8:24] < 128).any()
+    assert (plain[:4] == 255).all()
+    # Of colours that are seen through, what they are on paper.
+    clear = np.array([[255, 0, 0, 0], [255, 0, 0, 255]], np.uint8)
+    column = frame(field(colormap=clear)).colorbar()[:, 12, :3]
+    assert (column == [255, 0, 0]).all(axis=1).sum() == 110
+
+
+@pytest.mark.parametrize("height", [1, 5, 24, 100, 900])
+def test_any_height_has_a_bar(height):
+    picture = frame(field([0, 1, 2, np.nan]), size=(4, height)).colorbar("x")
+    assert picture.shape[0] == height
+    if height >= 100:
+        assert len(bar_of(picture)) > height / 3
+
+
+def test_a_bar_is_saved_beside_the_picture(tmp_path):
+    shown = frame(field())
+    for name in ("a.png", "a.webp"):
+        shown.save(tmp_path / name, colorbar=True)
+    saved = np.array(Image.open(tmp_path / "a.png").convert("RGBA"))
+    bar = shown.colorbar()
+    assert saved.shape == (SIZE[1], SIZE[0] + bar.shape[1], 4)
+    assert np.array_equal(saved[:, : SIZE[0]], shown.color)
+    assert np.array_equal(saved[:, SIZE[0] :], bar)
+    for name, outputs in (("b.npz", None), ("b.png", "depth")):
+        depth = rj.render(field(), size=SIZE, outputs=("color", "depth"), threads=1)
+        with pytest.raises(ValueError, match="colorbar must be False"):
+            depth.save(tmp_path / name, outputs, colorbar=True)
+    with pytest.raises(ValueError, match="colorbar must be True or False"):
+        shown.save(tmp_path / "b.png", colorbar="yes")
+    layers = rj.render_layers(field(), None, k=2, size=(8, 8), outputs=("depth",))
+    with pytest.raises(ValueError, match="colorbar must be False"):
+        layers.save(tmp_path / "b.npz", colorbar=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.webp"]
+
+
+def test_several_fields_have_one_bar_if_they_are_alike():
+    alike = field(range=(0, 5)), field([3, np.nan, 1, 1], range=(0, 5)), rj.Mesh(SQUARE, FACES)
+    both = frame(*alike)
+    assert np.array_equal(both.colorbar(), both.colorbar(node=1))
+    assert not np.array_equal(both.colorbar(), both.colorbar(node=0))
+    assert np.array_equal(frame(field([1, 2], range=(0, 5))).colorbar(), both.colorbar(node=0))
+    other = frame(field(), field(range=(0, 5)), field(colormap="gray"))
+    assert not np.array_equal(other.colorbar(node=0), other.colorbar(node=2))
+    for shown, options, words in (
+        (other, {}, "node must say whose colour bar"), (both, {"node": 2}, "node must be one"),
+        (both, {"node": 3}, "node"), (frame(alike[2]), {}, "no mesh of the scene has scalars"),
+        (both, {"title": 3}, "title must be a text"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=words):
+            shown.colorbar(**options)
