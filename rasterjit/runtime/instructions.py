@@ -817,7 +817,7 @@ def blend_clipped_run(
             builder.fcmp_ordered(">", least, none), builder.fcmp_ordered("ord", sums, none)
         )
         sure = builder.bitcast(is_sure, ir.IntType(LANES))
-        return builder.zext(builder.icmp_signed("!=", sure, sure.type(2**LANES - 1)), LANE)
+        return builder.zext(builder.icmp_signed("!=", sure, sure.type((1 << LANES) - 1)), LANE)
 
     exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
     given = types.float64, types.float64, exact, exact, exact, types.UniTuple(color, 3), color
