@@ -74,11 +74,11 @@ def _levels(value: Any) -> int | tuple[float, ...]:
     """Return a number of levels, or their values, or raise ``ValueError``."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         if not 1 <= value <= MOST_LEVELS:
-            raise ValueError(f"contours must be 1 to {MOST_LEVELS} in number, got {value}")
+            raise ValueError(f"contours.levels must be 1 to {MOST_LEVELS} in number, got {value}")
         return int(value)
     if isinstance(value, (bool, float, str)) or value is None:
-        raise ValueError(f"contours must be a whole number or values, got {cut_short(value)}")
-    values = finite_array("contours", value, (None,))
+        raise ValueError(f"contours.levels must be a whole number or values, got {cut_short(value)}")
+    values = finite_array("contours.levels", value, (None,))
     if not len(values):
-        raise ValueError(f"contours must be one or more values, got {in_short(value)}")
+        raise ValueError(f"contours.levels must be one or more values, got {in_short(value)}")
     return tuple(values.tolist())

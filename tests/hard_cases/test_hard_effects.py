@@ -23,6 +23,7 @@ from rasterjit.effects import wireframe
 from rasterjit.inspect import oracle
 from rasterjit.outputs import fill, motion, table
 from rasterjit.pipeline.geometry import clipping
+from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.rendering import coverage, shade
 from rasterjit.rendering import plan as planning
@@ -668,14 +669,16 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
 @pytest.mark.case("G12")
 def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     uv = np.zeros((len(sphere.vertices), 2))
-    mesh = rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=rj.Material("flat"))
+    mesh = rj.Mesh(
+        sphere.vertices, sphere.faces, uv=uv, scalars=uv[:, 0], material=rj.Material("flat")
+    )
     wanted = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
     everything = draw(mesh, camera, wanted)
     for module, name in (
         (fill, "fill_rows"), (fill, "fill_barycentric"), (arrays, "join_uv"),
         (arrays, "join_normals"), (fill, "metric_depth"),
         (fill, "box_matrices"), (fill, "material_numbers"),
-        (coverage, "cover_pixels"), (motion, "moment_of"),
+        (coverage, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -152,6 +152,26 @@ def test_mesh_takes_or_refuses_anything(vertices, faces, colors, normals, uv, on
 
 
 @few(60)
+@given(
+    scalars=st.one_of(anything, st.lists(wild, min_size=3, max_size=3)),
+    colors=st.one_of(anything, names), numbers=st.tuples(anything, anything, anything),
+)  # fmt: skip
+def test_fields_take_or_refuse_anything(scalars, colors, numbers):
+    first, second, third = numbers
+    attempt(rj.Colormap, colors)
+    attempt(rj.Contours, first, width=second, color=third)
+    given_ = np.eye(3), [(0, 1, 2)]
+    for named in (
+        {}, {"colormap": colors}, {"range": first}, {"range": (first, second)},
+        {"nan_color": second}, {"contours": third},
+    ):  # fmt: skip
+        mesh = attempt(rj.Mesh, *given_, scalars=scalars, **named)
+        if mesh is not None:
+            frame = rj.render(mesh, size=(4, 3), outputs=("color", "scalar"))
+            assert frame.scalar.shape == (3, 4)
+
+
+@few(60)
 @given(numbers=st.tuples(anything, anything, anything), vector=vectors(), name=names)
 def test_lights_and_materials_take_or_refuse_anything(numbers, vector, name):
     a, b, c = numbers

@@ -339,6 +339,7 @@ ALLOWED = {
     ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",
     ("rendering/batch.py", "sum"): "whole numbers: counts of faces and pixels",
     ("rendering/batch.py", "prod"): "whole numbers: lengths of arrays",
+    ("rendering/pool.py", "sum"): "whole numbers: bytes",
     ("rendering/pool.py", "prod"): "whole numbers: lengths of arrays",
     ("rendering/kept.py", "sum"): "whole numbers: bytes",
     ("rendering/together.py", "sum"): "whole numbers: counts of faces and pixels",

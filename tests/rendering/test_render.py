@@ -26,7 +26,7 @@ ROOT = Path(rj.__file__).parent.parent
 SIZE = (75, 70)
 FORK_SECONDS = 60.0
 """Far more than a frame takes."""
-PLAIN = tuple(output for output in OUTPUTS if output not in ("uv", *MOTION_OUTPUTS))
+PLAIN = tuple(output for output in OUTPUTS if output not in ("uv", "scalar", *MOTION_OUTPUTS))
 
 
 def bits(frame):
