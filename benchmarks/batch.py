@@ -179,6 +179,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--output", type=Path, help="a JSON file")
     arguments = parser.parse_args()
+    if not arguments.streams and 256 in (arguments.sizes or ()):
+        parser.error("--sizes 256 needs --streams")
     sizes = arguments.sizes or ((64, 128, 256) if arguments.streams else (64, 128))
     views = arguments.views or (200 if arguments.streams else 10_000)
     found: dict[str, dict[int, list[dict[str, object]]]] = {}

@@ -77,7 +77,10 @@ CURVE_BITS = 40
 """Fraction bits of where a chord crosses columns; coordinates and a sign still fit ``int64``."""
 
 TIE = 2.0**-22
-"""What lies so little below a tie between two pixels is one: above all rounding errors, pixels."""
+"""
+What lies so little below a tie between two pixels is one, pixels: above what rounding adds up to
+along a chord of up to 2**18 pixels.
+"""
 
 DIAGONAL = 1.0 - 2.0**-34
 """Chords whose ``|dx|`` is at least this part of ``|dy|`` are walked by columns."""

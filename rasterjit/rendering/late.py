@@ -52,6 +52,8 @@ class LateFrame(Frame):
         """What was decided for this frame."""
         if self._plan is None:
             self._plan = self._make_plan()
+            # It holds the scene.
+            self._make_plan = None
         return self._plan
 
     @plan.setter

@@ -43,6 +43,12 @@ MOST_WORK = 1 << 17
 nothing."""
 
 
+def may_gain(scene: Scene, options: Options, threads: int, room: int) -> bool:
+    """Tell, without a plan, whether views may be drawn in one go: see `views_at_once`."""
+    is_small = batch.work_of(options.size, scene) <= MOST_WORK
+    return threads == 1 and room > 1 and is_small and together.is_possible(options)
+
+
 def views_at_once(
     plan: RenderPlan, scene: Scene, cache: SceneCache, options: Options, threads: int, room: int
 ) -> int:
@@ -66,11 +72,9 @@ def views_at_once(
     room : int
         Most that may be drawn in one go.
     """
+    if not may_gain(scene, options, threads, room) or not can_share(plan, scene, cache):
+        return 1
     work = batch.work_of(options.size, scene)
-    if threads > 1 or room < 2 or work > MOST_WORK:
-        return 1
-    if not together.is_possible(options) or not can_share(plan, scene, cache):
-        return 1
     shapes = batch.shapes_of(scene, 1, options).values()
     view_bytes = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes)
     most = room, batch.VIEWS_PER_GROUP, batch.WORK_PER_GROUP // work, BYTES_AT_ONCE // view_bytes
@@ -118,7 +122,7 @@ class GrowingPace(Pace):
             room = -(-(self._count - begun) // self._turns)
         scene, options = self._scene, self._options
         # The plan is made for it, if it is there late.
-        if room < 2 or batch.work_of(options.size, scene) > MOST_WORK:
+        if not may_gain(scene, options, self._threads, room):
             return
         cache = cache or prepare_for(scene, options)
         self.at_once = views_at_once(first.plan, scene, cache, options, self._threads, room)
@@ -234,13 +238,8 @@ class Artist:
     def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
         """Draw those views, by their numbers, that have a place in a group."""
         clock = StageClock()
-        if self._drawer is None or self._shared is None:
-            self._shared = shared or Shared.of(
-                self._scene, self._cache, self._options, len(cameras)
-            )
-            self._drawer = self._group_drawer(self._shared)
-        moment = self._shared.moment
-        counts, is_drawn, told = self._drawer.draw(range(len(cameras)), cameras, None)
+        drawer, moment = self._drawer_of(len(cameras), shared)
+        counts, is_drawn, told = drawer.draw(range(len(cameras)), cameras, None)
         clock("all stages")
         drawn = np.flatnonzero(is_drawn).tolist()
         found, starts = {}, self._cache.shapes.arrays.face_starts
@@ -254,7 +253,18 @@ class Artist:
             found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
         return found
 
-    def _group_drawer(self, shared: Shared) -> Drawer:
+    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, Moment]:
+        """Return what draws groups of so many views or fewer, and plans them later."""
+        if self._shared is not None and count > self._shared.count:
+            # A worker drew a smaller group before.
+            self._drawer.close()
+            self._shared = None
+        if self._shared is None:
+            self._shared = shared or Shared.of(self._scene, self._cache, self._options, count)
+            self._drawer = self._make_drawer(self._shared)
+        return self._drawer, self._shared.moment
+
+    def _make_drawer(self, shared: Shared) -> Drawer:
         """Return what draws groups, into memory of its own."""
         shapes = batch.shapes_of(self._scene, shared.count, self._options)
         self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}

@@ -951,12 +951,14 @@ def rest(typing_context: Any) -> Any:
     """Tell the processor that a loop waits for another thread."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        name, given = "llvm.x86.sse2.pause", []
-        if current().triple.startswith("aarch64"):
-            # "yield"
-            name, given = "llvm.aarch64.hint", [LANE(1)]
-        kind = ir.FunctionType(ir.VoidType(), [one.type for one in given])
-        builder.call(builder.module.declare_intrinsic(name, (), kind), given)
+        # "pause" and "yield".
+        known = {"x86": ("llvm.x86.sse2.pause", []), "ARM": ("llvm.aarch64.hint", [LANE(1)])}
+        processor = current().triple.split("-")[0]
+        family = {"x86_64": "x86", "aarch64": "ARM", "arm64": "ARM"}.get(processor)
+        if family is not None:
+            name, given = known[family]
+            kind = ir.FunctionType(ir.VoidType(), [one.type for one in given])
+            builder.call(builder.module.declare_intrinsic(name, (), kind), given)
         return context.get_dummy_value()
 
     return types.void(), generate

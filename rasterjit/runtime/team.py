@@ -12,7 +12,9 @@ by one, in one step, so that no call is made twice, and none of a step that is o
 from __future__ import annotations
 
 import functools
+import os
 import time
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,9 +100,20 @@ def add_call(team, first, stop):
     return add_shared(team + TICKET, np.int64(ONE_CALL))
 
 
+@raw_kernel
+def drop_calls(team, first, stop):
+    """Let no call be made any more of those that nobody has begun; they count as made."""
+    mask = np.int64(MOST_CALLS)
+    while True:
+        ticket = load_shared(team + TICKET)
+        left = ((ticket >> COUNT_BITS) & mask) - (ticket & mask)
+        if swap_shared(team + TICKET, ticket, ticket + left) == ticket:
+            return add_shared(team + DONE, left)
+
+
 @functools.cache
-def _make_calls() -> Any:
-    return MACHINE(make_calls.address())
+def _machine(kernel: Any) -> Any:
+    return MACHINE(kernel.address())
 
 
 @functools.cache
@@ -109,13 +122,21 @@ def _add_call() -> Any:
     return LOCKED_MACHINE(add_call.address())
 
 
+def give_way() -> None:
+    """Let another thread have the processor."""
+    if hasattr(os, "sched_yield"):
+        os.sched_yield()
+    else:
+        time.sleep(1e-5)
+
+
 @functools.cache
 def _looks_a_second() -> float:
     """Return how often a thread looks for calls in a second."""
     words, looks, seconds = lined_up(4 * LINE // WORD), 2048, []
     for _ in range(3):
         begun = time.perf_counter()
-        _make_calls()(words.ctypes.data, 1, looks)
+        _machine(make_calls)(words.ctypes.data, 1, looks)
         seconds.append(time.perf_counter() - begun)
     return looks / min(seconds)
 
@@ -161,9 +182,7 @@ class Team:
         scratch : int
             Words of each thread's scratch memory, zero at first; calls leave it as they find it.
         """
-        if self._kept:
-            # The last step was interrupted.
-            self._make_calls()
+        self._settle()
         if most > len(self._calls):
             self._calls = np.zeros((most, CALL // WORD), np.int64)
         stride = -(-scratch * WORD // LINE) * LINE // WORD
@@ -187,22 +206,36 @@ class Team:
         return count + 1
 
     def finish(self) -> list[int]:
-        """Make calls until all are made; return what each returned."""
+        """
+        Make calls until all are made; return what each returned.
+
+        After an interrupt those that nobody has begun are dropped.
+        """
         count = len(self._kept)
         self._most = max(self._most, count)
-        self._make_calls()
+        try:
+            self._make_calls()
+        finally:
+            self._settle()
         return self._calls[:count, -1].tolist()
 
     def _make_calls(self) -> None:
-        while not _make_calls()(self._address, 0, self._looks):
+        while not _machine(make_calls)(self._address, 0, self._looks):
             # Another thread, in a call, may have no processor at the moment.
-            time.sleep(0)
+            give_way()
         self._kept.clear()
+
+    def _settle(self) -> None:
+        """End a step that was interrupted, whatever interrupts this."""
+        while self._kept:
+            with suppress(KeyboardInterrupt):
+                _machine(drop_calls)(self._address, 0, 0)
+                self._make_calls()
 
     def help(self, member: int) -> None:
         """Make calls, in another thread, as long as there are some now and then."""
         try:
-            _make_calls()(self._address, member, self._looks)
+            _machine(make_calls)(self._address, member, self._looks)
         finally:
             self.asleep.add(member)
 
@@ -212,7 +245,9 @@ class Team:
         return 1 + self._others - len(self.asleep)
 
     def next_frame(self) -> int:
-        """Return how many calls a step of the last frame had at most."""
+        """Let who is woken wait; return how many calls a step of the last frame had at most."""
+        self._settle()
+        self._words[LEAVE // WORD] = 0
         most, self._most = self._most, 0
         return most
 

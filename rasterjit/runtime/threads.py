@@ -74,7 +74,9 @@ class Workers:
         team = self._team
         if team is not None and self._process == os.getpid():
             # There will be as much to do as in the last frame.
-            self._wake(team, team.next_frame())
+            with self._team_lock:
+                calls = team.next_frame()
+            self._wake(team, calls)
         before = getattr(self._frame, "begun_at", None)
         self._frame.begun_at = self._closed
         try:
@@ -129,7 +131,7 @@ class Workers:
             for own in calls:
                 form, block = kernel.bind(own)
                 forms.append(form)
-                yield Call(form.address, ctypes.addressof(block), block)
+                yield Call(form.address, ctypes.addressof(block), (block, own))
 
         words = self.call_machine(bound(), len(calls))
         return [form.returned(word) for form, word in zip(forms, words, strict=True)]
@@ -156,8 +158,8 @@ class Workers:
                 is_crowded = self.threads > available_processors()
                 self._team = Team(self.threads - 1, 0.0 if is_crowded else PATIENCE)
             team = self._team
+            team.begin(most, scratch)
             try:
-                team.begin(most, scratch)
                 for call in calls:
                     self._wake(team, team.add(call))
             finally:

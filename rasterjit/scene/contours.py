@@ -77,7 +77,9 @@ def _levels(value: Any) -> int | tuple[float, ...]:
             raise ValueError(f"contours.levels must be 1 to {MOST_LEVELS} in number, got {value}")
         return int(value)
     if isinstance(value, (bool, float, str)) or value is None:
-        raise ValueError(f"contours.levels must be a whole number or values, got {cut_short(value)}")
+        raise ValueError(
+            f"contours.levels must be a whole number or values, got {cut_short(value)}"
+        )
     values = finite_array("contours.levels", value, (None,))
     if not len(values):
         raise ValueError(f"contours.levels must be one or more values, got {in_short(value)}")

@@ -14,7 +14,7 @@ from batches import ALL, around, in_groups, mixed_scene
 import rasterjit as rj
 from rasterjit.rendering import batch, pool, together
 from rasterjit.rendering.late import LateFrame
-from rasterjit.rendering.stream import AHEAD, Options
+from rasterjit.rendering.stream import AHEAD, Options, check_arguments
 from rasterjit.survey.cache import prepare
 
 SIZE = (40, 28)
@@ -158,6 +158,22 @@ def test_what_fails_in_a_group_alone_is_drawn_alone(monkeypatch):
     assert all(
         same(frame, scene, camera, size=SIZE) for frame, camera in zip(frames, cameras, strict=True)
     )
+
+
+@in_groups
+def test_a_worker_draws_a_group_larger_than_those_before(groups):
+    scene, cameras = mixed_scene(), around(24)
+    checked, options = check_arguments(scene, SIZE, None, ("color", "depth"), None, "none")
+    artist = pool.Artist(checked, options, 1)
+    for count in (3, 24, 2):
+        begun = artist.draw(cameras[:count])
+        assert [one.error for one in begun] == [None] * count
+        assert all(
+            same(one.frame, scene, camera, size=SIZE, outputs=options.outputs)
+            for one, camera in zip(begun, cameras, strict=False)
+        )
+    artist.close()
+    assert len(groups) == 3
 
 
 @in_groups

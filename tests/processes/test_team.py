@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import threading
 import time
 
@@ -12,8 +13,10 @@ from small_kernels import count_up, note_scratch
 
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
+from rasterjit.runtime.compiler import assembly
 from rasterjit.runtime.state import LINE, WORD
-from rasterjit.runtime.team import Call, Team
+from rasterjit.runtime.targets import Target
+from rasterjit.runtime.team import DONE, Call, Team, make_calls
 from rasterjit.runtime.threads import Workers
 
 pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
@@ -137,6 +140,70 @@ def test_what_was_begun_is_done_when_arguments_fail(workers):
     assert not rows[60:].any()
     workers.call(count_up, [(row, 0) for row in rows])
     assert (rows[:, 0] == [2] * 60 + [1] * 40).all()
+
+
+def test_an_interrupt_drops_what_is_not_begun_and_keeps_what_is(workers, monkeypatch):
+    rows = np.zeros((100, 1), np.int64)
+    calls = [(row, n) for n, row in enumerate(rows)]
+    workers.call(count_up, calls)
+    real, team = Team._make_calls, workers._team
+
+    def interrupted(self):
+        monkeypatch.setattr(Team, "_make_calls", real)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Team, "_make_calls", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        workers.call(count_up, calls)
+    assert not team._kept
+    before = rows.copy()
+    assert ((before == 1) | (before == 2)).all()
+    assert workers.call(count_up, calls) == [*range(100)]
+    assert (rows == before + 1).all()
+
+
+def test_an_interrupt_as_a_step_begins_holds_up_no_other(workers, monkeypatch):
+    rows = np.zeros((9, 1), np.int64)
+    calls = [(row, n) for n, row in enumerate(rows)]
+    workers.call(count_up, calls)
+    real = Team._settle
+
+    def interrupted(self):
+        real(self)
+        self._words[DONE // WORD] = 0
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Team, "_settle", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        workers.call(count_up, calls)
+    monkeypatch.undo()
+    assert workers.call(count_up, calls) == [*range(9)]
+    assert (rows == 2).all()
+
+
+def test_arguments_are_kept_until_the_step_ends(workers, monkeypatch):
+    real, kept = Team.add, []
+
+    def add(self, call):
+        kept.append(call.kept)
+        return real(self, call)
+
+    monkeypatch.setattr(Team, "add", add)
+    calls = [(np.zeros(1, np.int64), n) for n in range(5)]
+    workers.call(count_up, calls)
+    assert all(any(part is own for part in one) for one, own in zip(kept, calls, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("triple", "word"),
+    [
+        ("arm64-apple-darwin", "yield"), ("aarch64-unknown-linux-gnu", "yield"),
+        ("x86_64-unknown-linux-gnu", "pause"),
+    ],
+)  # fmt: skip
+def test_who_waits_rests_on_every_processor(triple, word):
+    target = Target(triple, "x86-64" if word == "pause" else "generic", "")
+    assert re.search(rf"\b{word}\b", assembly(make_calls, make_calls.kind, target))
 
 
 def test_a_call_after_close_is_refused_within_a_frame_only(workers):

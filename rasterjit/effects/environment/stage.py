@@ -36,7 +36,7 @@ import numpy as np
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.lighting.light_stages import normals_of, points_of
+from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.lighting.pbr import (
     DIELECTRIC,
     bounces,
@@ -410,15 +410,15 @@ def mirror_environment(
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not is_any_above_zero(microfacet):
         return
-    normals, roughness = normals_of(s, count), part(s, rows.ROUGHNESS, 0, count)
+    normals, roughness = three_rows(s, rows.NORMAL_X, count), part(s, rows.ROUGHNESS, 0, count)
     x, y, z = (
         part(r, TOWARD, 0, count), part(r, TOWARD + 1, 0, count), part(r, TOWARD + 2, 0, count)
     )  # fmt: skip
     level, facing = part(r, LEVEL, 0, count), part(r, FACING, 0, count)
     across, down = part(r, PLACE, 0, count), part(r, PLACE + 1, 0, count)
     find_mirrors(
-        environment.turn, toward_viewer, *normals, *points_of(s, count), roughness, x, y, z, level,
-        facing,
+        environment.turn, toward_viewer, *normals, *three_rows(s, rows.POINT_X, count), roughness,
+        x, y, z, level, facing,
     )  # fmt: skip
     find_places(x, y, z, across, down)
     if environment.width == 0:

@@ -53,38 +53,11 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
 
 
 @helper
-def normals_of(samples, count):
-    """Return the rows of the normals."""
+def three_rows(samples, first, count):
+    """Return three rows that follow each other: of normals, points or colours."""
     return (
-        part(samples, rows.NORMAL_X, 0, count), part(samples, rows.NORMAL_Y, 0, count),
-        part(samples, rows.NORMAL_Z, 0, count),
-    )  # fmt: skip
-
-
-@helper
-def points_of(samples, count):
-    """Return the rows of the points."""
-    return (
-        part(samples, rows.POINT_X, 0, count), part(samples, rows.POINT_Y, 0, count),
-        part(samples, rows.POINT_Z, 0, count),
-    )  # fmt: skip
-
-
-@helper
-def colors_of(samples, count):
-    """Return the rows of the base colours."""
-    return (
-        part(samples, rows.RED, 0, count), part(samples, rows.GREEN, 0, count),
-        part(samples, rows.BLUE, 0, count),
-    )  # fmt: skip
-
-
-@helper
-def seen_colors_of(samples, count):
-    """Return the rows of the colours that are seen."""
-    return (
-        part(samples, rows.OUT_RED, 0, count), part(samples, rows.OUT_GREEN, 0, count),
-        part(samples, rows.OUT_BLUE, 0, count),
+        part(samples, first, 0, count), part(samples, first + 1, 0, count),
+        part(samples, first + 2, 0, count),
     )  # fmt: skip
 
 
@@ -111,7 +84,7 @@ def add_shiny_lights(
     s = block.samples
     if not is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
-    normals, points = normals_of(s, count), points_of(s, count)
+    normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
     viewer, toward = (
         directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
     )  # fmt: skip
@@ -125,7 +98,8 @@ def add_shiny_lights(
         blinn_phong.find_shine(part(s, rows.SHININESS, 0, count), cosine, shine)
         blinn_phong.add_shiny_light(
             lights[n], facing, shine, falloff, part(s, rows.LIT, 0, count),
-            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
+            part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
+            *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 
@@ -137,10 +111,11 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
         return
     toward = directions_of(block.single, LIGHT, count)
     for n in range(first, end):
-        blinn_phong.find_light(lights[n], *points_of(s, count), *toward)
+        blinn_phong.find_light(lights[n], *three_rows(s, rows.POINT_X, count), *toward)
         blinn_phong.add_diffuse_light(
-            lights[n], *normals_of(s, count), *toward, part(s, rows.LIT, 0, count),
-            part(s, rows.SHADOW, 0, count), *colors_of(s, count), *seen_colors_of(s, count),
+            lights[n], *three_rows(s, rows.NORMAL_X, count), *toward, part(s, rows.LIT, 0, count),
+            part(s, rows.SHADOW, 0, count), *three_rows(s, rows.RED, count),
+            *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 
@@ -154,14 +129,14 @@ def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_vi
     scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
     shown = part(r, SHOWN, 0, count), part(r, SHOWN + 1, 0, count), part(r, SHOWN + 2, 0, count)
     find_shares(
-        toward_viewer, *normals_of(s, count), *points_of(s, count),
+        toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
         part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
     find_ambient(
         ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
-        *colors_of(s, count), *shown,
+        *three_rows(s, rows.RED, count), *shown,
     )  # fmt: skip
-    red, green, blue = seen_colors_of(s, count)
+    red, green, blue = three_rows(s, rows.OUT_RED, count)
     show_on_facets(shown[0], microfacet, red)
     show_on_facets(shown[1], microfacet, green)
     show_on_facets(shown[2], microfacet, blue)
@@ -176,7 +151,7 @@ def add_lights_on_facets(
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    normals, points = normals_of(s, count), points_of(s, count)
+    normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
     viewer, toward = (
         directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
     )  # fmt: skip
@@ -190,7 +165,7 @@ def add_lights_on_facets(
         add_facet_light(
             lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
-            *colors_of(s, count), *seen_colors_of(s, count),
+            *three_rows(s, rows.RED, count), *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 

@@ -95,8 +95,10 @@ def weigh(
 
 
 @helper
-def edges_inside(ax, ay, bx, by, cx, cy, px, py):
-    """Return the edge functions of a face that is not wide at a point, in float64: exact."""
+def edges_inside(ax, ay, bx, by, cx, cy, column, row, bits, half):
+    """Return the edge functions of a face that is not wide at a pixel, in float64: exact."""
+    px = np.int32(np.int32(column << bits) + half)
+    py = np.int32(np.int32(row << bits) + half)
     x0, y0 = np.float64(np.int32(ax - px)), np.float64(np.int32(ay - py))
     x1, y1 = np.float64(np.int32(bx - px)), np.float64(np.int32(by - py))
     x2, y2 = np.float64(np.int32(cx - px)), np.float64(np.int32(cy - py))
@@ -110,9 +112,9 @@ def weigh_affine(
     """Do what `weigh` does of affine weights where samples lie on faces that are not wide."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
-        px = np.int32(np.int32(columns[n] << bits) + half)
-        py = np.int32(np.int32(rows[n] << bits) + half)
-        k0, k1, k2 = edges_inside(ax[n], ay[n], bx[n], by[n], cx[n], cy[n], px, py)
+        k0, k1, k2 = edges_inside(
+            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], columns[n], rows[n], bits, half
+        )
         whole = k0 + k1 + k2
         over = 1.0 / whole
         behind[n] = np.int32(whole * front_turn < 0.0)
@@ -127,9 +129,9 @@ def weigh_inside(
     """Do what `weigh` does of the others where samples lie on faces that are not wide."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
-        px = np.int32(np.int32(columns[n] << bits) + half)
-        py = np.int32(np.int32(rows[n] << bits) + half)
-        k0, k1, k2 = edges_inside(ax[n], ay[n], bx[n], by[n], cx[n], cy[n], px, py)
+        k0, k1, k2 = edges_inside(
+            ax[n], ay[n], bx[n], by[n], cx[n], cy[n], columns[n], rows[n], bits, half
+        )
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
         w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)

@@ -624,7 +624,7 @@ def draw(
     threads = min(workers.threads, tasks)
     while len(drawers) < threads:
         drawers.append(nearest.tile_drawer(binned, faces, screen, kind, alpha_tests))
-    taken = np.array([0, per_task]) if tasks > 1 else nearest.ALL
+    taken = np.array([0, per_task], np.int64) if tasks > 1 else nearest.ALL
     own = tiles, taken, starts, tile_depths, viewport, frame
     workers.call(nearest.draw_tiles, [(*own, *drawer[:3]) for drawer in drawers[:threads]])
 
