@@ -308,7 +308,8 @@ def dataset(**options: Any) -> None:
     Render every mesh file below FOLDER from all sides, with the cameras as NeRF wants them.
 
     Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. What is
-    interrupted goes on where it stopped when it is run again. Files that cannot be read are left
+    interrupted goes on where it stopped when it is run again; a mesh that was not finished begins
+    again. Files that cannot be read are left
     out and listed in failures.json.
     """
     from rasterjit.cli.dataset import make_dataset

@@ -89,6 +89,9 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
     low, high = scale.range
     ticks = find_ticks(low, high, max(1, length // (LINES_PER_TICK * size)))
     labels = write_ticks(ticks)
+    if len(ticks) < 2 and high > low and length >= 2 * size:
+        # A short bar without room for round numbers says where it ends.
+        ticks, labels = [low, high], [f"{end:.{PLAIN_DIGITS}g}" for end in (low, high)]
     texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
     widest = max(_width(font, text) for text in texts)
     text_left = right + size

@@ -19,7 +19,7 @@ from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import in_short, index_below, question
+from rasterjit.scene.validation import cut_short, in_short, index_below, question
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -381,7 +381,7 @@ class Frame:
         outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
-        colorbar: bool = False,
+        colorbar: bool | str = False,
     ) -> None:
         """
         Write the colour to an image file, or outputs to a file that holds them exactly.
@@ -404,8 +404,8 @@ class Frame:
         scale : float, optional
             For a ``.png`` of floats: scene units a code; 0.001 stores millimetres of metres. By
             default chosen from this frame's own range, so give it where frames are compared.
-        colorbar : bool
-            Whether a picture of the colour has its `colorbar` to the right.
+        colorbar : bool or str
+            Whether a picture of the colour has its `colorbar` to the right; or its title.
 
         Raises
         ------
@@ -432,15 +432,17 @@ class Frame:
             self._output("color")
             outputs = "color"
         arrays = saving.chosen(self._outputs, outputs)
-        if not isinstance(colorbar, bool):
-            raise ValueError(f"colorbar must be True or False, got {in_short(colorbar)}")
-        if colorbar and (not is_image or list(arrays) != ["color"]):
+        if not isinstance(colorbar, (bool, str)):
+            raise ValueError(f"colorbar must be True, False or a title, got {in_short(colorbar)}")
+        has_bar = colorbar is not False
+        if has_bar and (not is_image or list(arrays) != ["color"]):
             raise ValueError(
-                f"colorbar must be False but for pictures of the colour, got True, {suffix} and "
-                f"outputs {', '.join(arrays)}"
+                "colorbar must be False but for pictures of the colour, got "
+                f"{cut_short(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
             )
-        if colorbar:
-            images.save_image(place, beside(self.color, self.colorbar()))
+        if has_bar:
+            title = colorbar if isinstance(colorbar, str) else ""
+            images.save_image(place, beside(self.color, self.colorbar(title)))
         elif suffix in saving.FORMATS:
             saving.save_outputs(place, arrays, scale=scale)
         elif list(arrays) == ["color"] and scale is None:

@@ -28,7 +28,8 @@ class Contours:
     A line is straight within a face, under perspective too. It shows the pixels whose centre is at
     most half a width from it, measured on the screen, and exactly half a width on one side alone. A
     face of three equal scalars has no line. Lines are surfaces: lit, multiplied by ``base_color``
-    and hidden as these are, in no other output than colours.
+    and hidden as these are, in no other output than colours. Like all colours they are found once a
+    pixel and face: 2 to 16 samples smooth the borders of faces, 64 and 256 lines too.
 
     Parameters
     ----------

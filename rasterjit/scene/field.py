@@ -151,6 +151,18 @@ def make_field(
     )
 
 
+def refuse_field(**given: Any) -> None:
+    """Raise ``ValueError`` if a mesh without scalars is given what shows them."""
+    usual = {"colormap": "viridis", "nan_color": NAN_COLOR}
+    for name, value in given.items():
+        default = usual.get(name)
+        is_usual = value is None if default is None else isinstance(value, str) and value == default
+        if not is_usual:
+            raise ValueError(
+                f"{name} must be {default!r} where no scalars are given, got {cut_short(value)}"
+            )
+
+
 def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
     """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
     try:

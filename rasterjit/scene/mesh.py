@@ -19,7 +19,7 @@ from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
-from rasterjit.scene.field import NAN_COLOR, Field, make_field
+from rasterjit.scene.field import NAN_COLOR, Field, make_field, refuse_field
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -102,7 +102,8 @@ class Mesh(Guarded, Previewed):
         A number for each vertex or, with F of them, of each face (V win where V equals F), shown by
         a colour map in the place of ``colors``. Those of vertices are interpolated over each face
         before the colour is looked up. NaN and infinity are allowed; whole numbers and booleans are
-        numbers. The output ``"scalar"`` has the values themselves.
+        numbers. The output ``"scalar"`` has the values themselves, as float32. Lit surfaces are
+        brighter or darker than the colour bar; ``Material("unlit")`` shows its very colours.
     colormap : str, (N, 3|4) array_like or Colormap
         Which colours: see `Colormap`.
     range : (float, float), optional
@@ -174,8 +175,8 @@ class Mesh(Guarded, Previewed):
             self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
             if self._field.of_faces:
                 self._face_colors = read_only(self._field.colors())
-        elif contours is not None:
-            raise ValueError("contours must be None where no scalars are given")
+        else:
+            refuse_field(colormap=colormap, range=range, nan_color=nan_color, contours=contours)
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
             self._normals = read_only(_normal_array(normals, len(self._vertices)))

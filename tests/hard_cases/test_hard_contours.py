@@ -159,8 +159,11 @@ def test_lines_need_scalars_of_vertices_a_width_and_a_color():
     square, faces = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]), [[0, 1, 2], [0, 2, 3]]
     with pytest.raises(ValueError, match="contours must be None where scalars are those of faces"):
         rj.Mesh(square, faces, scalars=[1, 2], contours=3)
-    with pytest.raises(ValueError, match="contours must be None where no scalars"):
+    with pytest.raises(ValueError, match="contours must be None where no scalars are given, got 3"):
         rj.Mesh(square, faces, contours=3)
+    for name, value in (("colormap", "gray"), ("range", (0, 1)), ("nan_color", (1, 0, 0))):
+        with pytest.raises(ValueError, match=f"{name} must be .* where no scalars are given"):
+            rj.Mesh(square, faces, **{name: value})
     for options in ({"width": 0.0}, {"width": -1}, {"width": np.nan}, {"color": "blackish"}):
         with pytest.raises(ValueError, match=next(iter(options))):
             rj.Contours(3, **options)

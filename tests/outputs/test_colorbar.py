@@ -112,6 +112,13 @@ def test_nan_is_shown_if_there_is_any_and_titles_stand_above():
     assert (column == [255, 0, 0]).all(axis=1).sum() == 110
 
 
+def test_a_bar_without_room_for_round_numbers_says_where_it_ends():
+    picture = frame(field([0.25, 7.5, 1.0, 2.0]), size=(4, 44)).colorbar()
+    right = 10 + 12
+    marks = np.flatnonzero((picture[:, right + 2, :3] == 0).all(axis=1))
+    assert marks.tolist() == [10, 44 - 10 - 1]
+
+
 @pytest.mark.parametrize("height", [1, 5, 24, 100, 900])
 def test_any_height_has_a_bar(height):
     picture = frame(field([0, 1, 2, np.nan]), size=(4, height)).colorbar("x")
@@ -129,16 +136,19 @@ def test_a_bar_is_saved_beside_the_picture(tmp_path):
     assert saved.shape == (SIZE[1], SIZE[0] + bar.shape[1], 4)
     assert np.array_equal(saved[:, : SIZE[0]], shown.color)
     assert np.array_equal(saved[:, SIZE[0] :], bar)
+    shown.save(tmp_path / "c.png", colorbar="Height, m")
+    titled = np.array(Image.open(tmp_path / "c.png").convert("RGBA"))
+    assert np.array_equal(titled[:, SIZE[0] :], shown.colorbar("Height, m"))
     for name, outputs in (("b.npz", None), ("b.png", "depth")):
         depth = rj.render(field(), size=SIZE, outputs=("color", "depth"), threads=1)
         with pytest.raises(ValueError, match="colorbar must be False"):
             depth.save(tmp_path / name, outputs, colorbar=True)
-    with pytest.raises(ValueError, match="colorbar must be True or False"):
-        shown.save(tmp_path / "b.png", colorbar="yes")
+    with pytest.raises(ValueError, match="colorbar must be True, False or a title"):
+        shown.save(tmp_path / "b.png", colorbar=1)
     layers = rj.render_layers(field(), None, k=2, size=(8, 8), outputs=("depth",))
     with pytest.raises(ValueError, match="colorbar must be False"):
         layers.save(tmp_path / "b.npz", colorbar=True)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.webp"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.webp", "c.png"]
 
 
 def test_several_fields_have_one_bar_if_they_are_alike():
