@@ -32,8 +32,11 @@ from rasterjit.runtime.intrinsics import (
 from rasterjit.runtime.jit import LOCKED_MACHINE, MACHINE, raw_kernel
 from rasterjit.runtime.state import LINE, WORD
 
-PATIENCE = 3e-4
-"""Seconds that a thread waits for a call before it sleeps: longer than Python takes for a step."""
+PATIENCE = 2e-3
+"""
+Seconds that a thread waits for a call before it sleeps: from the end of a picture to the first step
+of the next, where these follow each other. A processor that slept may take milliseconds to wake.
+"""
 
 TICKET, DONE, LEAVE, CALLS = (LINE * n for n in range(4))
 """
