@@ -121,7 +121,7 @@ class Workers:
         Call a kernel for each tuple, in this thread and others; return what it returned, in order.
 
         The same as `run`, but the threads do without Python's lock from call to call, and others
-        begin while arguments are still being made.
+        begin while arguments are still being packed.
         """
         calls, forms = list(arguments), []
         if self.threads == 1 or len(calls) <= 1 or type(kernel) is not Kernel:
@@ -406,10 +406,12 @@ IDLE_REFERENCES = _references(_Block(1))
 """Reference count of a block that only its shelf holds; each view adds one."""
 
 
-def count_per_task(
-    count: int, least: int, workers: Workers, tasks: int = TASKS_PER_THREAD
-) -> int:  # fmt: skip
-    """Return how much of something one task does, of so many a thread: all of it on one thread."""
+def count_per_task(count: int, least: int, workers: Workers, tasks: int = TASKS_PER_THREAD) -> int:
+    """
+    Return how much of something one task does, where each thread has about so many tasks.
+
+    At least the least; all of it on one thread.
+    """
     if workers.threads == 1:
         return max(count, 1)
     return max(least, -(-count // (tasks * workers.threads)))
