@@ -92,7 +92,7 @@ def draw_tile(positions, faces, column, row, bits=8):
     drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
         drawn, screen, _ = drawing.clip(
-            positions, faces, depth_coefficients, viewport, screen, workers.memory
+            positions, faces, depth_coefficients, viewport, screen, workers
         )
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     starts, binned, tile_depths, _ = drawing.set_up_and_bin(

@@ -18,7 +18,6 @@ from rasterjit.pipeline.geometry import clipping, setup
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.runtime import threads
-from rasterjit.runtime.threads import Memory
 
 SIZE = (64, 64)
 
@@ -155,7 +154,7 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
     all_faces, screen, cut = draw.clip(
-        positions, faces, (0.0, -1.0, 0.0), viewport, screen, Memory()
+        positions, faces, (0.0, -1.0, 0.0), viewport, screen, workers
     )
     assert cut > 50
     used = np.unique(all_faces.pieces)
@@ -211,3 +210,23 @@ def test_many_more_clipped_faces_than_spare_room():
     assert seen.totals.clipped == count
     assert seen.face_id.tobytes() == alone.face_id.tobytes()
     assert seen.depth.tobytes() == alone.depth.tobytes()
+
+
+def test_threads_cut_the_same_pieces_at_the_same_places():
+    # Enough faces for many tasks of finding them, and of cutting them.
+    count = 3 * 30_000
+    positions = np.random.default_rng(8).normal(size=(count, 4)) * (2.0, 2.0, 1.0, 1.0)
+    faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
+    viewport, depth_coefficients = viewport_of(SIZE, 8), (0.0, -1.0, 0.0)
+    found = []
+    for number in (1, 2, 5):
+        workers = threads.Workers(number)
+        screen, _ = draw.project(positions, depth_coefficients, viewport, workers)
+        all_faces, screen, cut = draw.clip(
+            positions, faces, depth_coefficients, viewport, screen, workers
+        )
+        made = slice(count, count + int(np.unique(all_faces.pieces).size))
+        found.append((cut, all_faces.pieces, all_faces.piece_faces, screen.xy[made].copy()))
+    assert found[0][0] > 2 * draw.LEAST_CUT
+    for other in found[1:]:
+        assert all(map(np.array_equal, found[0], other))

@@ -7,6 +7,7 @@ result has the same bits for any number of threads and any order of completion.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -33,6 +34,9 @@ FACES_PER_TASK = 65536
 
 LEAST_FACES = 2048
 """Fewest faces set up by one task, if there are several threads."""
+
+LEAST_CUT = 256
+"""Fewest faces cut by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
 """Most vertices taken to the screen by one task; they may belong to several objects."""
@@ -267,7 +271,7 @@ def clip(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
     screen: ScreenVertices,
-    memory: Memory,
+    workers: Workers,
 ) -> tuple[Faces, ScreenVertices, int]:
     """
     Cut the faces that cross the near or far plane or the guard band.
@@ -280,7 +284,7 @@ def clip(
     viewport : Viewport
     screen : ScreenVertices
         The V vertices snapped, as `project` returns them.
-    memory : Memory
+    workers : Workers
 
     Returns
     -------
@@ -292,35 +296,77 @@ def clip(
         How many faces were cut.
     """
     codes = screen.codes[: clip_positions.shape[0]]
-    found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
-    count = clipping.find_clipped_faces(faces, codes, found)
-    if count > len(found):
-        found = np.empty(count, np.int32)
-        clipping.find_clipped_faces(faces, codes, found)
-    cut = found[:count]
-    counts = np.zeros(count, np.int64)
-    scratch = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
-    clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts, scratch)
+    cut = _cut_faces(faces, codes, workers)
+    counts = np.zeros(len(cut), np.int64)
+    edges = _edges(len(cut), LEAST_CUT, FACES_PER_TASK, workers)
+    parts = [slice(first, end) for first, end in itertools.pairwise(edges)]
+    scratches = [np.empty((2, clipping.MOST_VERTICES, 4), np.float64) for _ in parts]
+    workers.call(
+        clipping.count_clipped_vertices,
+        [
+            (cut[part], faces, clip_positions, viewport, counts[part], scratch)
+            for part, scratch in zip(parts, scratches, strict=True)
+        ],
+    )
     vertex_starts = np.concatenate(([0], np.cumsum(counts)))
     piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
     positions = np.empty((vertex_starts[-1], 4), np.float64)
     pieces = np.empty((piece_starts[-1], 3), np.int32)
     piece_faces = np.empty(piece_starts[-1], np.int32)
-    clipping.clip_faces(
-        cut, faces, clip_positions, viewport,
-        (vertex_starts, piece_starts), (positions, pieces, piece_faces), scratch,
+    workers.call(
+        clipping.clip_faces,
+        [
+            (
+                cut[part], faces, clip_positions, viewport,
+                (vertex_starts[part.start :], piece_starts[part.start :]),
+                (positions, pieces, piece_faces), scratch,
+            )
+            for part, scratch in zip(parts, scratches, strict=True)
+        ],
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
-        roomy = screen_arrays(first + len(positions), memory)
+        roomy = screen_arrays(first + len(positions), workers.memory)
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
-    projection.project_clipped_vertices(
-        (cut, faces, vertex_starts, clip_positions), positions, depth_coefficients, viewport,
-        first, screen,
+    workers.call(
+        projection.project_clipped_vertices,
+        [
+            (
+                (cut[part], faces, vertex_starts[part.start :], clip_positions),
+                positions, depth_coefficients, viewport, first, screen,
+            )
+            for part in parts
+        ],
     )  # fmt: skip
-    return Faces(faces, pieces, piece_faces), screen, count
+    return Faces(faces, pieces, piece_faces), screen, len(cut)
+
+
+def _cut_faces(
+    faces: NDArray[np.int32], codes: NDArray[np.uint8], workers: Workers
+) -> NDArray[np.int32]:
+    """Return the numbers of the faces that have to be cut, ascending."""
+    edges = _edges(len(faces), LEAST_FACES, FACES_PER_TASK, workers)
+    parts = [faces[first:end] for first, end in itertools.pairwise(edges)]
+    found = [np.empty(min(len(part), SPARE_VERTICES), np.int32) for part in parts]
+    rows = list(zip(parts, itertools.repeat(codes), found))
+    counts = workers.call(clipping.find_clipped_faces, rows)
+    for n, count in enumerate(counts):
+        if count > len(found[n]):
+            found[n] = np.empty(count, np.int32)
+            clipping.find_clipped_faces(parts[n], codes, found[n])
+    if len(found) == 1:
+        return found[0][: counts[0]]
+    return np.concatenate(
+        [some[:count] + first for some, count, first in zip(found, counts, edges, strict=False)],
+        dtype=np.int32,
+    )
+
+
+def _edges(count: int, least: int, most: int, workers: Workers) -> list[int]:
+    """Return where tasks begin, and the last ends, of so many things in a row."""
+    return [*range(0, count, _per_task(count, least, most, workers)), count]
 
 
 def find_visible(
@@ -398,7 +444,7 @@ def find_visible(
     all_faces = kept.made("faces", whole_faces, faces)
     if seen & setup.CLIPPED:
         all_faces, screen, clipped = clip(
-            clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
+            clip_positions, faces, depth_coefficients, viewport, screen, workers
         )
     clock("clip")
     if alpha_tests is not None:
@@ -515,8 +561,7 @@ def set_up(
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
-    edges = [*range(0, face_count, per_task), face_count]
+    edges = _edges(face_count, LEAST_FACES, FACES_PER_TASK, workers)
     chunks = len(edges) - 1
     piece_edges = (
         faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
