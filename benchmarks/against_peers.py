@@ -31,6 +31,7 @@ TITLES = {
     "mesh_70k": "70 k faces, 1280x720",
     "mesh_70k_phong": "70 k faces, Phong per pixel",
     "mesh_1m": "1 M faces, 1920x1080",
+    "scalars_1m": "1 M faces, a colour map",
     "mesh_5m": "5 M faces, 1920x1080",
     "visibility_1m": "1 M faces, face numbers only",
     "slivers": "200 k slivers",

@@ -79,6 +79,8 @@ class TriangleScene:
     """(V, 2), v up."""
     texture: NDArray[np.uint8] | None = None
     """(H, W, 3), sRGB, top row first, H and W powers of two; bilinear, repeated, no mip levels."""
+    values: NDArray[np.float32] | None = None
+    """(V,), in 0..1: the texture is one row of colours, and that of the value is shown as it is."""
     instances: NDArray[np.float64] | None = None
     """(N, 4, 4), world from model: the mesh is drawn once with each."""
     views: NDArray[np.float64] | None = None
@@ -159,6 +161,16 @@ def colored_torus(
 def mesh_70k() -> TriangleScene:
     """Return seventy thousand faces on 54 % of 1280x720."""
     return colored_torus(MESH_RINGS, MESH_SIDES, SMALLER_SIZE, 44.5)
+
+
+def scalars_1m() -> TriangleScene:
+    """Return a million faces with a value at each vertex, shown by 256 colours."""
+    scene = colored_torus(RINGS, SIDES)
+    x, y, z = scene.positions.T.astype(np.float64)
+    values = 0.5 + 0.5 * np.sin(5.0 * x) * np.cos(3.0 * y + z)
+    ramp = np.arange(256, dtype=np.uint8)
+    row = np.stack([ramp, 255 - ramp, np.abs(128 - ramp.astype(np.int32)).astype(np.uint8)], axis=1)
+    return replace(scene, colors=None, values=values.astype(np.float32), texture=row[np.newaxis])
 
 
 def mesh_70k_phong() -> TriangleScene:
@@ -300,6 +312,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "mesh_70k": mesh_70k,
     "mesh_70k_phong": mesh_70k_phong,
     "mesh_1m": partial(colored_torus, RINGS, SIDES),
+    "scalars_1m": scalars_1m,
     "mesh_5m": partial(colored_torus, MILLIONS_RINGS, MILLIONS_SIDES),
     "slivers": slivers,
     "short_lines": short_lines,

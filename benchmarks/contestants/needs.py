@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ def needs(scene: Scene) -> list[str]:
     Return what a scene asks for.
 
     ``lines``; or ``edges``; or ``triangles`` with one of ``faces`` (the number of the face at every
-    pixel), ``colors``, ``texture`` and ``lighting``; and any of ``instances``, ``views``,
-    ``culling``.
+    pixel), ``colors``, ``texture``, ``values`` and ``lighting``; and any of ``instances``,
+    ``views``, ``culling``.
     """
     if isinstance(scene, LineScene):
         return ["lines"]
@@ -29,6 +29,8 @@ def needs(scene: Scene) -> list[str]:
         found = ["edges"]
     elif scene.normals is not None:
         found.append("lighting")
+    elif scene.values is not None:
+        found.append("values")
     elif scene.texture is not None:
         found.append("texture")
     else:
@@ -43,13 +45,20 @@ def needs(scene: Scene) -> list[str]:
     return found
 
 
-NO_TEXTURES = {"texture": "it is given no textures here"}
-"""What all refuse who do not say that they draw them."""
+NOT_GIVEN = {
+    "texture": "it is given no textures here",
+    "values": "it is given no values here",
+}
+"""What all refuse who do not say that they draw it."""
 
 
-def refusal(scene: Scene, unable: Mapping[str, str], *, draws_textures: bool = False) -> str | None:
-    """Return why a scene cannot be drawn, given what cannot be met; ``None`` if it can."""
-    unable = unable if draws_textures else {**NO_TEXTURES, **unable}
+def refusal(scene: Scene, unable: Mapping[str, str], *, draws: Sequence[str] = ()) -> str | None:
+    """
+    Return why a scene cannot be drawn; ``None`` if it can.
+
+    Takes what cannot be met, and what of ``NOT_GIVEN`` is.
+    """
+    unable = {need: why for need, why in NOT_GIVEN.items() if need not in draws} | dict(unable)
     reasons = [unable[need] for need in needs(scene) if need in unable]
     return "; ".join(reasons) if reasons else None
 

@@ -185,6 +185,13 @@ def prepare(scene: Scene, threads: int) -> Prepared:
     return Triangles(scene, FACE_SHADER if scene.colors is None else SMOOTH_SHADER)
 
 
+def places_of(scene: TriangleScene) -> NDArray[np.float32]:
+    """Return where in its texture each vertex lies, (V, 2); a value lies along the row."""
+    if scene.values is None:
+        return scene.uv
+    return np.stack([scene.values, np.full_like(scene.values, 0.5)], axis=1)
+
+
 def open_context() -> Any:
     """Return an off-screen context; without a software driver its creation raises."""
     os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "true")
@@ -260,7 +267,7 @@ class Triangles:
             defines.append("colors")
         if scene.texture is not None and fragment_shader == TEXTURE_SHADER:
             defines.append("texture")
-            self._texture = self._upload_texture(scene.texture)
+            self._texture = self._upload_texture(scene.texture, scene.values is not None)
         self._program = context.program(
             with_defines(VERTEX_SHADER, defines), with_defines(fragment_shader, defines)
         )
@@ -292,13 +299,15 @@ class Triangles:
             if name in self._program:
                 self._program[name].write(np.array(value, np.float32).tobytes())
 
-    def _upload_texture(self, image: NDArray[np.uint8]) -> Any:
-        """Return the texture, 8-bit sRGB as the driver keeps it, bilinear, repeated."""
+    def _upload_texture(self, image: NDArray[np.uint8], is_map: bool) -> Any:
+        """Return the texture, 8-bit sRGB as the driver keeps it: bilinear, repeated; or a map."""
         context = self._target.context
         height, width = image.shape[:2]
         rows = np.ascontiguousarray(image[::-1])
         texture = context.texture((width, height), 3, rows.tobytes(), internal_format=SRGB)
         texture.filter = (context.LINEAR, context.LINEAR)
+        if is_map:
+            texture.filter, texture.repeat_x = (context.NEAREST, context.NEAREST), False
         texture.use(0)
         return texture
 
@@ -311,7 +320,7 @@ class Triangles:
         if "lighting" in defines:
             found.append((buffer(scene.normals), "3f", "normal"))
         if "texture" in defines:
-            found.append((buffer(scene.uv), "2f", "uv"))
+            found.append((buffer(places_of(scene)), "2f", "uv"))
         if scene.instances is not None:
             columns = np.ascontiguousarray(scene.instances.transpose(0, 2, 1), np.float32)
             found.append((buffer(columns), "16f/i", "world_from_model"))

@@ -44,7 +44,7 @@ def environment(threads: int) -> dict[str, str]:
 
 def draws(scene: Scene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    return refusal(scene, UNABLE)
+    return refusal(scene, UNABLE, draws=("values",))
 
 
 def alike(scene: Scene) -> tuple[float, float]:
@@ -79,6 +79,9 @@ class Plot:
             count = 1 if scene.instances is None else len(scene.instances)
             mesh["rgb"] = np.tile(scene.colors[:, :3], (count, 1))
             look = {"scalars": "rgb", "rgb": True}
+        if scene.values is not None:
+            mesh["values"] = scene.values
+            look = {"scalars": "values", "clim": (0.0, 1.0), "cmap": linear_map(scene.texture[0])}
         self._plotter.add_mesh(
             mesh,
             lighting=False,
@@ -126,6 +129,15 @@ class Plot:
         self._plotter.render_window.GetZbufferData(0, 0, width - 1, height - 1, depth)
         covered = vtk_to_numpy(depth).reshape(height, width)[::-1] < 1.0
         return {"covered": covered, "color_linear": self.read()["color"][::-1].copy()}
+
+
+def linear_map(codes: NDArray[np.uint8]) -> Any:
+    """Return colours, (N, 3) sRGB, as a map of linear light, which all pictures are compared in."""
+    from matplotlib.colors import ListedColormap
+
+    encoded = codes / 255.0
+    low, high = encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
+    return ListedColormap(np.where(encoded <= 0.04045, low, high))
 
 
 def as_vtk(matrix: NDArray[np.float64]) -> Any:

@@ -209,13 +209,18 @@ def make_scene(scene: TriangleScene) -> Any:
     import rasterjit as rj
 
     colors = None if scene.colors is None else scene.colors / np.float32(255)
-    mesh = rj.Mesh(scene.positions, scene.faces, colors=colors, normals=scene.normals, uv=scene.uv)
+    looks: dict[str, Any] = {"colors": colors, "normals": scene.normals, "uv": scene.uv}
+    if scene.values is not None:
+        looks = {"scalars": scene.values, "colormap": scene.texture[0], "range": (0.0, 1.0)}
+    mesh = rj.Mesh(scene.positions, scene.faces, **looks)
     made = rj.Scene()
     for world_from_model in np.eye(4)[np.newaxis] if scene.instances is None else scene.instances:
         made.add(mesh, transform=world_from_model)
     if scene.mode == "edges":
         made.wireframe = rj.Wireframe(np.array(EDGE_COLOR) / 255, "only")
-    picture = None if scene.texture is None else rj.Texture(scene.texture, filter="bilinear")
+    picture = None
+    if scene.texture is not None and scene.values is None:
+        picture = rj.Texture(scene.texture, filter="bilinear")
     if scene.to_light is None:
         mesh.material = rj.Material("unlit", base_color="white", base_color_texture=picture)
     else:

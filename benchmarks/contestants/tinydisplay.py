@@ -55,7 +55,7 @@ def environment(threads: int) -> dict[str, str]:
 
 def draws(scene: Scene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    return refusal(scene, UNABLE, draws_textures=True)
+    return refusal(scene, UNABLE, draws=("texture",))
 
 
 def alike(scene: Scene) -> tuple[float, float]:
