@@ -345,7 +345,7 @@ class _Tile:
             for array, vector in ((self._depths, stored), (self._numbers, face.type))
         )
         old = self._load(depths, self.size)
-        wins = builder.and_(is_inside, self.is_nearer(depth, old))
+        wins = self.is_seen(is_inside, depth, old, face, lambda: builder.load(numbers, align=4))
         builder.store(builder.select(wins, depth, old), depths, align=self.size)
         old_face = self._load(numbers, 4)
         builder.store(builder.select(wins, face, old_face), numbers, align=4)
@@ -362,17 +362,35 @@ class _Tile:
             for k, pointer in enumerate(pointers[-1]):
                 values = builder.insert_element(values, builder.load(pointer), LANE(k))
             old.append(values)
-        wins = builder.and_(is_inside, self.is_nearer(depth, old[0]))
+        wins = self.is_seen(is_inside, depth, old[0], face, lambda: old[1])
         for own, new, before in zip(pointers, (depth, face), old, strict=True):
             values = builder.select(wins, new, before)
             for k in reversed(range(len(places))):
                 builder.store(builder.extract_element(values, LANE(k)), own[k])
 
-    def is_nearer(self, depth: Any, other: Any) -> Any:
-        """Return whether stored depths are nearer than others."""
-        is_whole = isinstance(self.stored, ir.IntType)
-        compare = self._builder.icmp_signed if is_whole else self._builder.fcmp_ordered
-        return compare(">", depth, other)
+    def is_seen(
+        self, is_inside: Any, depth: Any, other: Any, face: Any, load_other: Callable
+    ) -> Any:
+        """
+        Return which stored depths are nearer than others, or as near and of a lower face.
+
+        Ties are rare, and tell by a branch what else would take a comparison of every face.
+        """
+        is_whole, builder = isinstance(self.stored, ir.IntType), self._builder
+        compare = builder.icmp_signed if is_whole else builder.fcmp_ordered
+        is_nearer = builder.and_(is_inside, compare(">", depth, other))
+        is_tied = builder.and_(is_inside, compare("==", depth, other))
+        lanes = ir.IntType(is_tied.type.count)
+        some = builder.icmp_unsigned("!=", builder.bitcast(is_tied, lanes), lanes(0))
+        before = builder.block
+        with builder.if_then(some, likely=False):
+            is_lower = builder.icmp_signed("<", face, load_other())
+            both = builder.or_(is_nearer, builder.and_(is_tied, is_lower))
+            inside = builder.block
+        found = builder.phi(is_nearer.type)
+        found.add_incoming(is_nearer, before)
+        found.add_incoming(both, inside)
+        return found
 
     def to_stored(self, depth: Any, limits: Any) -> Any:
         """Return depths, clamped to limits, as they are stored."""

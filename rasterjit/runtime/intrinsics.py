@@ -332,7 +332,8 @@ def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: 
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth
     stored = depths.dtype.type(limits[1] if depth > limits[1] else depth)
-    if stored > depths[sample]:
+    is_tied = stored == depths[sample]
+    if stored > depths[sample] or (is_tied and face < numbers[sample]):
         depths[sample], numbers[sample] = stored, face
 
 

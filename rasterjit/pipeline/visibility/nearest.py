@@ -63,8 +63,11 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     BLOCK_BITS,
     BOTTOM,
     BOTTOM_ROW,
+    BUCKETS,
     BX,
     BY,
+    CELL_BITS,
+    CELLS,
     COUNT,
     CX,
     CY,
@@ -78,6 +81,8 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     GRID_BITS,
     LEFT,
     LEFT_COLUMN,
+    ORDER,
+    ORDERED,
     RANGE,
     REAL,
     REAL_ROWS,
@@ -91,9 +96,12 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     TO_COME,
     TOP,
     TOP_ROW,
+    WAYS,
     WEIGHT,
     WHOLE_ROWS,
     WIDE,
+    order_memory,
+    order_triangles,
     plan_batch,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
@@ -125,10 +133,8 @@ What two depths of a plane may be off by, in units of its range and its largest 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
-CELL_BITS = 3
-"""A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
-
-CELLS = TILE_SIZE >> CELL_BITS
+LEAST_ORDERED = 192
+"""Fewest triangles of a tile that it pays to put in order."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -412,6 +418,16 @@ class Drawing(NamedTuple):
     """(2,): how to call `draw_planned` for the tile at hand."""
     own: int64[::1]
     """(2,): the same for the tile of triangles with holes, if any object has them."""
+    sort: int64[::1]
+    """(2,): how to call ``triangle_batches.order_triangles``."""
+    plan_ordered: int64[::1]
+    """(2,): how to call ``triangle_batches.plan_batch`` for triangles in order."""
+    order: ORDER
+    """Triangles in order."""
+    cells: (int64[::1], int64[::1])
+    """From `cell_masks`."""
+    kept: int32[::1]
+    """(192,): those that are drawn next."""
 
 
 @helper
@@ -458,11 +474,13 @@ def draw_listed(first, count, whole, drawing, holes):
 
 
 @helper
-def raise_cells(depths, cell_depths):
-    """Raise the depths of a tile's cells to the least that their samples have."""
+def raise_cells(depths, cell_depths, drawn):
+    """Raise the depths of a tile's cells, those drawn to, to the least that their samples have."""
     samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
     for row in range(CELLS):
         for column in range(CELLS):
+            if drawn >> (row * CELLS + column) & 1 == 0:
+                continue
             first = (row * stride + column) << CELL_BITS
             least = least_in_rows(
                 samples, first, stride, np.int64(1 << CELL_BITS), np.int32(0),
@@ -472,12 +490,98 @@ def raise_cells(depths, cell_depths):
 
 
 @helper
+def open_cells(nearest, cell_depths):
+    """Return, a bit each, the cells in which something as near as that may be seen."""
+    depths, mask = flat(cell_depths), np.int64(0)
+    for n in range(depths.shape[0]):
+        is_hidden = depths.dtype.type(nearest) < depths[n]
+        mask |= np.int64(not is_hidden) << n
+    return mask
+
+
+@helper
+def keep_seen(order, first, end, mask, tables, kept, count):
+    """
+    Append the triangles that touch some of the cells to the kept.
+
+    Returns how many these are, and the cells that any of them touches.
+    """
+    (of_columns, of_rows), touched = tables, np.int64(0)
+    for n in range(np.uintp(first), np.uintp(end)):
+        entry = order[n]
+        box = np.uintp(entry >> 32)
+        cells = of_columns[box & np.uintp(63)] & of_rows[box >> np.uintp(6)]
+        kept[np.uintp(count)] = np.int32(entry & 0x7FFFFFFF)
+        seen = cells & mask
+        count += np.int64(seen != 0)
+        touched |= seen
+    return count, touched
+
+
+@helper
+def draw_kept(drawing, first, count):
+    """Set up and draw triangles in order."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.plan_ordered)
+    draw_some(drawing, drawing.tile, 0, count)
+
+
+@helper
+def draw_ordered(first, count, scratch, drawing):
+    """Draw listed triangles from near to far, but for those that are hidden by then."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.sort)
+    drawing.asked[TO_COME] = 0
+    order, ends, bounds = drawing.order
+    kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
+    for bucket in range(BUCKETS):
+        end = ends[(bucket + 1) * WAYS - 1]
+        while begin < end:
+            mask = open_cells(bounds[bucket], drawing.cell_depths)
+            stop = min(begin + 2 * BATCH, end)
+            found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
+            touched |= some
+            begin = stop
+            drawn = np.int64(0)
+            while found - drawn >= BATCH:
+                draw_kept(drawing, drawn, BATCH)
+                drawn += BATCH
+            if drawn > 0:
+                for n in range(found - drawn):
+                    kept[n] = kept[drawn + n]
+                found -= drawn
+                raise_cells(scratch[0], drawing.cell_depths, touched)
+                touched = some
+    if found > 0:
+        draw_kept(drawing, 0, found)
+        raise_cells(scratch[0], drawing.cell_depths, touched)
+
+
+def cell_masks():
+    """Return cells, a bit each, of columns, and of rows, of a tile: by first and last, 3 bits each."""
+    columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
+    for last in range(CELLS):
+        for first in range(last + 1):
+            some = np.zeros((CELLS, CELLS), bool)
+            some[first : last + 1] = True
+            for table, cells in ((rows, some), (columns, some.T)):
+                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[0]
+    return columns, rows
+
+
+@helper
 def draw_list(first, end, scratch, drawing, holes):
     """Draw listed triangles ``first`` to ``end`` into the thread's tile, but for their holes."""
+    if end - first >= LEAST_ORDERED and holes.cutoffs.shape[0] == 0:
+        for begin in range(first, end, ORDERED):
+            count = min(ORDERED, end - begin)
+            drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+            draw_ordered(begin, count, scratch, drawing)
+        return
     raised = first + BATCH
     for begin in range(first, end, BATCH):
         if begin == raised:
-            raise_cells(scratch[0], drawing.cell_depths)
+            raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
             raised += raised - first
         count = min(BATCH, end - begin)
         drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
@@ -579,8 +683,15 @@ def tile_drawer(
     tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
     if alpha_tests is not None:
         own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
-    drawing = Drawing(asked, cell_depths, planned.words, tile.words, own.words)
-    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own))
+    order, surveyed = order_memory(), (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32))
+    kept = np.empty(3 * BATCH, np.int32)
+    sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
+    again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
+    drawing = Drawing(
+        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
+        cell_masks(), kept,
+    )
+    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
 
 
 def drawn_into(
