@@ -80,7 +80,9 @@ DRAW_FIRST, DRAW_END = 9, 10
 """Elements: which triangles of the batch at hand are drawn."""
 TO_COME = 11
 """Element: how many triangles behind the batch will be asked for next, up to two batches."""
-ASKED = 12
+MIXED = 12
+"""Element: whether triangles are drawn in another order than that of their faces."""
+ASKED = 13
 
 CELL_BITS = 3
 """A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
@@ -425,7 +427,7 @@ def order_triangles(
 
     Parameters
     ----------
-    asked : (12,) int64
+    asked : (13,) int64
         As for `plan_batch`; no more than ``ORDERED`` are asked for.
     listed : (M,) int32
     faces, screen : records
@@ -477,7 +479,7 @@ def plan_batch(
 
     Parameters
     ----------
-    asked : (12,) int64
+    asked : (13,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.

@@ -81,6 +81,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     GRID_BITS,
     LEFT,
     LEFT_COLUMN,
+    MIXED,
     ORDER,
     ORDERED,
     RANGE,
@@ -133,7 +134,7 @@ What two depths of a plane may be off by, in units of its range and its largest 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
-LEAST_ORDERED = 192
+LEAST_ORDERED = 128
 """Fewest triangles of a tile that it pays to put in order."""
 
 NOTHING = -1
@@ -254,7 +255,7 @@ def clamped(depth, plane):
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, tile):
+def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle, row by row."""
     left, top = np.int64(whole[LEFT, n]), np.int64(whole[TOP, n])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
@@ -272,12 +273,12 @@ def draw_small(n, whole, real, plane, origin, tile):
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[FACE, n]),
+        np.int32(whole[FACE, n]), is_mixed,
     )  # fmt: skip
 
 
 @helper
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mixed):
     """Find the first and last covered column of each row, and fill what lies between."""
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
@@ -301,7 +302,7 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     first = (top - origin[1]) * SCRATCH_SHAPE[1] - np.int64(before)
     fill_rows(
         tile[0], tile[1], spans, first, np.int64(SCRATCH_SHAPE[1]), rows, before, longest,
-        (plane[3], plane[4], plane[5]), face,
+        (plane[3], plane[4], plane[5]), face, is_mixed,
     )  # fmt: skip
 
 
@@ -318,7 +319,7 @@ def hidden_depth(n, whole, origin, cells):
 
 
 @helper
-def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
+def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
@@ -331,7 +332,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
-        draw_small(n, whole, real, plane, origin, tile)
+        draw_small(n, whole, real, plane, origin, tile, is_mixed)
         return
     hidden = hidden_depth(n, whole, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
@@ -352,7 +353,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
         if tile[0].dtype.type(nearest) < hidden:
             return
     face = np.int32(whole[FACE, n])
-    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
 
 
 SPANS = int32[::1], int32[::1], float64[::1]
@@ -369,7 +370,7 @@ def draw_planned(
 
     Parameters
     ----------
-    asked : (12,) int64
+    asked : (13,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
@@ -381,12 +382,12 @@ def draw_planned(
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
-    bits, cells = asked[GRID_BITS], flat(cell_depths)
+    bits, cells, is_mixed = asked[GRID_BITS], flat(cell_depths), asked[MIXED] != 0
     tile_depth = least_in_rows(
         cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
     )
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
-        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans)
+        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed)
 
 
 @helper
@@ -409,7 +410,7 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """(12,): as ``triangle_batches`` numbers its elements."""
+    """(13,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
@@ -531,7 +532,7 @@ def draw_ordered(first, count, scratch, drawing):
     """Draw listed triangles from near to far, but for those that are hidden by then."""
     drawing.asked[FIRST], drawing.asked[COUNT] = first, count
     call_bound(drawing.sort)
-    drawing.asked[TO_COME] = 0
+    drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
     order, ends, bounds = drawing.order
     kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
     for bucket in range(BUCKETS):
@@ -555,10 +556,12 @@ def draw_ordered(first, count, scratch, drawing):
     if found > 0:
         draw_kept(drawing, 0, found)
         raise_cells(scratch[0], drawing.cell_depths, touched)
+    drawing.asked[MIXED] = 0
 
 
-def cell_masks():
-    """Return cells, a bit each, of columns, and of rows, of a tile: by first and last, 3 bits each."""
+@cache
+def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the cells of columns, and of rows, of a tile, a bit each, by ``8 * last + first``."""
     columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
     for last in range(CELLS):
         for first in range(last + 1):
