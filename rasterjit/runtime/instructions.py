@@ -332,9 +332,13 @@ class _Tile:
         """Raise IndexError if samples lie beyond the end, where indices are checked."""
         _check(self._context, self._builder, end, self._length)
 
-    def put(self, place: Any, is_inside: Any, depth: Any, limits: Any, face: Any) -> None:
+    def put(
+        self, place: Any, is_inside: Any, depth: Any, limits: Any, face: Any, is_mixed: bool
+    ) -> None:
         """
         Store the depths, clamped to limits, and the face where they are nearer than what is there.
+
+        Of equal depths that of the lower face is seen: the first, where faces are not mixed.
 
         All lanes are stored, the others as they were: the tile is the thread's own.
         """
@@ -345,7 +349,10 @@ class _Tile:
             for array, vector in ((self._depths, stored), (self._numbers, face.type))
         )
         old = self._load(depths, self.size)
-        wins = builder.and_(is_inside, self.is_nearer(depth, old))
+        if is_mixed:
+            wins = self.is_seen(is_inside, depth, old, face, lambda: builder.load(numbers, align=4))
+        else:
+            wins = builder.and_(is_inside, self.compare(">", depth, old))
         builder.store(builder.select(wins, depth, old), depths, align=self.size)
         old_face = self._load(numbers, 4)
         builder.store(builder.select(wins, face, old_face), numbers, align=4)
@@ -362,17 +369,40 @@ class _Tile:
             for k, pointer in enumerate(pointers[-1]):
                 values = builder.insert_element(values, builder.load(pointer), LANE(k))
             old.append(values)
-        wins = builder.and_(is_inside, self.is_nearer(depth, old[0]))
+        wins = self.is_seen(is_inside, depth, old[0], face, lambda: old[1])
         for own, new, before in zip(pointers, (depth, face), old, strict=True):
             values = builder.select(wins, new, before)
             for k in reversed(range(len(places))):
                 builder.store(builder.extract_element(values, LANE(k)), own[k])
 
-    def is_nearer(self, depth: Any, other: Any) -> Any:
-        """Return whether stored depths are nearer than others."""
+    def compare(self, how: str, depth: Any, other: Any) -> Any:
+        """Return how stored depths compare to others."""
         is_whole = isinstance(self.stored, ir.IntType)
         compare = self._builder.icmp_signed if is_whole else self._builder.fcmp_ordered
-        return compare(">", depth, other)
+        return compare(how, depth, other)
+
+    def is_seen(
+        self, is_inside: Any, depth: Any, other: Any, face: Any, load_other: Callable
+    ) -> Any:
+        """
+        Return which stored depths are nearer than others, or as near and of a lower face.
+
+        Ties are rare, and tell by a branch what else would take a comparison of every face.
+        """
+        builder = self._builder
+        is_nearer = builder.and_(is_inside, self.compare(">", depth, other))
+        is_tied = builder.and_(is_inside, self.compare("==", depth, other))
+        lanes = ir.IntType(is_tied.type.count)
+        some = builder.icmp_unsigned("!=", builder.bitcast(is_tied, lanes), lanes(0))
+        before = builder.block
+        with builder.if_then(some, likely=False):
+            is_lower = builder.icmp_signed("<", face, load_other())
+            both = builder.or_(is_nearer, builder.and_(is_tied, is_lower))
+            inside = builder.block
+        found = builder.phi(is_nearer.type)
+        found.add_incoming(is_nearer, before)
+        found.add_incoming(both, inside)
+        return found
 
     def to_stored(self, depth: Any, limits: Any) -> Any:
         """Return depths, clamped to limits, as they are stored."""
@@ -401,12 +431,14 @@ class _Tile:
 @intrinsic
 def draw_box(
     typing_context: Any, depths: Any, numbers: Any, first: Any, stride: Any, rows: Any,
-    columns: Any, edges: Any, plane: Any, face: Any,
+    columns: Any, edges: Any, plane: Any, face: Any, is_mixed: Any,
 ) -> Any:  # fmt: skip
     """Test a box of at most ``LANES`` columns of samples against three edges and the depth."""
 
-    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
-        first, stride, rows, columns, edges, plane, face = arguments[2:]
+    def draw(
+        context: Any, builder: Any, signature: Any, arguments: Any, lanes: int, is_mixed: bool
+    ) -> None:
+        first, stride, rows, columns, edges, plane, face = arguments[2:9]
         tile = _Tile(context, builder, signature, arguments)
         edge, real = _elements(builder, edges, 9), _elements(builder, plane, 11)
         is_whole = isinstance(edge[0].type, ir.IntType)
@@ -429,7 +461,7 @@ def draw_box(
                 for side in (s0, s1, s2):
                     is_inside = builder.and_(is_inside, builder.fcmp_ordered(">=", side, zero))
             here = builder.fadd(builder.fmul(e0, weight_a), builder.fmul(e1, weight_b))
-            tile.put(place, is_inside, builder.fadd(depth, here), limits, faces)
+            tile.put(place, is_inside, builder.fadd(depth, here), limits, faces, is_mixed)
             steps = (_step(builder, *pair) for pair in zip(values[1:], down, strict=True))
             return [builder.add(place, stride), *steps]
 
@@ -437,16 +469,18 @@ def draw_box(
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         is_narrow = builder.icmp_signed("<=", arguments[5], LANE(LANES // 2))
-        with builder.if_else(is_narrow) as (narrow, wide):
-            with narrow:
-                draw(context, builder, signature, arguments, LANES // 2)
-            with wide:
-                draw(context, builder, signature, arguments, LANES)
+        with builder.if_else(is_narrow) as branches:
+            for branch, lanes in zip(branches, (LANES // 2, LANES), strict=True):
+                with branch, builder.if_else(arguments[9]) as orders:
+                    for order, is_mixed in zip(orders, (True, False), strict=True):
+                        with order:
+                            draw(context, builder, signature, arguments, lanes, is_mixed)
         return context.get_dummy_value()
 
     kinds = types.UniTuple(edges.dtype, 9), types.UniTuple(plane.dtype, 11)
     whole = types.int64, types.int64, types.int64, types.int32
-    return types.void(depths, numbers, *whole, *kinds, types.int32), generate
+    given = depths, numbers, *whole, *kinds, types.int32, types.boolean
+    return types.void(*given), generate
 
 
 def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
@@ -455,7 +489,7 @@ def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> No
 
     Vectors are of rows. Which samples are nearer is hard to predict, so nothing branches.
     """
-    spans, first, stride, rows, before, _, plane, face = arguments[2:]
+    spans, first, stride, rows, before, _, plane, face = arguments[2:10]
     tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
     begins, ends, starts = (
         field(context, builder, kinds[k], builder.extract_value(spans, k), "data") for k in range(3)
@@ -499,12 +533,14 @@ def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> No
 @intrinsic
 def fill_rows(
     typing_context: Any, depths: Any, numbers: Any, spans: Any, first: Any, stride: Any, rows: Any,
-    before: Any, longest: Any, plane: Any, face: Any,
+    before: Any, longest: Any, plane: Any, face: Any, is_mixed: Any,
 ) -> Any:  # fmt: skip
     """Test the samples of each row from its begin, or from ``before``, to its end."""
 
-    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
-        spans, first, stride, rows, before, _, plane, face = arguments[2:]
+    def draw(
+        context: Any, builder: Any, signature: Any, arguments: Any, lanes: int, is_mixed: bool
+    ) -> None:
+        spans, first, stride, rows, before, _, plane, face = arguments[2:10]
         tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
         begins, ends, starts = (
             field(context, builder, kinds[k], builder.extract_value(spans, k), "data")
@@ -530,7 +566,8 @@ def fill_rows(
                 place, here, along = values
                 tile.check(builder.add(place, place.type(lanes)))
                 depth = builder.fadd(start, builder.fmul(along, slope))
-                tile.put(place, builder.icmp_signed("<", here, counts), depth, limits, faces)
+                is_inside = builder.icmp_signed("<", here, counts)
+                tile.put(place, is_inside, depth, limits, faces, is_mixed)
                 following = (
                     _step(builder, value, ir.Constant(value.type, [lanes] * lanes))
                     for value in (here, along)
@@ -564,16 +601,18 @@ def fill_rows(
         with builder.if_else(is_thin) as (thin, others):
             with thin:
                 _fill_thin(context, builder, signature, arguments)
-            with others, builder.if_else(is_narrow) as (narrow, wide):
-                with narrow:
-                    draw(context, builder, signature, arguments, LANES // 2)
-                with wide:
-                    draw(context, builder, signature, arguments, LANES)
+            with others, builder.if_else(is_narrow) as branches:
+                for branch, lanes in zip(branches, (LANES // 2, LANES), strict=True):
+                    with branch, builder.if_else(arguments[10]) as orders:
+                        for order, is_mixed in zip(orders, (True, False), strict=True):
+                            with order:
+                                draw(context, builder, signature, arguments, lanes, is_mixed)
         return context.get_dummy_value()
 
     three = types.UniTuple(plane.dtype, 3)
     whole = types.int64, types.int64, types.int64, types.int32, types.int64
-    return types.void(depths, numbers, spans, *whole, three, types.int32), generate
+    given = depths, numbers, spans, *whole, three, types.int32, types.boolean
+    return types.void(*given), generate
 
 
 @intrinsic

@@ -119,7 +119,7 @@ def place_run(
 @intrinsic
 def draw_box(
     depths: Any, numbers: Any, first: Any, stride: Any, rows: Any, columns: Any, edges: Any,
-    plane: Any, face: Any,
+    plane: Any, face: Any, is_mixed: Any,
 ) -> None:  # fmt: skip
     """
     Test a box of at most ``LANES`` columns of samples against three edges and the depth.
@@ -138,6 +138,9 @@ def draw_box(
         Two edge functions at the first sample, their steps across, their steps down; the depth
         where both are 0, their weights in it, its least and its greatest value.
     face : int32
+    is_mixed : bool
+        Whether higher faces may have been drawn before: of equal depths that of the lower face is
+        seen. Else the first is.
     """
     kind = type(plane[0])
     for row in range(int(rows)):
@@ -148,20 +151,21 @@ def draw_box(
                 plane[k] + kind(column) * plane[k + 2] + kind(row) * plane[k + 4] for k in range(2)
             )
             depth = plane[6] + (e0 * plane[7] + e1 * plane[8])
-            _put(depths, numbers, int(first + row * stride + column), depth, plane[9:], face)
+            place = int(first + row * stride + column)
+            _put(depths, numbers, place, depth, plane[9:], face, is_mixed)
 
 
 @intrinsic
 def fill_rows(
     depths: Any, numbers: Any, spans: Any, first: Any, stride: Any, rows: Any, before: Any,
-    longest: Any, plane: Any, face: Any,
+    longest: Any, plane: Any, face: Any, is_mixed: Any,
 ) -> None:  # fmt: skip
     """
     Test the samples of each row from its begin, or from ``before``, to its end against the depth.
 
     Parameters
     ----------
-    depths, numbers, face
+    depths, numbers, face, is_mixed
         As `draw_box` takes them.
     spans : (begins, ends, depths)
         For each row: its first column, one past its last, and the depth at the first. There is room
@@ -180,7 +184,8 @@ def fill_rows(
         begin, start = int(spans[0][row]), spans[2][row]
         for column in range(max(begin, int(before)), int(spans[1][row])):
             depth = start + kind(column - begin) * plane[0]
-            _put(depths, numbers, int(first + row * stride + column), depth, plane[1:], face)
+            place = int(first + row * stride + column)
+            _put(depths, numbers, place, depth, plane[1:], face, is_mixed)
 
 
 @intrinsic
@@ -328,11 +333,14 @@ def encode_lanes(
     color[some] = pixels
 
 
-def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
+def _put(
+    depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any, is_mixed: bool
+) -> None:
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth
     stored = depths.dtype.type(limits[1] if depth > limits[1] else depth)
-    if stored > depths[sample]:
+    wins_tie = is_mixed and stored == depths[sample] and face < numbers[sample]
+    if stored > depths[sample] or wins_tie:
         depths[sample], numbers[sample] = stored, face
 
 

@@ -14,6 +14,7 @@ from rasterjit.pipeline.geometry.setup import (
     first_sample,
     last_sample,
     narrow_edge,
+    samples_between,
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
@@ -79,7 +80,27 @@ DRAW_FIRST, DRAW_END = 9, 10
 """Elements: which triangles of the batch at hand are drawn."""
 TO_COME = 11
 """Element: how many triangles behind the batch will be asked for next, up to two batches."""
-ASKED = 12
+MIXED = 12
+"""Element: whether triangles are drawn in another order than that of their faces."""
+ASKED = 13
+
+CELL_BITS = 3
+"""A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
+
+CELLS = 1 << (BLOCK_BITS - CELL_BITS)
+"""Cells in a row of a tile; all of them are the bits of a word."""
+
+ORDERED = 8192
+"""Most triangles of a tile put in order together: what is known of them, 160 KiB, stays in L2."""
+
+BUCKETS = 16
+"""Ranges of depth, nearest first, that they are put in."""
+
+WAYS = 4
+"""Parts of a range that are filled by turns, for a count is slow to change twice in a row."""
+
+BUCKET_SLACK = 2.0**-20
+"""Share of a range by which what is known of it is the higher, against roundings."""
 
 FETCHED_VERTICES = 1 << 16
 """Fewest vertices that are fetched before a batch needs them: fewer lie in the cache anyway."""
@@ -314,6 +335,140 @@ def plan_triangles(count, window, bits, whole, real):
         cut_rows(count, whole, real)
 
 
+@helper
+def move_triangles(count, right, down, whole):
+    """Move the gathered triangles on the sub-pixel grid."""
+    if (right | down) != 0:
+        for k in range(3):
+            for n in range(count):
+                whole[AX + 2 * k, n] += right
+                whole[AY + 2 * k, n] += down
+
+
+@helper
+def cell_at(pixel, origin):
+    """Return the row or column of cells of a tile that a pixel lies in; the nearest, if in none."""
+    away = np.int32(pixel - np.int32(origin))
+    end = np.int32((1 << BLOCK_BITS) - 1)
+    return np.int32(max(min(away, end), np.int32(0)) >> CELL_BITS)
+
+
+@disjoint_helper
+def survey_cells(ax, ay, bx, by, cx, cy, da, db, dc, window, bits, lowest, highest, nearest, boxes):
+    """
+    Write how near triangles come, and the boxes of a tile's cells around them.
+
+    The least and the greatest depth so far go to a lane each, of as many as triangles.
+    """
+    bits = np.uint32(bits & 15)
+    for n in range(ax.shape[0]):
+        left, right = samples_between(ax[n], bx[n], cx[n], bits, 0)
+        top, bottom = samples_between(ay[n], by[n], cy[n], bits, 0)
+        columns = np.int32(cell_at(left, window[0]) + np.int32(cell_at(right, window[0]) << 3))
+        rows = np.int32(cell_at(top, window[1]) + np.int32(cell_at(bottom, window[1]) << 3))
+        boxes[n] = np.int32(columns + np.int32(rows << 6))
+        depth = max(da[n], max(db[n], dc[n]))
+        nearest[n] = depth
+        lowest[n], highest[n] = min(lowest[n], depth), max(highest[n], depth)
+
+
+@helper
+def slot_of(depth, top, scale, n):
+    """Return which part of which range of depths triangle ``n`` is in that comes so near."""
+    place = (top - depth) * scale
+    bucket = np.uintp(np.int32(place)) if place < BUCKETS - 1.0 else np.uintp(BUCKETS - 1)
+    return bucket * np.uintp(WAYS) + (n & np.uintp(WAYS - 1))
+
+
+@helper
+def sort_triangles(listed, nearest, boxes, lowest, highest, order):
+    """Put surveyed triangles in order, from near to far."""
+    triangles, starts, bounds = order
+    low, top = np.inf, -np.inf
+    for n in range(BATCH):
+        low, top = min(low, lowest[n]), max(top, highest[n])
+    width = (top - low) * (1.0 / BUCKETS)
+    is_wide = (width > 0.0) & (width < np.inf)
+    scale = 1.0 / width if is_wide else 0.0
+    for k in range(starts.shape[0]):
+        starts[k] = 0
+    for n in range(np.uintp(listed.shape[0])):
+        starts[slot_of(nearest[n], top, scale, n) + np.uintp(1)] += 1
+    for k in range(starts.shape[0] - 1):
+        starts[k + 1] += starts[k]
+    slack = max(abs(low), abs(top)) * 2.0**-50
+    for k in range(BUCKETS):
+        bounds[k] = top - (np.float64(k) - BUCKET_SLACK) * width + slack if is_wide else top
+    for n in range(np.uintp(listed.shape[0])):
+        slot = slot_of(nearest[n], top, scale, n)
+        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | np.int64(boxes[n]) << 32
+        starts[slot] += 1
+
+
+ORDER = int64[::1], int64[::1], float64[::1]
+"""
+The types of triangles in order: number and box of cells, where each part of each range of depths
+ends, and what none in the range is nearer than.
+"""
+
+
+def order_memory():
+    """Return the memory of `ORDER`."""
+    return np.empty(ORDERED, np.int64), np.zeros(BUCKETS * WAYS + 1, np.int64), np.empty(BUCKETS)
+
+
+@kernel
+def order_triangles(
+    asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
+    whole: int32[:, ::1], real: REAL, surveyed: (float64[:, ::1], int32[:, ::1]), order: ORDER,
+):  # fmt: skip
+    """
+    Put listed triangles of a tile in order, nearest first as far as ranges of depth tell.
+
+    Parameters
+    ----------
+    asked : (13,) int64
+        As for `plan_batch`; no more than ``ORDERED`` are asked for.
+    listed : (M,) int32
+    faces, screen : records
+    whole, real : (rows, columns)
+        Scratch memory: a batch.
+    surveyed : ((1, ORDERED) float64, (1, ORDERED) int32)
+        Scratch memory.
+    order : tuple
+        Written: as `ORDER` says.
+    """
+    count, first = asked[COUNT], asked[FIRST]
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    lowest, highest = part(real, WEIGHT, 0, BATCH), part(real, WEIGHT + 1, 0, BATCH)
+    for n in range(BATCH):
+        lowest[n], highest[n] = np.inf, -np.inf
+    nearest, found = surveyed
+    is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
+    for begin in range(0, count, BATCH):
+        some = min(BATCH, count - begin)
+        gather_triangles(
+            listed[first + begin : first + begin + some], parts, screen, whole, real
+        )
+        to_come = min(2 * BATCH, count + asked[TO_COME] - begin - some)
+        if is_distant and to_come > 0:
+            following = first + begin + some
+            fetch_triangles(listed[following : following + to_come], parts, screen.depth, to_come)
+        move_triangles(some, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
+        survey_cells(
+            part(whole, AX, 0, some), part(whole, AY, 0, some), part(whole, BX, 0, some),
+            part(whole, BY, 0, some), part(whole, CX, 0, some), part(whole, CY, 0, some),
+            part(real, DEPTH, 0, some), part(real, DEPTH + 1, 0, some),
+            part(real, DEPTH + 2, 0, some), (asked[LEFT_COLUMN], asked[TOP_ROW]),
+            asked[GRID_BITS], lowest, highest, part(nearest, 0, begin, begin + some),
+            part(found, 0, begin, begin + some),
+        )  # fmt: skip
+    sort_triangles(
+        listed[first : first + count], part(nearest, 0, 0, count), part(found, 0, 0, count),
+        lowest, highest, order,
+    )  # fmt: skip
+
+
 @kernel
 def plan_batch(
     asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
@@ -324,7 +479,7 @@ def plan_batch(
 
     Parameters
     ----------
-    asked : (12,) int64
+    asked : (13,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.
@@ -339,11 +494,6 @@ def plan_batch(
         following = first + count
         end = following + asked[TO_COME]
         fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
-    right, down = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
-    if (right | down) != 0:
-        for k in range(3):
-            for n in range(count):
-                whole[AX + 2 * k, n] += right
-                whole[AY + 2 * k, n] += down
+    move_triangles(count, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
     window = asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW]
     plan_triangles(count, window, asked[GRID_BITS], whole, real)

@@ -63,8 +63,11 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     BLOCK_BITS,
     BOTTOM,
     BOTTOM_ROW,
+    BUCKETS,
     BX,
     BY,
+    CELL_BITS,
+    CELLS,
     COUNT,
     CX,
     CY,
@@ -78,6 +81,9 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     GRID_BITS,
     LEFT,
     LEFT_COLUMN,
+    MIXED,
+    ORDER,
+    ORDERED,
     RANGE,
     REAL,
     REAL_ROWS,
@@ -91,9 +97,12 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     TO_COME,
     TOP,
     TOP_ROW,
+    WAYS,
     WEIGHT,
     WHOLE_ROWS,
     WIDE,
+    order_memory,
+    order_triangles,
     plan_batch,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
@@ -125,10 +134,8 @@ What two depths of a plane may be off by, in units of its range and its largest 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
-CELL_BITS = 3
-"""A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
-
-CELLS = TILE_SIZE >> CELL_BITS
+LEAST_ORDERED = 128
+"""Fewest triangles of a tile that it pays to put in order."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -248,7 +255,7 @@ def clamped(depth, plane):
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, tile):
+def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle, row by row."""
     left, top = np.int64(whole[LEFT, n]), np.int64(whole[TOP, n])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
@@ -266,12 +273,12 @@ def draw_small(n, whole, real, plane, origin, tile):
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[FACE, n]),
+        np.int32(whole[FACE, n]), is_mixed,
     )  # fmt: skip
 
 
 @helper
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mixed):
     """Find the first and last covered column of each row, and fill what lies between."""
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
@@ -295,7 +302,7 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     first = (top - origin[1]) * SCRATCH_SHAPE[1] - np.int64(before)
     fill_rows(
         tile[0], tile[1], spans, first, np.int64(SCRATCH_SHAPE[1]), rows, before, longest,
-        (plane[3], plane[4], plane[5]), face,
+        (plane[3], plane[4], plane[5]), face, is_mixed,
     )  # fmt: skip
 
 
@@ -312,7 +319,7 @@ def hidden_depth(n, whole, origin, cells):
 
 
 @helper
-def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
+def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
@@ -325,7 +332,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
-        draw_small(n, whole, real, plane, origin, tile)
+        draw_small(n, whole, real, plane, origin, tile, is_mixed)
         return
     hidden = hidden_depth(n, whole, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
@@ -346,7 +353,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
         if tile[0].dtype.type(nearest) < hidden:
             return
     face = np.int32(whole[FACE, n])
-    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
 
 
 SPANS = int32[::1], int32[::1], float64[::1]
@@ -363,7 +370,7 @@ def draw_planned(
 
     Parameters
     ----------
-    asked : (12,) int64
+    asked : (13,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
@@ -375,12 +382,12 @@ def draw_planned(
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
-    bits, cells = asked[GRID_BITS], flat(cell_depths)
+    bits, cells, is_mixed = asked[GRID_BITS], flat(cell_depths), asked[MIXED] != 0
     tile_depth = least_in_rows(
         cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
     )
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
-        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans)
+        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed)
 
 
 @helper
@@ -403,7 +410,7 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """(12,): as ``triangle_batches`` numbers its elements."""
+    """(13,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
@@ -412,6 +419,16 @@ class Drawing(NamedTuple):
     """(2,): how to call `draw_planned` for the tile at hand."""
     own: int64[::1]
     """(2,): the same for the tile of triangles with holes, if any object has them."""
+    sort: int64[::1]
+    """(2,): how to call ``triangle_batches.order_triangles``."""
+    plan_ordered: int64[::1]
+    """(2,): how to call ``triangle_batches.plan_batch`` for triangles in order."""
+    order: ORDER
+    """Triangles in order."""
+    cells: (int64[::1], int64[::1])
+    """From `cell_masks`."""
+    kept: int32[::1]
+    """(192,): those that are drawn next."""
 
 
 @helper
@@ -458,11 +475,13 @@ def draw_listed(first, count, whole, drawing, holes):
 
 
 @helper
-def raise_cells(depths, cell_depths):
-    """Raise the depths of a tile's cells to the least that their samples have."""
+def raise_cells(depths, cell_depths, drawn):
+    """Raise the depths of a tile's cells, those drawn to, to the least that their samples have."""
     samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
     for row in range(CELLS):
         for column in range(CELLS):
+            if drawn >> (row * CELLS + column) & 1 == 0:
+                continue
             first = (row * stride + column) << CELL_BITS
             least = least_in_rows(
                 samples, first, stride, np.int64(1 << CELL_BITS), np.int32(0),
@@ -472,12 +491,100 @@ def raise_cells(depths, cell_depths):
 
 
 @helper
+def open_cells(nearest, cell_depths):
+    """Return, a bit each, the cells in which something as near as that may be seen."""
+    depths, mask = flat(cell_depths), np.int64(0)
+    for n in range(depths.shape[0]):
+        is_hidden = depths.dtype.type(nearest) < depths[n]
+        mask |= np.int64(not is_hidden) << n
+    return mask
+
+
+@helper
+def keep_seen(order, first, end, mask, tables, kept, count):
+    """
+    Append the triangles that touch some of the cells to the kept.
+
+    Returns how many these are, and the cells that any of them touches.
+    """
+    (of_columns, of_rows), touched = tables, np.int64(0)
+    for n in range(np.uintp(first), np.uintp(end)):
+        entry = order[n]
+        box = np.uintp(entry >> 32)
+        cells = of_columns[box & np.uintp(63)] & of_rows[box >> np.uintp(6)]
+        kept[np.uintp(count)] = np.int32(entry & 0x7FFFFFFF)
+        seen = cells & mask
+        count += np.int64(seen != 0)
+        touched |= seen
+    return count, touched
+
+
+@helper
+def draw_kept(drawing, first, count):
+    """Set up and draw triangles in order."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.plan_ordered)
+    draw_some(drawing, drawing.tile, 0, count)
+
+
+@helper
+def draw_ordered(first, count, scratch, drawing):
+    """Draw listed triangles from near to far, but for those that are hidden by then."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call_bound(drawing.sort)
+    drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
+    order, ends, bounds = drawing.order
+    kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
+    for bucket in range(BUCKETS):
+        end = ends[(bucket + 1) * WAYS - 1]
+        while begin < end:
+            mask = open_cells(bounds[bucket], drawing.cell_depths)
+            stop = min(begin + 2 * BATCH, end)
+            found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
+            touched |= some
+            begin = stop
+            drawn = np.int64(0)
+            while found - drawn >= BATCH:
+                draw_kept(drawing, drawn, BATCH)
+                drawn += BATCH
+            if drawn > 0:
+                for n in range(found - drawn):
+                    kept[n] = kept[drawn + n]
+                found -= drawn
+                raise_cells(scratch[0], drawing.cell_depths, touched)
+                touched = some
+    if found > 0:
+        draw_kept(drawing, 0, found)
+        raise_cells(scratch[0], drawing.cell_depths, touched)
+    drawing.asked[MIXED] = 0
+
+
+@cache
+def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the cells of columns, and of rows, of a tile, a bit each, by ``8 * last + first``."""
+    columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
+    for last in range(CELLS):
+        for first in range(last + 1):
+            some = np.zeros((CELLS, CELLS), bool)
+            some[first : last + 1] = True
+            for table, cells in ((rows, some), (columns, some.T)):
+                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[0]
+    return columns, rows
+
+
+@helper
 def draw_list(first, end, scratch, drawing, holes):
     """Draw listed triangles ``first`` to ``end`` into the thread's tile, but for their holes."""
+    if end - first >= LEAST_ORDERED and holes.cutoffs.shape[0] == 0:
+        for begin in range(first, end, ORDERED):
+            count = min(ORDERED, end - begin)
+            drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
+            draw_ordered(begin, count, scratch, drawing)
+        return
     raised = first + BATCH
     for begin in range(first, end, BATCH):
         if begin == raised:
-            raise_cells(scratch[0], drawing.cell_depths)
+            raise_cells(scratch[0], drawing.cell_depths, np.int64(-1))
             raised += raised - first
         count = min(BATCH, end - begin)
         drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
@@ -579,8 +686,15 @@ def tile_drawer(
     tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
     if alpha_tests is not None:
         own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
-    drawing = Drawing(asked, cell_depths, planned.words, tile.words, own.words)
-    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own))
+    order, surveyed = order_memory(), (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32))
+    kept = np.empty(3 * BATCH, np.int32)
+    sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
+    again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
+    drawing = Drawing(
+        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
+        cell_masks(), kept,
+    )
+    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
 
 
 def drawn_into(
