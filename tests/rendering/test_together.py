@@ -12,7 +12,7 @@ from batches import MODELS, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.rendering import batch, together
+from rasterjit.rendering import batch, desk, together
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
@@ -25,6 +25,8 @@ def scene():
     return mixed_scene()
 
 
+HIGH = rj.Fog("gray", density=0.3, mode="exp", height=0.2, falloff=0.5)
+SKY = rj.Environment(np.random.default_rng(7).random((8, 16, 3), np.float32), rotation=30.0)
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
 SHADINGS = "unlit", "flat", "gouraud", "phong", "pbr"
 
@@ -179,7 +181,7 @@ def test_views_without_and_with_cuts_follow_each_other(alone):
 
 @in_groups
 def test_more_faces_to_cut_than_there_is_room_for_are_drawn_one_by_one(alone, monkeypatch):
-    monkeypatch.setattr(together, "room_to_cut", lambda faces: (1, 28))
+    monkeypatch.setattr(desk, "room_to_cut", lambda faces: (1, 28))
     cameras = [
         replace(camera, near=near) for camera, near in zip(around(4), (0.1, 3.9) * 2, strict=True)
     ]
@@ -223,6 +225,53 @@ def test_every_shading_and_light_is_drawn_in_groups(shading, lights, alone):
 
 @in_groups
 @pytest.mark.parametrize(
+    "lights",
+    [
+        [rj.SpotLight((-5, 3, 0), (0, -1, 0), outer_angle=20.0), rj.AmbientLight(intensity=0.2)],
+        [rj.PointLight((0, 2, 0), "blue", range=2.0), rj.DirectionalLight((1, -1, -1))],
+        [rj.PointLight((5, 2, 0), range=2.0), rj.SpotLight((-9, 1, 0), (1, 0, 0), range=5.0)],
+        [rj.DirectionalLight(intensity=0), rj.SpotLight((9, 0, 0), (-1, 0.3, 0), range=4.0)],
+    ],
+)
+def test_lights_that_reach_some_views_are_drawn_in_groups(lights, alone):
+    cube = rj.load(MODELS / "cube.ply").nodes[0].mesh
+    scene = rj.Scene()
+    scene.lights = lights
+    for n, shading in enumerate(("phong", "gouraud", "pbr")):
+        made = rj.Mesh(cube.vertices, cube.faces, material=rj.Material(shading))
+        scene.add(made, rj.transforms.translate((5.0 * (n - 1), 0.0, 0.0)))
+    # Each camera sees other cubes, which other lights reach.
+    cameras = [
+        rj.PerspectiveCamera((x, 1.0, 6.0), (x, 0.0, 0.0), fov_y=fov_y)
+        for x in (-5.0, 0.0, 5.0)
+        for fov_y in (20.0, 70.0)
+    ]
+    reaching = {rj.explain(scene, camera, size=(40, 28)).facts.lights.numbers for camera in cameras}
+    assert len(reaching) > 1
+    check(scene, cameras, outputs=("color", "linear"))
+    places = np.array([[node.world_from_model for node in scene.nodes]] * len(cameras))
+    places[:, :, :3, 3] += np.random.default_rng(1).normal(0.0, 0.6, (len(cameras), 3, 3))
+    check(scene, cameras, places, outputs=("color",))
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize("mode", ["here", "moved"])
+def test_fog_that_some_views_are_before_is_drawn_in_groups(scene, mode, alone):
+    scene.fog = rj.Fog("white", mode="linear", start=5.0, end=9.0)
+    cameras = [*around(3, 2.0), *around(3, 6.0), rj.OrthographicCamera((0, 3, 3), (0, 0, 0))]
+    places = None
+    if mode == "moved":
+        places = np.array([[node.world_from_model for node in scene.nodes]] * len(cameras))
+        places[:, :, :3, 3] += np.random.default_rng(1).normal(0.0, 0.3, (len(cameras), 3, 3))
+    found = {rj.explain(scene, camera, size=(40, 28)).has("fog") for camera in cameras}
+    assert found == {False, True}
+    check(scene, cameras, places, outputs=("color", "linear"))
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize(
     ("quality", "options", "change"),
     [
         (rj.Quality(precision="float32"), {}, {}),
@@ -236,6 +285,18 @@ def test_every_shading_and_light_is_drawn_in_groups(shading, lights, alone):
         (None, {"outputs": ("distance", "normal"), "size": (131, 67)}, {}),
         (None, {"outputs": ("depth", "color"), "size": (200, 150)}, {}),
         (None, {"size": (1, 1)}, {}),
+        (None, {"size": (131, 67)}, {"vignette": rj.Vignette()}),
+        (None, {"outputs": ("linear", "color")}, {"environment": rj.Environment.gradient()}),
+        (None, {"outputs": ("linear",)}, {"environment": SKY, "tone_map": rj.ToneMap()}),
+        (
+            None,
+            {"outputs": ("color", "linear"), "size": (64, 33)},
+            {"environment": SKY, "tone_map": rj.ToneMap(), "fog": HIGH, "vignette": rj.Vignette()},
+        ),
+        (None, {"background": "red"}, {"environment": rj.Environment(SKY.sky, background=False)}),
+        (None, {}, {"fog": HIGH}),
+        (None, {}, {"fog": rj.Fog(density=0.2, mode="exp2")}),
+        (None, {"outputs": ("depth",)}, {"fog": HIGH}),
     ],
 )
 def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
@@ -255,14 +316,9 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (rj.Quality(depth_format="float64"), {}, {}),
         (rj.Quality(depth_format="unorm24"), {}, {}),
         (rj.Quality(renormalize=False), {}, {}),
-        (None, {"fog": rj.Fog(density=0.2, mode="exp")}, {}),
         (None, {"outline": rj.Outline()}, {}),
         (None, {"wireframe": rj.Wireframe()}, {}),
-        (None, {"vignette": rj.Vignette()}, {}),
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
-        (None, {"environment": rj.Environment.gradient()}, {}),
-        (None, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}, {}),
-        (None, {"lights": [rj.PointLight((0, 2, 0), range=3.0)]}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
         (None, {"glass": 0.5}, {}),
         (None, {"mask": 0.5}, {}),

@@ -47,6 +47,7 @@ class ToneMapping(Effect):
     field = "tone_map"
     key = "t"
     follows_facts = True
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
