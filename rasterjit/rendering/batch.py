@@ -84,10 +84,11 @@ def render_batch(
 
     Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
     pictures: what views have in common is decided and prepared once, and views are shared among
-    threads. Opaque faces of one sample a pixel are drawn in machine code from view to view, with
-    any lights, fog, environments, tone curves and vignettes. Views with shadows, whose maps are
-    fitted to what each view sees, and with ambient occlusion, outlines, edges, holes, transparency,
-    a picture behind or several samples are drawn one by one, as `render` draws them, in about its
+    threads. Opaque faces of 1 to 16 samples a pixel are drawn in machine code from view to view,
+    with any lights, fog, environments, tone curves and vignettes. Views with shadows, whose maps
+    are fitted to what each view sees, and with ambient occlusion, outlines, edges, holes,
+    transparency, a picture behind, exact areas or averaged pictures (``samples``), or colours mixed
+    as codes (``blending``) are drawn one by one, as `render` draws them, in about its
     time. Memory beyond the result does not grow with the number of views. What is prepared is kept
     with a `Scene`, and used again by the next call as far as scene and arguments are the same.
     Ctrl-C ends it when the views are done that threads are just drawing.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs import fill
 from rasterjit.pipeline import encode
 from rasterjit.pipeline import views as drawing_views
+from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import (
@@ -30,7 +31,9 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import shade, stage_list
+from rasterjit.rendering import mixing, shade, stage_list
+from rasterjit.rendering.bound_calls import BoundCalls
+from rasterjit.rendering.mixing import Lists
 from rasterjit.rendering.stage_list import BLOCK, Shading
 from rasterjit.runtime.driver import StageList, block_memory
 from rasterjit.runtime.jit import Bound
@@ -58,7 +61,7 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
     return (
         of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
-        + of_pixel * width * height
+        + of_pixel * width * height + mixing.memory_of(plan)
     )  # fmt: skip
 
 
@@ -94,16 +97,15 @@ class Desk:
     """
 
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
-        self._plan, self._cache, self._kept = plan, cache, []
+        self._plan, self._cache, self._calls = plan, cache, BoundCalls()
         self._lights = list(lights)
         self._places: list[tuple[str, int]] = []
         self._targets: list[tuple[str, int, int]] = []
         self._find()
-        self._calls: list[tuple[int, int, int, int]] = []
         if plan.facts.is_colored:
             self._shade()
         self._fill()
-        self._table = np.array(self._calls, np.int64).reshape(-1, 4)
+        self._table = self._calls.table()
 
     def write_to(self, outputs: Arrays) -> None:
         """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
@@ -145,8 +147,8 @@ class Desk:
         is_drawn = np.zeros(len(chosen), np.uint8)
         drawing_views.draw_views(
             chosen, np.array(loads, np.int64), self._finding, self._cutting,
-            self._lengths, self._listing, self._tile_depths, self._face_id, self._table, totals,
-            is_drawn,
+            self._listing, self._listing_samples, self._tile_depths, self._face_id, self._table,
+            totals, is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -156,14 +158,8 @@ class Desk:
         words = -(-count * kind.itemsize // WORD)
         room = np.zeros(max(words, 1), np.int64)
         self._targets.append((name, room.ctypes.data, words))
-        self._kept.append(room)
+        self._calls.kept.append(room)
         return room.view(kind)[:count].reshape(shape)
-
-    def _bound(self, kernel: Any, *arguments: Any) -> Bound:
-        """Return a kernel with its arguments, kept as long as the desk."""
-        bound = Bound(kernel, *arguments)
-        self._kept.append(bound)
-        return bound
 
     def _find(self) -> None:
         """Bind what finds the faces."""
@@ -179,11 +175,11 @@ class Desk:
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
         owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
-        transformed = self._bound(
+        transformed = self._calls.bound(
             projection.transform_vertices, (0, count), positions, owned, clip, (0.0, 0.0, 0.0),
             viewport, screen, scratch,
         )  # fmt: skip
-        placed = self._bound(
+        placed = self._calls.bound(
             projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
             scratch,
         )  # fmt: skip
@@ -229,16 +225,16 @@ class Desk:
         cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
         vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
         polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
-        clipped = self._bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
-        counted = self._bound(
+        clipped = self._calls.bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
+        counted = self._calls.bound(
             clipping.count_clipped_vertices, cut, whole, clip_positions, viewport,
             vertex_counts, polygons,
         )  # fmt: skip
-        in_pieces = self._bound(
+        in_pieces = self._calls.bound(
             clipping.clip_faces, cut, whole, clip_positions, viewport,
             (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
         )  # fmt: skip
-        projected = self._bound(
+        projected = self._calls.bound(
             projection.project_clipped_vertices, (cut, whole, starts[0], clip_positions),
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
@@ -246,7 +242,7 @@ class Desk:
         # How many faces are cut is the length of their list.
         told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
         self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
-        self._kept += [cut, polygons]
+        self._calls.kept += [cut, polygons]
         return clipped, counted, in_pieces, projected
 
     def _list_and_draw(
@@ -254,47 +250,71 @@ class Desk:
     ) -> tuple[Bound, ...]:
         """Bind what lists the faces of each tile, and what draws them there; see `_cut`."""
         arrays, (width, height) = self._cache.shapes.arrays, self._plan.size
-        objects, number = len(arrays.face_starts) - 1, len(faces[0]) + len(faces[1])
-        turns = self._field("culled_turns", (objects,), np.int8)
+        number = len(faces[0]) + len(faces[1])
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        listed = min(tiles * number, 4 * number + 65536)
-        triangles, boxes = np.empty(number, np.int32), np.empty((number, 4), np.uint8)
-        counts, sums = np.zeros((1, tiles + 1), np.int32), np.zeros(5, np.int64)
-        set_up = self._bound(
-            setup.set_up_triangles, (0, len(arrays.faces)), (0, 0), faces,
-            Objects(arrays.face_starts, turns),
-            screen, viewport, (triangles, boxes), (columns, counts[0], sums),
-            np.empty(setup.BATCH_SHAPE, np.int32), setup.ANY_CODE,
+        lists = Lists(
+            faces, screen,
+            Objects(
+                arrays.face_starts,
+                self._field("culled_turns", (len(arrays.face_starts) - 1,), np.int8),
+            ),
+            np.empty(number, np.int32), np.empty((number, 4), np.uint8), columns,
+            np.zeros((1, tiles + 1), np.int32), np.empty(tiles + 1, np.int64),
+            np.empty(min(tiles * number, 4 * number + 65536), np.int32),
         )  # fmt: skip
-        list_starts, cursors = np.empty(tiles + 1, np.int64), np.empty((1, tiles), np.int64)
-        started = self._bound(binning.start_lists, counts, list_starts, cursors)
-        binned = np.empty(listed, np.int32)
-        sorted_in = self._bound(
+        # Tiles.
+        self._tile_depths = np.empty(tiles, np.float32)
+        no_holes = np.empty(0, np.int64), np.empty(0, np.float32)
+        raised = self._calls.bound(
+            find_tile_depths, lists.triangles, lists.boxes, columns, faces, screen, viewport,
+            self._tile_depths, no_holes,
+        )  # fmt: skip
+        self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
+        self._face_id = np.empty((height, width), np.int32)
+        drawer = nearest.tile_drawer(lists.binned, faces, screen, np.float32)
+        self._calls.kept.append(drawer)
+        drawn = self._calls.bound(
+            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, lists.starts,
+            self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
+        )  # fmt: skip
+        listed, self._listing = self._list(lists, viewport, raised)
+        found, self._listing_samples = (*listed, raised, drawn), self._listing
+        if self._plan.layers is not None:
+            # The first lists are read no more then.
+            around = bands.sampled_viewport(viewport, self._plan.layers.samples)
+            listed, self._listing_samples = self._list(lists, around)
+            found = *found, *listed
+        self._lists = lists
+        return found
+
+    def _list(
+        self, lists: Lists, viewport: Viewport, *others: Bound
+    ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
+        """
+        Bind what lists the faces of each tile.
+
+        Takes others that are told, by the lengths of their first two arrays, how many there are;
+        returns what `draw_views` takes of it.
+        """
+        faces, screen, objects, triangles, boxes, columns, counts, starts, binned = lists
+        sums = np.zeros(5, np.int64)
+        set_up = self._calls.bound(
+            setup.set_up_triangles, (0, len(faces[0])), (0, 0), faces, objects, screen, viewport,
+            (triangles, boxes), (columns, counts[0], sums), np.empty(setup.BATCH_SHAPE, np.int32),
+            setup.ANY_CODE,
+        )  # fmt: skip
+        cursors = np.empty((1, len(starts) - 1), np.int64)
+        started = self._calls.bound(binning.start_lists, counts, starts, cursors)
+        sorted_in = self._calls.bound(
             binning.bin_triangles, triangles, boxes, columns, faces, screen, viewport, cursors[0],
             binned,
         )  # fmt: skip
-        self._tile_depths = np.empty(tiles, np.float32)
-        no_holes = np.empty(0, np.int64), np.empty(0, np.float32)
-        raised = self._bound(
-            find_tile_depths, triangles, boxes, columns, faces, screen, viewport,
-            self._tile_depths, no_holes,
+        told = [one.place_of(k) + WORD for one in (sorted_in, *others) for k in (0, 1)]
+        listing = (
+            counts, sums, starts, len(binned), set_up.place_of(1) + WORD, np.array(told, np.int64),
         )  # fmt: skip
-        # Tiles.
-        self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
-        self._face_id = np.empty((height, width), np.int32)
-        drawer = nearest.tile_drawer(binned, faces, screen, np.float32)
-        self._kept.append(drawer)
-        drawn = self._bound(
-            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, list_starts,
-            self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
-        )  # fmt: skip
-        # How many triangles were listed is the length of both of their arrays.
-        self._lengths = np.array(
-            [one.place_of(k) + WORD for one in (sorted_in, raised) for k in (0, 1)], np.int64
-        )
-        self._listing = counts, sums, list_starts, listed, set_up.place_of(1) + WORD
-        return set_up, started, sorted_in, raised, drawn
+        return (set_up, started, sorted_in), listing
 
     def _shade(self) -> None:
         """Add the stages that make the colours."""
@@ -317,7 +337,7 @@ class Desk:
             count = len(placement.positions)
             lit = np.zeros((count, 2, 3), np.float32)
             listed = (0, count), cache.shapes.arrays.vertex_starts
-            self._run(
+            self._calls.run(
                 StageList(
                     stage_list.vertex_steps(
                         listed, placement, surface, lighting, effects, lit, viewer
@@ -328,19 +348,28 @@ class Desk:
             return lit
 
         surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
+        geometry = self._geometry
+        if plan.layers is not None:
+            around = bands.sampled_viewport(geometry.viewport, plan.layers.samples)
+            geometry = geometry._replace(viewport=around)
         shading = Shading(
-            self._geometry, placement, surface, lighting, effects, encode.encoding_table(),
+            geometry, placement, surface, lighting, effects, encode.encoding_table(),
             plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
         color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
-        self._kept.append(shading)
-        self._run(shading.listed(self._face_id, 0, height, None, linear, color), block)
+        self._calls.kept.append(shading)
         picture = Picture(self._face_id, linear, color)
-        for place in ("background", "overlay"):
+        if plan.layers is None:
+            self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
+        else:
+            mixing.add_mixing(
+                self._calls, self._lists, plan, geometry.viewport, shading, effects, picture, block
+            )
+        for place in ("background", "overlay") if plan.layers is None else ("overlay",):
             for one in acting(effects, place):
                 for kernel, arguments in one.effect.calls(one.record, plan, picture):
-                    self._call(self._bound(kernel, *arguments))
+                    self._calls.call(self._calls.bound(kernel, *arguments))
         for name, picture in (("linear", linear), ("color", color)):
             if name in plan.outputs:
                 self._keep(name, picture)
@@ -354,7 +383,7 @@ class Desk:
         def made(name: str, channels: int, kernel: Any, *arguments: Any) -> NDArray[np.float32]:
             """Add a kernel that fills a picture, which is kept if it is an output."""
             picture = np.empty((height, width, channels), np.float32)
-            self._call(self._bound(kernel, *of_all, *arguments, picture))
+            self._calls.call(self._calls.bound(kernel, *of_all, *arguments, picture))
             if name in plan.outputs:
                 self._keep(name, picture)
             return picture
@@ -411,24 +440,13 @@ class Desk:
         if "geometric_normal" in plan.outputs:
             made("geometric_normal", 3, barycentric.fill_normals, placement, flat)
 
-    def _call(self, bound: Bound, number: int = 0) -> None:
-        """Call a kernel, and tell it the view's number at an address."""
-        address, state = bound.words.tolist()
-        self._calls.append((address, state, 0, number))
-
     def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
         """Call a kernel that takes the view's number first, and last where all views are."""
-        bound = self._bound(kernel, 0, *arguments)
-        self._call(bound, bound.place_of(0))
+        bound = self._calls.bound(kernel, 0, *arguments)
+        self._calls.call(bound, bound.place_of(0))
         self._places.append((name, bound.place_of(len(arguments))))
 
     def _keep(self, name: str, picture: NDArray[Any]) -> None:
         """Copy a picture to its place among those of all views."""
         words = picture.reshape(-1).view(np.uint32)
         self._write(name, drawing_views.keep_picture, words, np.empty((0, len(words)), np.uint32))
-
-    def _run(self, stages: StageList, block: NDArray[np.int64]) -> None:
-        """Run stages over an empty block."""
-        bound = stages.bound(block)
-        self._kept.append(bound)
-        self._calls.append((*bound.words, 0))

@@ -56,7 +56,9 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
 def may_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether any views of a scene are drawn in groups, given the plan of one."""
     facts = plan.facts
-    if plan.layers is not None or plan.pictures != 1 or plan.reads_depth or plan.surfaces:
+    if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
+        return False
+    if plan.layers is not None and not _is_mixed_in_groups(plan):
         return False
     if facts.contents.see_through or facts.contents.blended:
         return False
@@ -64,7 +66,7 @@ def may_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         return False
     if not plan.depth_format.is_standard or not plan.quality.renormalize:
         return False
-    if facts.background_image is not None or plan.keeps_clip_positions or plan.keeps_lists:
+    if facts.background_image is not None or plan.keeps_clip_positions or facts.diagnose:
         return False
     # Others prepare something for each picture, from what is seen there.
     if not all(one.effect.in_groups for one in plan.planned if one.effect.places):
@@ -75,6 +77,12 @@ def may_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         cache.shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)[1] is None
         for name, attribute in facts.attributes.items()
     )
+
+
+def _is_mixed_in_groups(plan: RenderPlan) -> bool:
+    """Tell whether what pixels show is opaque faces at several samples, mixed in light."""
+    layers = plan.layers
+    return not (layers.has_blended or layers.mixes_codes or layers.samples == "area")
 
 
 def _is_shared(light: Light) -> bool:

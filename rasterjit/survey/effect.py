@@ -276,6 +276,12 @@ class Effect:
         """Return how it acts on a whole picture, in groups; background and overlay do."""
         return []
 
+    def calls_mixed(
+        self, record: Any, linear: NDArray[Any], background: NDArray[Any], shown: NDArray[Any]
+    ) -> list[KernelCall]:
+        """Return how it acts on mixed rows, in groups: takes what its function at "mixed" does."""
+        return []
+
     def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
         """
         Return the kernels that it calls besides stages, as `list_kernels` tells them.

@@ -254,7 +254,7 @@ def test_the_rule_says_how_many_are_drawn_in_one_go():
     # No more than there is room for.
     assert decided(scene, (256, 256), outputs=("color", "depth", "normal")) == 6
     # What shares too little.
-    assert decided(scene, quality=rj.Quality(samples=4)) == 1
+    assert decided(scene, quality=rj.Quality(samples=64)) == 1
     assert decided(scene, outputs=("color", "coverage")) == 1
     assert decided(scene, background=np.zeros((28, 40, 3), np.uint8)) == 1
     scene.outline = rj.Outline()

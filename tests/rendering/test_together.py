@@ -82,10 +82,11 @@ def check_quietly(*arguments, **options):
         return check(*arguments, **options)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_any_camera_shows_the_same(scene, seed, alone):
-    cameras = random_cameras(90, seed)
-    check_quietly(scene, cameras, outputs=("color", "depth", "distance", "face_id"), threads=2)
+@pytest.mark.parametrize(("seed", "samples"), [(0, 1), (1, 1), (2, 1), (3, 4)])
+def test_any_camera_shows_the_same(scene, seed, samples, alone):
+    cameras, outputs = random_cameras(90, seed), ("color", "depth", "distance", "face_id")
+    quality = rj.Quality(samples=samples)
+    check_quietly(scene, cameras, outputs=outputs, quality=quality, threads=2)
     if not (jit.DISABLED or jit.CHECKED):
         assert 0 < len(alone) < 80
 
@@ -165,17 +166,20 @@ def test_faces_before_given_planes_are_cut_in_groups(scene, precision, alone):
 
 
 @in_groups
-def test_views_without_and_with_cuts_follow_each_other(alone):
-    scene = robots(800)
+@pytest.mark.parametrize("samples", [1, 4])
+def test_views_without_and_with_cuts_follow_each_other(samples, alone):
+    scene, quality = robots(800), rj.Quality(samples=samples)
     away = [replace(camera, target=(20.0, 40.0, 0.0)) for camera in around(4, 3.0)]
     cameras = [
         one for pair in zip(around(4, 3.0), around(4, 100.0), away, strict=True) for one in pair
     ]
-    check_quietly(scene, cameras, outputs=("color", "uv", "depth"), threads=1)
+    check_quietly(scene, cameras, outputs=("color", "uv", "depth"), quality=quality, threads=1)
     rng = np.random.default_rng(4)
     places = np.tile(np.eye(4), (12, 4, 1, 1))
     places[..., :3, :] += rng.normal(0.0, 0.1, (12, 4, 3, 4))
-    check_quietly(scene, cameras, places, outputs=("color", "uv", "depth"), threads=1)
+    check_quietly(
+        scene, cameras, places, outputs=("color", "uv", "depth"), quality=quality, threads=1
+    )
     assert alone == []
 
 
@@ -294,6 +298,20 @@ def test_fog_that_some_views_are_before_is_drawn_in_groups(scene, mode, alone):
             {"environment": SKY, "tone_map": rj.ToneMap(), "fog": HIGH, "vignette": rj.Vignette()},
         ),
         (None, {"background": "red"}, {"environment": rj.Environment(SKY.sky, background=False)}),
+        (rj.Quality(samples=2), {"size": (64, 64)}, {}),
+        (rj.Quality(samples=4), {"outputs": ("color", "linear", "uv", "face_id")}, {"fog": HIGH}),
+        (rj.Quality(samples=4), {"size": (131, 67)}, {"vignette": rj.Vignette()}),
+        (rj.Quality(samples=4), {"background": "transparent"}, {"tone_map": rj.ToneMap()}),
+        (
+            rj.Quality(samples=4),
+            {"outputs": ("linear", "color"), "size": (90, 100)},
+            {"environment": SKY, "tone_map": rj.ToneMap()},
+        ),
+        (rj.Quality(samples=8), {"outputs": ("color",), "cull": "back"}, {"environment": SKY}),
+        (rj.Quality(samples=16), {"size": (200, 150)}, {}),
+        (rj.Quality(samples=16), {"outputs": ("linear",)}, {"tone_map": rj.ToneMap()}),
+        (rj.Quality(samples=4), {"outputs": ("depth",)}, {}),
+        (rj.Quality(samples=4, precision="float32", interpolation="affine"), {}, {}),
         (None, {}, {"fog": HIGH}),
         (None, {}, {"fog": rj.Fog(density=0.2, mode="exp2")}),
         (None, {"outputs": ("depth",)}, {"fog": HIGH}),
@@ -310,8 +328,9 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
 @pytest.mark.parametrize(
     ("quality", "change", "options"),
     [
-        (rj.Quality(samples=4), {}, {}),
         (rj.Quality(samples="area"), {}, {}),
+        (rj.Quality(samples=4, blending="srgb8"), {}, {}),
+        (rj.Quality(samples=4), {"glass": 0.5}, {}),
         (rj.Quality(samples=64), {}, {}),
         (rj.Quality(depth_format="float64"), {}, {}),
         (rj.Quality(depth_format="unorm24"), {}, {}),
@@ -348,6 +367,21 @@ def test_longer_lists_than_there_is_room_for_are_drawn_one_by_one(alone):
     check(scene, [camera], outputs=("face_id",), size=(64, 64))
     assert alone == []
     check(scene, [camera], outputs=("face_id",), size=(384, 384))
+    assert alone == [0]
+
+
+@in_groups
+def test_longer_lists_of_samples_than_there_is_room_for_are_drawn_one_by_one(alone):
+    # All end below the border of two rows of tiles, before the next centres of pixels.
+    corners = np.tile([(-2000, -0.3, 0), (2000, -0.3, 0), (0, 4000, 0)], (9000, 1, 1)).astype(float)
+    corners[..., 2] = np.linspace(-9.0, 0.0, 9000)[:, np.newaxis]
+    scene, quality = rj.Scene(), rj.Quality(samples=4)
+    scene.add(rj.Mesh(corners.reshape(-1, 3), np.arange(27000).reshape(-1, 3)))
+    camera = rj.OrthographicCamera((0, 0, 100), (0, 0, 0), height=128.0)
+    check(scene, [camera], outputs=("color",), size=(768, 128))
+    check(scene, [camera], outputs=("color",), size=(192, 128), quality=quality)
+    assert alone == []
+    check(scene, [camera], outputs=("color",), size=(768, 128), quality=quality)
     assert alone == [0]
 
 
