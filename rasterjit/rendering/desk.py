@@ -185,12 +185,15 @@ class Desk:
         )  # fmt: skip
         self._targets.append(("coefficients", transformed.place_of(4), 3))
         clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
-        listed = self._list_and_draw(faces, screen, viewport)
-        finding = transformed, clipped, placed, *cut, *listed
-        self._finding = np.array([one.words for one in finding], np.int64)
         self._geometry = draw.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
+        self._alpha_tests = shade.find_alpha_tests(plan, cache)
+        if self._alpha_tests is not None:
+            self._alpha_tests = self._alpha_tests._replace(geometry=self._geometry)
+        listed = self._list_and_draw(faces, screen, viewport)
+        finding = transformed, clipped, placed, *cut, *listed
+        self._finding = np.array([one.words for one in finding], np.int64)
         self._placement = Placement(
             arrays.face_starts,
             arrays.positions,
@@ -265,14 +268,16 @@ class Desk:
         )  # fmt: skip
         # Tiles.
         self._tile_depths = np.empty(tiles, np.float32)
-        no_holes = np.empty(0, np.int64), np.empty(0, np.float32)
+        tests, holes = self._alpha_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
+        if tests is not None:
+            holes = tests.face_starts, tests.cutoffs
         raised = self._calls.bound(
             find_tile_depths, lists.triangles, lists.boxes, columns, faces, screen, viewport,
-            self._tile_depths, no_holes,
+            self._tile_depths, holes,
         )  # fmt: skip
         self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
         self._face_id = np.empty((height, width), np.int32)
-        drawer = nearest.tile_drawer(lists.binned, faces, screen, np.float32)
+        drawer = nearest.tile_drawer(lists.binned, faces, screen, np.float32, tests)
         self._calls.kept.append(drawer)
         drawn = self._calls.bound(
             nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, lists.starts,
@@ -348,12 +353,11 @@ class Desk:
             return lit
 
         surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
-        geometry = self._geometry
+        finder = bands.Finder(self._geometry, self._alpha_tests)
         if plan.layers is not None:
-            around = bands.sampled_viewport(geometry.viewport, plan.layers.samples)
-            geometry = geometry._replace(viewport=around)
+            finder = bands.at_samples(finder, plan.layers.samples)
         shading = Shading(
-            geometry, placement, surface, lighting, effects, encode.encoding_table(),
+            finder.geometry, placement, surface, lighting, effects, encode.encoding_table(),
             plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
@@ -364,7 +368,7 @@ class Desk:
             self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
         else:
             mixing.add_mixing(
-                self._calls, self._lists, plan, geometry.viewport, shading, effects, picture, block
+                self._calls, self._lists, plan, finder, shading, effects, picture, block
             )
         for place in ("background", "overlay") if plan.layers is None else ("overlay",):
             for one in acting(effects, place):

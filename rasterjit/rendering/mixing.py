@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import encode
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.fragments import bands, fragments, weights
+from rasterjit.pipeline.fragments.bands import Finder
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
+from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.layers import ROWS_MIXED_AT_ONCE, parts_of
@@ -103,7 +104,7 @@ def _memory(samples: int, width: int, has_toned: bool) -> _Memory:
 
 
 def add_mixing(
-    calls: BoundCalls, lists: Lists, plan: RenderPlan, viewport: Viewport, shading: Shading,
+    calls: BoundCalls, lists: Lists, plan: RenderPlan, finder: Finder, shading: Shading,
     effects: Sequence[Active], picture: Picture, block: NDArray[np.int64],
 ) -> None:  # fmt: skip
     """
@@ -116,16 +117,17 @@ def add_mixing(
     lists : Lists
         Of what reaches any sample.
     plan : RenderPlan
-    viewport : Viewport
+    finder : Finder
         With the reach of samples.
     shading : Shading
-        Of that viewport.
+        Of its geometry.
     effects : sequence of Active
     picture : Picture
         Its colours are written.
     block : array
         A block of samples.
     """
+    viewport = finder.geometry.viewport
     width, samples = viewport.width, int(plan.layers.samples)
     toned = acting(effects, "mixed")
     behind = np.zeros((1, 1, 4), np.float32)
@@ -143,7 +145,7 @@ def add_mixing(
     memory = _memory(samples, width, bool(toned))
     shifts = bands.sample_shifts(samples, viewport.grid_bits)
     drawer, alone = fragments.layer_drawer(
-        nearest.tile_drawer(lists.binned, lists.faces, lists.screen, np.float32)
+        nearest.tile_drawer(lists.binned, lists.faces, lists.screen, np.float32, finder.alpha_tests)
     )
     calls.kept += [drawer, alone, behind]
     none = np.empty((samples, 0, 0, width), np.float32), np.empty((samples, 0, 0, width), np.int32)

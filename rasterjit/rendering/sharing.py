@@ -50,11 +50,6 @@ def shared_lights(scene: Scene) -> list[int]:
 
 def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
-    return not plan.facts.needs_alpha_tests and may_share(plan, scene, cache)
-
-
-def may_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
-    """Tell whether any views of a scene are drawn in groups, given the plan of one."""
     facts = plan.facts
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False

@@ -340,7 +340,6 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
         (None, {"glass": 0.5}, {}),
-        (None, {"mask": 0.5}, {}),
         (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),
     ],
 )
@@ -353,6 +352,35 @@ def test_what_is_drawn_one_by_one_is_the_same(scene, quality, change, options):
         else:
             setattr(scene, name, value)
     check(scene, around(3), quality=quality, outputs=("color", "depth"), **options)
+
+
+@in_groups
+@pytest.mark.parametrize("kind", ["colors", "texture", "faces", "all of it"])
+@pytest.mark.parametrize("quality", [None, rj.Quality(samples=4), rj.Quality(precision="float32")])
+def test_holes_are_drawn_in_groups(scene, kind, quality, alone):
+    rng = np.random.default_rng(8)
+    mask = {"alpha_mode": "mask", "alpha_cutoff": 0.6}
+    cube, quad = scene.nodes[1].mesh, scene.nodes[2].mesh
+    own = {"vertices": cube.vertices, "faces": cube.faces}
+    if kind == "colors":
+        scene.nodes[1].mesh = rj.Mesh(
+            **own, colors=rng.random((len(cube.vertices), 4)), material=rj.Material(**mask)
+        )
+    if kind == "faces":
+        scene.nodes[1].mesh = rj.Mesh(
+            **own, colors=rng.random((len(cube.faces), 4)), material=rj.Material(**mask)
+        )
+    if kind == "texture":
+        texture = rj.Texture(rng.integers(0, 255, (8, 8, 4), np.uint8))
+        quad.material = rj.Material("flat", base_color_texture=texture, **mask)
+        scene.nodes[2].mesh = rj.Mesh(quad.vertices, quad.faces, uv=quad.uv, material=quad.material)
+    if kind == "all of it":
+        cube.material = replace(cube.material, base_color=(0.5, 0.2, 0.1, 0.5), **mask)
+    near = [replace(camera, near=0.01) for camera in around(4, 1.3)]
+    away = rj.PerspectiveCamera((0.0, 0.5, 4.0), (-1.2, 0.0, -1.0), fov_y=8.0)
+    outputs = "color", "linear", "depth", "face_id", "uv"
+    check(scene, [*around(5), away, *near], outputs=outputs, quality=quality, size=(90, 70))
+    assert alone == []
 
 
 @in_groups
