@@ -24,9 +24,12 @@ next, the address that they go to, how many there are."""
 
 (
     TRANSFORM, FIND_CLIPPED, TRANSFORM_POSITIONS, COUNT_VERTICES, CLIP, PROJECT_CLIPPED, SET_UP,
-    START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES,
-) = range(11)  # fmt: skip
-"""Rows of the kernels that find what is seen, by the words of ``jit.Bound``."""
+    START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES, SET_UP_SAMPLES, START_SAMPLES, BIN_SAMPLES,
+    END_OF_SAMPLES,
+) = range(15)  # fmt: skip
+"""Rows of the kernels that find what is seen, by the words of ``jit.Bound``. The last three list
+what reaches any sample of a pixel; they are there if pixels have several. Then how many there
+are."""
 
 CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER = range(4)
 """Columns of what is called then: machine code, its state; the address of a block of samples, which
@@ -74,33 +77,59 @@ def cut_faces(finding, cutting):
 
 
 @helper
-def find_faces(finding, cutting, lengths, listing, tile_depths):
+def list_triangles(listing, pieces, set_up, start, sort):
+    """List the triangles of each tile; return how many there are, or -1 where room was missing."""
+    counts, sums, starts, room, piece_count, lengths = listing
+    store_int64(piece_count, pieces)
+    tiles = starts.shape[0] - 1
+    for n in range(tiles + 1):
+        counts[0, n] = 0
+    for n in range(sums.shape[0]):
+        sums[n] = 0
+    end = call_bound(set_up)
+    call_bound(start)
+    if starts[tiles] > room:
+        return np.int64(-1)
+    for n in range(lengths.shape[0]):
+        store_int64(lengths[n], end)
+    call_bound(sort)
+    return end
+
+
+@helper
+def find_faces(finding, cutting, listing, tile_depths):
     """Find the face at every pixel; return how many were cut, or -1 where room was missing."""
-    counts, sums, starts, room, pieces = listing
+    counts, tiles = listing[0], tile_depths.shape[0]
     seen = call_bound(finding[TRANSFORM])
     cut = np.int64(0)
     if seen & CLIPPED:
         cut = cut_faces(finding, cutting)
         if cut < 0:
             return cut
-    store_int64(pieces, cutting[2][cut] if cut > 0 else np.int64(0))
-    tiles = starts.shape[0] - 1
-    for n in range(tiles + 1):
-        counts[0, n] = 0
-    for n in range(sums.shape[0]):
-        sums[n] = 0
-    end = call_bound(finding[SET_UP])
-    call_bound(finding[START_LISTS])
-    if starts[tiles] > room:
-        return np.int64(-1)
-    for n in range(lengths.shape[0]):
-        store_int64(lengths[n], end)
-    call_bound(finding[BIN])
+    pieces = cutting[2][cut] if cut > 0 else np.int64(0)
+    listed = list_triangles(
+        listing, pieces, finding[SET_UP], finding[START_LISTS], finding[BIN]
+    )  # fmt: skip
+    if listed < 0:
+        return listed
     for n in range(tiles):
         tile_depths[n] = -np.inf
     if counts[0, tiles] > 0:
         call_bound(finding[FIND_TILE_DEPTHS])
     call_bound(finding[DRAW_TILES])
+    return cut
+
+
+@helper
+def list_for_samples(finding, cutting, listing, cut):
+    """List the triangles of each tile once more, if pixels have several samples; -1: no room."""
+    if finding.shape[0] == END_OF_SAMPLES:
+        pieces = cutting[2][cut] if cut > 0 else np.int64(0)
+        listed = list_triangles(
+            listing, pieces, finding[SET_UP_SAMPLES], finding[START_SAMPLES], finding[BIN_SAMPLES]
+        )  # fmt: skip
+        if listed < 0:
+            return listed
     return cut
 
 
@@ -120,9 +149,11 @@ def call_all(calls, number):
 @kernel
 def draw_views(
     chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1],
-    cutting: (int64[::1], int64[::1], int64[::1], int64[::1], int64), lengths: int64[::1],
-    listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64), tile_depths: float32[::1],
-    face_id: int32[:, ::1], calls: int64[:, ::1], totals: int64[:, ::1], is_drawn: uint8[::1],
+    cutting: (int64[::1], int64[::1], int64[::1], int64[::1], int64),
+    listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
+    listing_samples: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
+    tile_depths: float32[::1], face_id: int32[:, ::1], calls: int64[:, ::1],
+    totals: int64[:, ::1], is_drawn: uint8[::1],
 ):  # fmt: skip
     """
     Draw some views, one after the other.
@@ -133,16 +164,17 @@ def draw_views(
         For each view, which of those at hand it is, and its number, as it is told.
     loads : (K, 4) int64
         What is copied before each, see ``LOAD_FROM``; the first at hand is number 0.
-    finding : (11, 2) int64
+    finding : (11, 2) or (14, 2) int64
         How to call the kernels that find the faces, see ``TRANSFORM``.
     cutting : (counts (C,), vertex_starts (C+1,), piece_starts (C+1,), addresses (n,), int)
         Of at most C faces that are cut: how many vertices each has then, and running sums of these
         and of its pieces; words that are told how many faces are cut; the room for new vertices.
-    lengths : (n,) int64
-        Addresses of words that are told how many triangles were listed.
-    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int)
-        What those kernels count, the room for the lists of all tiles, and the address of the word
-        that tells how many pieces there are.
+    listing : (counts (1, tiles + 1), sums (5,), starts (tiles + 1,), int, int, lengths (n,))
+        What those kernels count, the room for the lists of all tiles, the address of the word that
+        tells how many pieces there are, and those of words that are told how many triangles were
+        listed.
+    listing_samples
+        The same of those that list what reaches any sample.
     tile_depths : (tiles,) float32
         Scratch memory of theirs.
     face_id : (H, W) int32
@@ -156,7 +188,9 @@ def draw_views(
     """
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
-        cut = find_faces(finding, cutting, lengths, listing, tile_depths)
+        cut = find_faces(finding, cutting, listing, tile_depths)
+        if cut >= 0:
+            cut = list_for_samples(finding, cutting, listing_samples, cut)
         if cut < 0:
             is_drawn[n] = 0
             continue
@@ -169,6 +203,34 @@ def draw_views(
             totals[n, k] = listing[1][k]
         totals[n, COVERED], totals[n, CUT] = covered, cut
         is_drawn[n] = 1
+
+
+@kernel
+def begin_mix(
+    sharing: int64[::1], rows: int64, behind: float32[:, :, ::1], mixed: float32[:, :, ::1]
+):
+    """
+    List the faces of some rows whose pixels have several samples, and begin with what is behind.
+
+    Parameters
+    ----------
+    sharing : (2,) int64
+        How to call ``weights.share_samples`` for these rows.
+    rows : int
+        Address of the word that is told how many rows all images of faces have together.
+    behind : (R, W, 4) float32, or (1, 1, 4) if all is alike
+        What is behind all faces, linear.
+    mixed : (R, 4, W) float32
+        Written.
+    """
+    layers = call_bound(sharing)
+    store_int64(rows, layers * mixed.shape[0])
+    down, right = np.int64(behind.shape[0] > 1), np.int64(behind.shape[1] > 1)
+    for row in range(mixed.shape[0]):
+        for k in range(mixed.shape[1]):
+            part = mixed[row, k]
+            for i in range(part.shape[0]):
+                part[i] = behind[row * down, i * right, k]
 
 
 @kernel

@@ -30,6 +30,7 @@ from rasterjit.rendering.kept import SHELF, Kept
 from rasterjit.rendering.notices import Told
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.sharing import can_share
 from rasterjit.rendering.stream import (
     Options,
     check_arguments,
@@ -83,11 +84,14 @@ def render_batch(
 
     Each view has the bits that `rasterjit.render` gives of it alone. Made for thousands of small
     pictures: what views have in common is decided and prepared once, and views are shared among
-    threads. Opaque faces of one sample a pixel are drawn in machine code from view to view; views
-    with shadows, fog, holes, transparency, overlays or several samples one by one, as `render`
-    draws them, in about its time. Memory beyond the result does not grow with the number of views.
-    What is prepared is kept with a `Scene`, and used again by the next call as far as scene and
-    arguments are the same. Ctrl-C ends it when the views are done that threads are just drawing.
+    threads. Opaque faces and alpha masks of 1 to 16 samples a pixel are drawn in machine code from
+    view to view, with any lights, fog, environments, tone curves and vignettes. Views with shadows,
+    whose maps are fitted to what each view sees, and with ambient occlusion, outlines, edges,
+    transparency, a picture behind, exact areas or averaged pictures (``samples``), or colours mixed
+    as codes (``blending``) are drawn one by one, as `render` draws them, in about its
+    time. Memory beyond the result does not grow with the number of views. What is prepared is kept
+    with a `Scene`, and used again by the next call as far as scene and arguments are the same.
+    Ctrl-C ends it when the views are done that threads are just drawing.
     There is no lens, max_error, diagnose or motion: `rasterjit.render` has them.
 
     Parameters
@@ -310,7 +314,8 @@ def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: in
     most = max(1, min(VIEWS_PER_GROUP, by_work, -(-count // workers)))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
-    if together.is_possible(views.options):
+    is_possible = together.is_possible(views.options)
+    if is_possible and can_share(kept.first, views.scene, cache):
         shared = Together(
             views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )

@@ -42,8 +42,8 @@ class Kept:
         self.cache = cache
         self.first: RenderPlan | None = None
         """The plan of the first view, of the batch at hand or the last."""
-        self.kinds: dict[bytes, tuple | None] = {}
-        """What a plan follows from, by which objects are in view."""
+        self.kinds: dict[bytes, tuple[tuple | None, bool]] = {}
+        """What is in view, and whether light falls on it, by which objects are in view."""
         self._plans: dict[tuple, RenderPlan] = {}
         self._desks: dict[tuple, list[tuple[int, Any]]] = {}
         """The size and the memory of those that nobody draws in, by what their plans follow from;
@@ -116,9 +116,13 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
         and all(map(operator.is_, one.asked.values(), other.asked.values()))
         and made.background.tobytes() == asked.background.tobytes()
         and _lights(made) == _lights(asked)
-        and [(one.effect, id(one.data)) for one in made.planned]
-        == [(one.effect, id(one.data)) for one in asked.planned]
+        and _effects(made) == _effects(asked)
     )
+
+
+def _effects(plan: RenderPlan) -> list[tuple[Any, int]]:
+    """Return the effects, with what is known of them beyond what is a view's own."""
+    return [(one.effect, id(one.data) * one.effect.follows_facts) for one in plan.planned]
 
 
 def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:

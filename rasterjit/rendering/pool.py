@@ -28,8 +28,9 @@ from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.kept import Kept
 from rasterjit.rendering.late import LateFrame, Moment
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.sharing import can_share
 from rasterjit.rendering.stream import AHEAD, Options, Pace
-from rasterjit.rendering.together import COUNTED, Drawer, Projections, Together, can_share
+from rasterjit.rendering.together import COUNTED, Drawer, Projections, Together
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache, prepare

@@ -580,7 +580,11 @@ class Shading:
         own = self._surface, self._shown, self._table, self._effects
         return steps + output_steps(*own, linear, color)
 
-    def mix(
+    def mix(self, *arguments: Any) -> None:
+        """Lay shares of the faces of some rows over what is behind; takes what `mixing` does."""
+        self.mixing(*arguments).run(BLOCKS.block, BLOCK)
+
+    def mixing(
         self,
         faces: NDArray[np.int32],
         first_row: int,
@@ -588,9 +592,9 @@ class Shading:
         rest: NDArray[np.float32],
         mixed: NDArray[np.float32],
         has_codes: bool,
-    ) -> None:
+    ) -> StageList:
         """
-        Lay shares of the faces of some rows over what is behind.
+        Return the stages that lay shares of the faces of some rows over what is behind.
 
         Parameters
         ----------
@@ -613,7 +617,7 @@ class Shading:
         steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
         own = self._surface, self._shown, self._table, self._effects
         steps += mixing_steps(*own, has_codes, (shares, rest, mixed))
-        StageList(steps).run(BLOCKS.block, BLOCK)
+        return StageList(steps)
 
     def _list(
         self,

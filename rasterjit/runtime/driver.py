@@ -149,6 +149,10 @@ class StageList:
         table = self._table()
         return Call(run_list.address(), ctypes.addressof(table), (self, table))
 
+    def place_of(self, number: int) -> int:
+        """Return the address of the arguments of a step of its own, in machine code."""
+        return ctypes.addressof(self._state) + self._layout.starts[number]
+
     def bound(self, block: NDArray[np.int64]) -> BoundList:
         """Return how machine code runs the stages with a block of samples."""
         table = self._table()

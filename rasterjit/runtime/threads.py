@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from operator import itemgetter
+from operator import is_, itemgetter
 from typing import Any
 
 import numpy as np
@@ -377,7 +377,10 @@ def are_same(one: Any, other: Any) -> bool:
     if kind is not type(other):
         return False
     if issubclass(kind, tuple):
-        return len(one) == len(other) and all(map(are_same, one, other))
+        if len(one) != len(other):
+            return False
+        # Mostly all of them are: they are not asked one by one.
+        return all(map(is_, one, other)) or all(map(are_same, one, other))
     # Zeros have signs.
     return one == other if kind in PLAIN else kind is float and one == other != 0.0
 

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.visibility.draw import Coverage
@@ -25,6 +27,7 @@ from rasterjit.survey.cache import SceneCache
 
 if TYPE_CHECKING:
     from rasterjit.survey.facts import Facts
+    from rasterjit.survey.many_views import Group
     from rasterjit.survey.placement import Boxes
     from rasterjit.survey.plan import RenderPlan
 
@@ -49,6 +52,9 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 
 
 Rows = list[tuple[str, str, str]]
+
+Field: TypeAlias = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
+"""``field(name, shape, dtype)`` returns an array that holds what is a view's own; see `share`."""
 
 
 class Planning(NamedTuple):
@@ -123,6 +129,21 @@ class Absent(NamedTuple):
         return self.effect.reason(self.facts, False)
 
 
+class Picture(NamedTuple):
+    """A picture that is drawn, with what effects write of it."""
+
+    face_id: NDArray[Any]
+    """(H, W) int32: the visible faces, -1 where none is."""
+    linear: NDArray[Any]
+    """(H, W, 4) float32; or (H, 0, 4) if nobody asks for it."""
+    color: NDArray[Any]
+    """(H, W) uint32, RGBA bytes in sRGB codes from the lowest up; or (H, 0)."""
+
+
+KernelCall: TypeAlias = tuple[Any, tuple[Any, ...]]
+"""A kernel and its arguments."""
+
+
 class Effect:
     """
     One row of ``explain``; a subclass says what is different from a row that does nothing.
@@ -158,6 +179,10 @@ class Effect:
         Whether it reads where vertices lie before they are divided by w.
     follows_facts : bool
         Whether facts alone decide what it answers: it is not asked again while they hold.
+    in_groups : bool
+        Whether views that have it are drawn in groups, in machine code from one to the next: what
+        it reads follows from the plan (`share`), but for arrays that follow from the camera and
+        where objects are (`differ`). Else each picture must be looked at to prepare it.
     places : dict of function
         What it does, by place; see ``PLACES``.
     """
@@ -174,6 +199,7 @@ class Effect:
     settings: tuple[str, ...] = ()
     reads_clip_positions = False
     follows_facts = False
+    in_groups = False
     places: Mapping[str, Callable[..., Any]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -218,6 +244,43 @@ class Effect:
             What it sees of the picture, and of others that it is prepared with (`see`).
         """
         return data
+
+    def answers(self, scene: Scene, group: Group) -> Any:
+        """
+        Tell which of many views in which faces are shaded need it, (N,) bool, or of all the same.
+
+        Asked only of those that do not follow from facts.
+        """
+        return True
+
+    def share(self, plan: RenderPlan, data: Any, field: Field) -> Any:
+        """
+        Return the record for many views of one plan, as `prepare` does for each of them.
+
+        Parameters
+        ----------
+        plan : RenderPlan
+            Of one of the views.
+        data
+            What that plan knows of it.
+        field : callable
+            Returns an array in which each view finds what `differ` gives of it under that name.
+        """
+        return data
+
+    def differ(self, scene: Scene, group: Group) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
+        return {}
+
+    def calls(self, record: Any, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
+        """Return how it acts on a whole picture, in groups; background and overlay do."""
+        return []
+
+    def calls_mixed(
+        self, record: Any, linear: NDArray[Any], background: NDArray[Any], shown: NDArray[Any]
+    ) -> list[KernelCall]:
+        """Return how it acts on mixed rows, in groups: takes what its function at "mixed" does."""
+        return []
 
     def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
         """

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
@@ -33,6 +33,7 @@ from rasterjit.scene.light import (
     SpotLight,
 )
 from rasterjit.survey.enclosure import Enclosures
+from rasterjit.survey.many_views import Group
 from rasterjit.survey.placement import Boxes
 
 FARTHEST_LIGHT = 1e18
@@ -214,42 +215,13 @@ class _Scenery:
         """Low and high corner along the world's axes, (O, 3) each."""
         return self._boxes.corners.min(axis=1), self._boxes.corners.max(axis=1)
 
-    @cached_property
-    def slack(self) -> NDArray[np.float64]:
-        """How far off the corners may be as kernels see them, (O,)."""
-        low, high = self.ends
-        return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=1)
-
     def in_range(self, light: Any) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
-        low, high = self.ends
-        place = np.array(light.position) - self.eye
-        slack = self.slack + LIGHT_ROUNDING * (np.abs(place).max() + light.range)
-        with np.errstate(invalid="ignore", over="ignore"):
-            gaps = np.maximum(low - place, place - high) - slack[:, np.newaxis]
-            x, y, z = np.maximum(gaps, 0.0).T / light.range
-            return self._boxes.in_view & (x * x + y * y + z * z < 1.0) | self.is_unsure
+        return self._boxes.in_view & _is_in_range(light, self.eye, *self.ends) | self.is_unsure
 
     def in_cone(self, light: SpotLight) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and meets a light's cone."""
-        low, high = self.ends
-        place, axis = np.array(light.position) - self.eye, np.array(light.direction)
-        _, cosine = transforms.sine_cosine(light.outer_angle)
-        cosine = max(cosine - LIGHT_ROUNDING, 0.0)
-        sine = math.sqrt(1.0 - cosine * cosine)
-        with np.errstate(invalid="ignore", over="ignore"):
-            # Hold the sphere around each box against the cone's side, or behind it its tip.
-            x, y, z = ((low + high) / 2.0 - place).T
-            a, b, c = ((high - low) / 2.0).T
-            radius = np.sqrt(a * a + b * b + c * c) + self.slack
-            radius += LIGHT_ROUNDING * float(np.abs(place).max())
-            ahead = x * axis[0] + y * axis[1] + z * axis[2]
-            p, q, r = x - ahead * axis[0], y - ahead * axis[1], z - ahead * axis[2]
-            aside = np.sqrt(p * p + q * q + r * r)
-            beside = aside * cosine - ahead * sine
-            is_behind = aside * sine + ahead * cosine < 0.0
-            away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
-            return self._boxes.in_view & ~(away > radius) | self.is_unsure
+        return self._boxes.in_view & _is_in_cone(light, self.eye, *self.ends) | self.is_unsure
 
     def wall_against(self, light: Any) -> int | None:
         """Return the object that is closed between what is seen and a light, if any."""
@@ -286,6 +258,72 @@ class _Scenery:
             room = _room_aside(light.shadow, first, last) + (light.shadow.light_size or 0.0) / 2.0
         first, last = first - room, last + room
         return _meets_another(first, last, receivers, low[casters], high[casters], casters)
+
+
+def _slack(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far off the corners of boxes, (..., 3), may be as kernels see them, (...)."""
+    return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=-1)
+
+
+def _is_in_range(
+    light: Any, eye: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """
+    Tell of boxes, (..., O), whether a light's range reaches them.
+
+    Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 3) each.
+    """
+    place = (np.array(light.position) - eye)[..., np.newaxis, :]
+    slack = _slack(low, high) + LIGHT_ROUNDING * (np.abs(place).max(axis=-1) + light.range)
+    with np.errstate(invalid="ignore", over="ignore"):
+        gaps = np.maximum(low - place, place - high) - slack[..., np.newaxis]
+        x, y, z = np.moveaxis(np.maximum(gaps, 0.0), -1, 0) / light.range
+        return x * x + y * y + z * z < 1.0
+
+
+def _is_in_cone(
+    light: SpotLight, eye: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell of boxes, (..., O), whether they meet a light's cone; takes what `_is_in_range` does."""
+    place = (np.array(light.position) - eye)[..., np.newaxis, :]
+    axis = np.array(light.direction)
+    _, cosine = transforms.sine_cosine(light.outer_angle)
+    cosine = max(cosine - LIGHT_ROUNDING, 0.0)
+    sine = math.sqrt(1.0 - cosine * cosine)
+    with np.errstate(invalid="ignore", over="ignore"):
+        # Hold the sphere around each box against the cone's side, or behind it its tip.
+        x, y, z = np.moveaxis((low + high) / 2.0 - place, -1, 0)
+        a, b, c = np.moveaxis((high - low) / 2.0, -1, 0)
+        radius = np.sqrt(a * a + b * b + c * c) + _slack(low, high)
+        radius += LIGHT_ROUNDING * np.abs(place).max(axis=-1)
+        ahead = x * axis[0] + y * axis[1] + z * axis[2]
+        p, q, r = x - ahead * axis[0], y - ahead * axis[1], z - ahead * axis[2]
+        aside = np.sqrt(p * p + q * q + r * r)
+        beside = aside * cosine - ahead * sine
+        is_behind = aside * sine + ahead * cosine < 0.0
+        away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
+        return ~(away > radius)
+
+
+def reach(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
+    """Tell of lights without shadows, (N, L), whether they reach what is seen: `plan_lights`."""
+    reached = np.zeros((len(group.in_view), len(lights)), np.bool_)
+    for n, light in enumerate(lights):
+        if light.intensity == 0.0 or not any(light.color):
+            continue
+        bounds: list[Callable[..., NDArray[np.bool_]]] = []
+        if getattr(light, "range", None) is not None:
+            bounds.append(_is_in_range)
+        if isinstance(light, SpotLight):
+            bounds.append(_is_in_cone)
+        if not bounds:
+            reached[:, n] = True
+            continue
+        ends, lit = (group.corners.min(axis=2), group.corners.max(axis=2)), group.in_view
+        for is_within in bounds:
+            lit = lit & (group.in_view & is_within(light, group.eyes, *ends) | group.is_unsure)
+        reached[:, n] = lit.any(axis=1)
+    return reached
 
 
 def _room_aside(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:

@@ -6,12 +6,15 @@ Every operation is that of the function named, in its order; N views, O objects.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
 from rasterjit.survey.clip_planes import SURE
 from rasterjit.survey.placement import Places, place_boxes, place_objects
 
@@ -31,6 +34,56 @@ class ManyViews(NamedTuple):
     """(N,): 1 or -1."""
     is_finite: NDArray[np.bool_]
     """(N,): whether the matrices are; `placement.view_places` refuses others."""
+
+
+class Group:
+    """
+    Some views of a scene, as effects and lights look at them: `placement.Boxes` of each.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+        With planes that are put already.
+    size : (int, int)
+        Width and height of the pictures, pixels.
+    eyes : (N, 3) float64, world space
+    views : ManyViews
+    in_view : (N, O) bool
+        Which objects may be seen.
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without any.
+    """
+
+    def __init__(
+        self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64, views: ManyViews,
+        in_view: NDArray[np.bool_], bounds: Float64,
+    ) -> None:  # fmt: skip
+        self.cameras, self.size = cameras, size
+        self.eyes, self.views, self.in_view = eyes, views, in_view
+        self._bounds = bounds
+
+    @cached_property
+    def corners(self) -> Float64:
+        """The corners of all boxes, (N, O, 8, 3), world axes, relative to the eye."""
+        matrices = self.views.relative_from_model
+        count, objects = matrices.shape[:2]
+        boxes = np.broadcast_to(self._bounds, (count, objects, 2, 3)).reshape(-1, 2, 3)
+        corners = place_boxes(boxes, matrices.reshape(-1, 4, 4)[:, :3])
+        return corners.reshape(count, objects, 8, 3)
+
+    @cached_property
+    def is_unsure(self) -> NDArray[np.bool_]:
+        """Whether it is not known how far an object reaches, though it may be seen, (N, O)."""
+        return self.in_view & ~np.isfinite(self.corners).all(axis=(2, 3))
+
+    def farthest(self) -> Float64:
+        """Return distances from the eyes, (N,), scene units, that nothing in view is beyond."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            x, y, z = np.moveaxis(self.corners, 3, 0)
+            squares = (x * x + y * y) + z * z
+        squares = np.where(np.isfinite(squares), squares, np.inf)
+        squares = np.where(self.in_view[:, :, np.newaxis], squares, 0.0)
+        return np.sqrt(squares.max(axis=(1, 2), initial=0.0))
 
 
 def place_many(world_from_model: Float64) -> Places:

@@ -219,6 +219,7 @@ def test_frames_are_their_own_and_can_be_pickled():
 @in_groups
 def test_a_plan_tells_what_was_drawn_though_the_scene_has_changed():
     scene, cameras = mixed_scene(), around(30)
+    scene.fog = rj.Fog(density=0.1)
     frames = list(rj.render_many(scene, cameras, size=SIZE, threads=1))
     wanted = str(rj.render(scene, cameras[-1], size=SIZE).plan)
     scene.nodes[0].world_from_model = np.diag((9.0, 9.0, 9.0, 1.0))
@@ -253,12 +254,15 @@ def test_the_rule_says_how_many_are_drawn_in_one_go():
     # No more than there is room for.
     assert decided(scene, (256, 256), outputs=("color", "depth", "normal")) == 6
     # What shares too little.
-    assert decided(scene, quality=rj.Quality(samples=4)) == 1
+    assert decided(scene, quality=rj.Quality(samples=64)) == 1
     assert decided(scene, outputs=("color", "coverage")) == 1
     assert decided(scene, background=np.zeros((28, 40, 3), np.uint8)) == 1
-    scene.fog = rj.Fog(density=0.2)
+    scene.outline = rj.Outline()
     assert decided(scene) == 1
-    scene.fog = None
+    scene.outline, scene.fog = None, rj.Fog(density=0.2)
+    assert decided(scene) == batch.VIEWS_PER_GROUP
+    scene.lights = [rj.DirectionalLight(shadow=rj.Shadow(64))]
+    assert decided(scene) == 1
     large = rj.Scene()
     large.add(rj.Mesh(np.random.default_rng(0).random((99, 3)), np.zeros((140_000, 3), int)))
     with warnings.catch_warnings():

@@ -343,7 +343,7 @@ ALLOWED = {
     ("rendering/pool.py", "prod"): "whole numbers: lengths of arrays",
     ("rendering/kept.py", "sum"): "whole numbers: bytes",
     ("rendering/together.py", "sum"): "whole numbers: counts of faces and pixels",
-    ("rendering/together.py", "prod"): "whole numbers: lengths of arrays",
+    ("rendering/desk.py", "prod"): "whole numbers: lengths of arrays",
     ("distributed/layers.py", "sum"): "whole numbers: counts of faces",
     ("distributed/many.py", "sum"): "whole numbers: threads of a cluster",
     ("distributed/large.py", "sum"): "whole numbers: threads of a cluster",

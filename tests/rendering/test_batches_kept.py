@@ -34,9 +34,9 @@ def made(monkeypatch):
     """Return the plans that memory is made for."""
     plans, make = [], together.Desk.__init__
 
-    def noted(self, plan, cache):
+    def noted(self, plan, *others):
         plans.append(plan)
-        make(self, plan, cache)
+        make(self, plan, *others)
 
     monkeypatch.setattr(together.Desk, "__init__", noted)
     return plans
@@ -85,6 +85,26 @@ CHANGES = {
     "a tone curve": lambda scene: give(scene, tone_map=rj.ToneMap("neutral", 0.5)),
     "another tone curve": lambda scene: give(scene, tone_map=rj.ToneMap("reinhard", 0.9)),
     "fog": lambda scene: give(scene, fog=rj.Fog(density=0.2, mode="exp")),
+    "fog by height": lambda scene: give(
+        scene, fog=rj.Fog("gray", density=0.3, mode="exp", height=0.2, falloff=0.5)
+    ),
+    "fog that begins at a distance": lambda scene: give(
+        scene, fog=rj.Fog("red", mode="linear", start=4.2, end=9.0)
+    ),
+    "an environment": lambda scene: give(scene, environment=rj.Environment.gradient()),
+    "a brighter one": lambda scene: give(
+        scene, environment=replace(scene.environment, intensity=2.0)
+    ),
+    "one that is not seen": lambda scene: give(
+        scene, environment=replace(scene.environment, background=False)
+    ),
+    "a vignette": lambda scene: give(scene, vignette=rj.Vignette()),
+    "a weaker vignette": lambda scene: give(scene, vignette=rj.Vignette(0.2)),
+    "a cone": lambda scene: scene.lights.append(rj.SpotLight((-1.2, 4, -1), (0, -1, 0))),
+    "a narrower cone": lambda scene: scene.lights.__setitem__(
+        -1, rj.SpotLight((-1.2, 4, -1), (0, -1, 0), outer_angle=9.0)
+    ),
+    "no environment": lambda scene: give(scene, environment=None, vignette=None),
     "no fog": lambda scene: give(scene, fog=None, tone_map=None),
     "no lights": lambda scene: scene.lights.clear(),
 }

@@ -12,7 +12,7 @@ from batches import MODELS, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.rendering import batch, together
+from rasterjit.rendering import batch, desk, together
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
@@ -25,6 +25,8 @@ def scene():
     return mixed_scene()
 
 
+HIGH = rj.Fog("gray", density=0.3, mode="exp", height=0.2, falloff=0.5)
+SKY = rj.Environment(np.random.default_rng(7).random((8, 16, 3), np.float32), rotation=30.0)
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)
 SHADINGS = "unlit", "flat", "gouraud", "phong", "pbr"
 
@@ -80,10 +82,11 @@ def check_quietly(*arguments, **options):
         return check(*arguments, **options)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_any_camera_shows_the_same(scene, seed, alone):
-    cameras = random_cameras(90, seed)
-    check_quietly(scene, cameras, outputs=("color", "depth", "distance", "face_id"), threads=2)
+@pytest.mark.parametrize(("seed", "samples"), [(0, 1), (1, 1), (2, 1), (3, 4)])
+def test_any_camera_shows_the_same(scene, seed, samples, alone):
+    cameras, outputs = random_cameras(90, seed), ("color", "depth", "distance", "face_id")
+    quality = rj.Quality(samples=samples)
+    check_quietly(scene, cameras, outputs=outputs, quality=quality, threads=2)
     if not (jit.DISABLED or jit.CHECKED):
         assert 0 < len(alone) < 80
 
@@ -163,23 +166,26 @@ def test_faces_before_given_planes_are_cut_in_groups(scene, precision, alone):
 
 
 @in_groups
-def test_views_without_and_with_cuts_follow_each_other(alone):
-    scene = robots(800)
+@pytest.mark.parametrize("samples", [1, 4])
+def test_views_without_and_with_cuts_follow_each_other(samples, alone):
+    scene, quality = robots(800), rj.Quality(samples=samples)
     away = [replace(camera, target=(20.0, 40.0, 0.0)) for camera in around(4, 3.0)]
     cameras = [
         one for pair in zip(around(4, 3.0), around(4, 100.0), away, strict=True) for one in pair
     ]
-    check_quietly(scene, cameras, outputs=("color", "uv", "depth"), threads=1)
+    check_quietly(scene, cameras, outputs=("color", "uv", "depth"), quality=quality, threads=1)
     rng = np.random.default_rng(4)
     places = np.tile(np.eye(4), (12, 4, 1, 1))
     places[..., :3, :] += rng.normal(0.0, 0.1, (12, 4, 3, 4))
-    check_quietly(scene, cameras, places, outputs=("color", "uv", "depth"), threads=1)
+    check_quietly(
+        scene, cameras, places, outputs=("color", "uv", "depth"), quality=quality, threads=1
+    )
     assert alone == []
 
 
 @in_groups
 def test_more_faces_to_cut_than_there_is_room_for_are_drawn_one_by_one(alone, monkeypatch):
-    monkeypatch.setattr(together, "room_to_cut", lambda faces: (1, 28))
+    monkeypatch.setattr(desk, "room_to_cut", lambda faces: (1, 28))
     cameras = [
         replace(camera, near=near) for camera, near in zip(around(4), (0.1, 3.9) * 2, strict=True)
     ]
@@ -223,6 +229,53 @@ def test_every_shading_and_light_is_drawn_in_groups(shading, lights, alone):
 
 @in_groups
 @pytest.mark.parametrize(
+    "lights",
+    [
+        [rj.SpotLight((-5, 3, 0), (0, -1, 0), outer_angle=20.0), rj.AmbientLight(intensity=0.2)],
+        [rj.PointLight((0, 2, 0), "blue", range=2.0), rj.DirectionalLight((1, -1, -1))],
+        [rj.PointLight((5, 2, 0), range=2.0), rj.SpotLight((-9, 1, 0), (1, 0, 0), range=5.0)],
+        [rj.DirectionalLight(intensity=0), rj.SpotLight((9, 0, 0), (-1, 0.3, 0), range=4.0)],
+    ],
+)
+def test_lights_that_reach_some_views_are_drawn_in_groups(lights, alone):
+    cube = rj.load(MODELS / "cube.ply").nodes[0].mesh
+    scene = rj.Scene()
+    scene.lights = lights
+    for n, shading in enumerate(("phong", "gouraud", "pbr")):
+        made = rj.Mesh(cube.vertices, cube.faces, material=rj.Material(shading))
+        scene.add(made, rj.transforms.translate((5.0 * (n - 1), 0.0, 0.0)))
+    # Each camera sees other cubes, which other lights reach.
+    cameras = [
+        rj.PerspectiveCamera((x, 1.0, 6.0), (x, 0.0, 0.0), fov_y=fov_y)
+        for x in (-5.0, 0.0, 5.0)
+        for fov_y in (20.0, 70.0)
+    ]
+    reaching = {rj.explain(scene, camera, size=(40, 28)).facts.lights.numbers for camera in cameras}
+    assert len(reaching) > 1
+    check(scene, cameras, outputs=("color", "linear"))
+    places = np.array([[node.world_from_model for node in scene.nodes]] * len(cameras))
+    places[:, :, :3, 3] += np.random.default_rng(1).normal(0.0, 0.6, (len(cameras), 3, 3))
+    check(scene, cameras, places, outputs=("color",))
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize("mode", ["here", "moved"])
+def test_fog_that_some_views_are_before_is_drawn_in_groups(scene, mode, alone):
+    scene.fog = rj.Fog("white", mode="linear", start=5.0, end=9.0)
+    cameras = [*around(3, 2.0), *around(3, 6.0), rj.OrthographicCamera((0, 3, 3), (0, 0, 0))]
+    places = None
+    if mode == "moved":
+        places = np.array([[node.world_from_model for node in scene.nodes]] * len(cameras))
+        places[:, :, :3, 3] += np.random.default_rng(1).normal(0.0, 0.3, (len(cameras), 3, 3))
+    found = {rj.explain(scene, camera, size=(40, 28)).has("fog") for camera in cameras}
+    assert found == {False, True}
+    check(scene, cameras, places, outputs=("color", "linear"))
+    assert alone == []
+
+
+@in_groups
+@pytest.mark.parametrize(
     ("quality", "options", "change"),
     [
         (rj.Quality(precision="float32"), {}, {}),
@@ -236,6 +289,32 @@ def test_every_shading_and_light_is_drawn_in_groups(shading, lights, alone):
         (None, {"outputs": ("distance", "normal"), "size": (131, 67)}, {}),
         (None, {"outputs": ("depth", "color"), "size": (200, 150)}, {}),
         (None, {"size": (1, 1)}, {}),
+        (None, {"size": (131, 67)}, {"vignette": rj.Vignette()}),
+        (None, {"outputs": ("linear", "color")}, {"environment": rj.Environment.gradient()}),
+        (None, {"outputs": ("linear",)}, {"environment": SKY, "tone_map": rj.ToneMap()}),
+        (
+            None,
+            {"outputs": ("color", "linear"), "size": (64, 33)},
+            {"environment": SKY, "tone_map": rj.ToneMap(), "fog": HIGH, "vignette": rj.Vignette()},
+        ),
+        (None, {"background": "red"}, {"environment": rj.Environment(SKY.sky, background=False)}),
+        (rj.Quality(samples=2), {"size": (64, 64)}, {}),
+        (rj.Quality(samples=4), {"outputs": ("color", "linear", "uv", "face_id")}, {"fog": HIGH}),
+        (rj.Quality(samples=4), {"size": (131, 67)}, {"vignette": rj.Vignette()}),
+        (rj.Quality(samples=4), {"background": "transparent"}, {"tone_map": rj.ToneMap()}),
+        (
+            rj.Quality(samples=4),
+            {"outputs": ("linear", "color"), "size": (90, 100)},
+            {"environment": SKY, "tone_map": rj.ToneMap()},
+        ),
+        (rj.Quality(samples=8), {"outputs": ("color",), "cull": "back"}, {"environment": SKY}),
+        (rj.Quality(samples=16), {"size": (200, 150)}, {}),
+        (rj.Quality(samples=16), {"outputs": ("linear",)}, {"tone_map": rj.ToneMap()}),
+        (rj.Quality(samples=4), {"outputs": ("depth",)}, {}),
+        (rj.Quality(samples=4, precision="float32", interpolation="affine"), {}, {}),
+        (None, {}, {"fog": HIGH}),
+        (None, {}, {"fog": rj.Fog(density=0.2, mode="exp2")}),
+        (None, {"outputs": ("depth",)}, {"fog": HIGH}),
     ],
 )
 def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
@@ -249,23 +328,18 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
 @pytest.mark.parametrize(
     ("quality", "change", "options"),
     [
-        (rj.Quality(samples=4), {}, {}),
         (rj.Quality(samples="area"), {}, {}),
+        (rj.Quality(samples=4, blending="srgb8"), {}, {}),
+        (rj.Quality(samples=4), {"glass": 0.5}, {}),
         (rj.Quality(samples=64), {}, {}),
         (rj.Quality(depth_format="float64"), {}, {}),
         (rj.Quality(depth_format="unorm24"), {}, {}),
         (rj.Quality(renormalize=False), {}, {}),
-        (None, {"fog": rj.Fog(density=0.2, mode="exp")}, {}),
         (None, {"outline": rj.Outline()}, {}),
         (None, {"wireframe": rj.Wireframe()}, {}),
-        (None, {"vignette": rj.Vignette()}, {}),
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
-        (None, {"environment": rj.Environment.gradient()}, {}),
-        (None, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}, {}),
-        (None, {"lights": [rj.PointLight((0, 2, 0), range=3.0)]}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
         (None, {"glass": 0.5}, {}),
-        (None, {"mask": 0.5}, {}),
         (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),
     ],
 )
@@ -281,6 +355,35 @@ def test_what_is_drawn_one_by_one_is_the_same(scene, quality, change, options):
 
 
 @in_groups
+@pytest.mark.parametrize("kind", ["colors", "texture", "faces", "all of it"])
+@pytest.mark.parametrize("quality", [None, rj.Quality(samples=4), rj.Quality(precision="float32")])
+def test_holes_are_drawn_in_groups(scene, kind, quality, alone):
+    rng = np.random.default_rng(8)
+    mask = {"alpha_mode": "mask", "alpha_cutoff": 0.6}
+    cube, quad = scene.nodes[1].mesh, scene.nodes[2].mesh
+    own = {"vertices": cube.vertices, "faces": cube.faces}
+    if kind == "colors":
+        scene.nodes[1].mesh = rj.Mesh(
+            **own, colors=rng.random((len(cube.vertices), 4)), material=rj.Material(**mask)
+        )
+    if kind == "faces":
+        scene.nodes[1].mesh = rj.Mesh(
+            **own, colors=rng.random((len(cube.faces), 4)), material=rj.Material(**mask)
+        )
+    if kind == "texture":
+        texture = rj.Texture(rng.integers(0, 255, (8, 8, 4), np.uint8))
+        quad.material = rj.Material("flat", base_color_texture=texture, **mask)
+        scene.nodes[2].mesh = rj.Mesh(quad.vertices, quad.faces, uv=quad.uv, material=quad.material)
+    if kind == "all of it":
+        cube.material = replace(cube.material, base_color=(0.5, 0.2, 0.1, 0.5), **mask)
+    near = [replace(camera, near=0.01) for camera in around(4, 1.3)]
+    away = rj.PerspectiveCamera((0.0, 0.5, 4.0), (-1.2, 0.0, -1.0), fov_y=8.0)
+    outputs = "color", "linear", "depth", "face_id", "uv"
+    check(scene, [*around(5), away, *near], outputs=outputs, quality=quality, size=(90, 70))
+    assert alone == []
+
+
+@in_groups
 def test_longer_lists_than_there_is_room_for_are_drawn_one_by_one(alone):
     rng = np.random.default_rng(5)
     # Every face reaches all tiles of the picture, and there are more tiles than lists have room.
@@ -292,6 +395,21 @@ def test_longer_lists_than_there_is_room_for_are_drawn_one_by_one(alone):
     check(scene, [camera], outputs=("face_id",), size=(64, 64))
     assert alone == []
     check(scene, [camera], outputs=("face_id",), size=(384, 384))
+    assert alone == [0]
+
+
+@in_groups
+def test_longer_lists_of_samples_than_there_is_room_for_are_drawn_one_by_one(alone):
+    # All end below the border of two rows of tiles, before the next centres of pixels.
+    corners = np.tile([(-2000, -0.3, 0), (2000, -0.3, 0), (0, 4000, 0)], (9000, 1, 1)).astype(float)
+    corners[..., 2] = np.linspace(-9.0, 0.0, 9000)[:, np.newaxis]
+    scene, quality = rj.Scene(), rj.Quality(samples=4)
+    scene.add(rj.Mesh(corners.reshape(-1, 3), np.arange(27000).reshape(-1, 3)))
+    camera = rj.OrthographicCamera((0, 0, 100), (0, 0, 0), height=128.0)
+    check(scene, [camera], outputs=("color",), size=(768, 128))
+    check(scene, [camera], outputs=("color",), size=(192, 128), quality=quality)
+    assert alone == []
+    check(scene, [camera], outputs=("color",), size=(768, 128), quality=quality)
     assert alone == [0]
 
 

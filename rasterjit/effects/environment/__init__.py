@@ -23,6 +23,7 @@ from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.encode import encoding_table
 from rasterjit.runtime.driver import Step
+from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.pixels import clip_from_relative
@@ -30,15 +31,22 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
     Effect,
+    Field,
     FrameContext,
+    KernelCall,
     Look,
+    Picture,
     Planned,
     Planning,
     Rows,
     with_field,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
+
+RAYS = "rays through the background"
+"""Name of what views do not share of it."""
 
 
 class Sky(NamedTuple):
@@ -73,8 +81,14 @@ class Sky(NamedTuple):
             Written.
         """
         left, top = self.corner
-        first = left, top + first_row
         environment_stage.show_environment(
+            *self.arguments(Picture(face_id, linear, color), (left, top + first_row))
+        )
+
+    def arguments(self, picture: Picture, first: tuple[int, int]) -> tuple[Any, ...]:
+        """Return what the kernel takes, given the column and row of a picture's first pixel."""
+        face_id, linear, color = picture
+        return (
             face_id, first, self.rays, self.size, self.environment, self.tone, encoding_table(),
             linear, color,
         )  # fmt: skip
@@ -87,8 +101,13 @@ def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64
     Row 0 is the direction at the middle of the frame, rows 1 and 2 its change with x and y in
     normalized device coordinates; see ``stage.color_along``. Only their ratios matter.
     """
-    clip = clip_from_relative(camera, size)
-    rows = clip[:, :3] / np.abs(clip[[0, 1, 3], :3]).max()
+    return rays_of(clip_from_relative(camera, size))
+
+
+def rays_of(clip: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same, given ``clip_from_relative``, (4, 4), whatever signs its zeros have."""
+    with np.errstate(all="ignore"):
+        rows = (clip[:, :3] + 0.0) / np.abs(clip[[0, 1, 3], :3]).max()
     x, y, depth, w = rows.tolist()
     middle = _cross(x, y)
     if any(w):
@@ -124,6 +143,7 @@ class EnvironmentLight(Effect):
     key = "v"
     term = "environment"
     follows_facts = True
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light from all around reaches a colour that is asked for."""
@@ -147,6 +167,10 @@ class EnvironmentLight(Effect):
     ) -> EnvironmentRecord:
         """Return the environment, filtered as far as anything reads it."""
         return environment_record(data, context.plan.facts.needs_microfacets, context.workers)
+
+    def share(self, plan: RenderPlan, data: Environment, field: Field) -> EnvironmentRecord:
+        """Return the environment, which is the same for all views."""
+        return environment_record(data, plan.facts.needs_microfacets, Workers(1))
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""
@@ -187,6 +211,7 @@ class EnvironmentBackground(Effect):
     name = "environment background"
     key = "b"
     follows_facts = True
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether the environment is seen where no face is."""
@@ -215,6 +240,21 @@ class EnvironmentBackground(Effect):
         plan = context.plan
         rays = background_rays(plan.camera, plan.size)
         return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
+
+    def share(self, plan: RenderPlan, data: Environment, field: Field) -> Sky:
+        """Return the environment as each view sees it."""
+        return Sky(field(RAYS, (3, 3), np.float64), plan.size, backdrop_record(data), tone_of(plan))
+
+    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float64]]:
+        """Return the directions that each view looks along."""
+        if scene.environment is None or not scene.environment.background:
+            return {}
+        return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}
+
+    def calls(self, record: Sky, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
+        """Return how it is shown in a whole picture."""
+        arguments = record.arguments(picture, record.corner)
+        return [(environment_stage.show_environment, arguments)]
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is not seen."""

@@ -10,15 +10,19 @@ from __future__ import annotations
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.effects.fog import stage as fog_stage
 from rasterjit.pipeline.surface import attributes
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
-from rasterjit.survey.effect import Absent, Effect, Look, Planned, Planning
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import Absent, Effect, Field, Look, Planned, Planning
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.many_views import Group
 from rasterjit.survey.placement import Boxes
+from rasterjit.survey.plan import RenderPlan
 
 FOG_MODES = {
     "linear": fog_stage.LINEAR,
@@ -52,7 +56,7 @@ class FogRecord(NamedTuple):
     density: Any
     """float32: halvings a scene unit."""
     above: Any
-    """float32, scene units: height of the eye over where the fog has its density."""
+    """(1,) float32, scene units: height of the eye over where the fog has its density."""
     falloff: Any
     """float32: halvings of the density a scene unit upwards; 0 for even density."""
     flat: Any
@@ -72,18 +76,21 @@ def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
     """Return fog as shading reads it, for a scene with or without objects shaded flat."""
     halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
     start, end = fog.start or 0.0, fog.end or 0.0
-    above = float(camera.eye_position()[1]) - (fog.height or 0.0)
-    above = max(-LARGEST, min(LARGEST, above))
     return FogRecord(
         FOG_MODES[fog.mode],
         np.array(fog.color, np.float32),
         np.float32(end),
         np.float32(1.0 / (end - start) if end > start else 0.0),
         np.float32((fog.density or 0.0) * halvings),
-        np.float32(above),
+        _heights(fog, np.array(camera.eye_position()[1:2], np.float64)),
         np.float32((fog.falloff or 0.0) * HALVINGS),
         np.int64(1) if has_flat else None,
     )
+
+
+def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return how high eyes, (N,), are above where the fog has its density."""
+    return np.clip(eyes - (fog.height or 0.0), -LARGEST, LARGEST).astype(np.float32)
 
 
 class FogEffect(Effect):
@@ -92,6 +99,7 @@ class FogEffect(Effect):
     name = "fog"
     field = "fog"
     key = "n"
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether fog may cover a colour that is asked for."""
@@ -111,6 +119,24 @@ class FogEffect(Effect):
             return "its density is 0" if fog.density == 0.0 else "it begins beyond everything"
         by_height = ", by height" if fog.height is not None else ""
         return f"mode {fog.mode}{by_height}"
+
+    def answers(self, scene: Scene, group: Group) -> Any:
+        """Tell which views the fog is in reach of: `is_fog_in_reach`."""
+        fog = scene.fog
+        if fog is None or fog.density == 0.0:
+            return False
+        if fog.mode != "linear" or fog.start == 0.0:
+            return True
+        return group.farthest() * DISTANCE_ROUNDING > fog.start
+
+    def share(self, plan: RenderPlan, data: FogRecord, field: Field) -> FogRecord:
+        """Return the fog, with the height of each view's eye."""
+        return data._replace(above=field("height above fog", (1,), np.float32))
+
+    def differ(self, scene: Scene, group: Group) -> dict[str, NDArray[np.float32]]:
+        """Return the heights of the eyes."""
+        fog = scene.fog
+        return {} if fog is None else {"height above fog": _heights(fog, group.eyes[:, 1])}
 
     def neutral(self, record: FogRecord) -> FogRecord:
         """Return fog without density."""

@@ -147,7 +147,7 @@ def cover_linearly(
 
 @stage
 def cover_exponentially(
-    block: Block, count, density: float32, squares: float32, above: float32, falloff: float32,
+    block: Block, count, density: float32, squares: float32, above: float32[::1], falloff: float32,
     color: float32[::1], toward_viewer: float32[::1],
 ):  # fmt: skip
     """
@@ -157,14 +157,16 @@ def cover_exponentially(
     ----------
     block, count, color, toward_viewer
         As `cover_linearly` takes them.
-    density, above, falloff : float32
+    density, falloff : float32
         See ``FogRecord``.
+    above : (1,) float32, scene units
+        Height of the eye over where the fog has its density.
     squares : float32
         1: the depth is squared, 0: it is not.
     """
     s = block.samples
     cover_by_powers(
-        density, squares, above, falloff, color, unit_viewer(toward_viewer),
+        density, squares, above[0], falloff, color, unit_viewer(toward_viewer),
         part(s, POINT_X, 0, count), part(s, POINT_Y, 0, count), part(s, POINT_Z, 0, count),
         part(s, OUT_RED, 0, count), part(s, OUT_GREEN, 0, count), part(s, OUT_BLUE, 0, count),
     )  # fmt: skip

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -510,8 +511,13 @@ def _right_of(camera: Camera) -> tuple[float, ...]:
     return tuple(transforms.unit_vector("axis", right).tolist()) if right.any() else (1.0, 0.0, 0.0)
 
 
+@lru_cache(1)
 def disk_points() -> NDArray[np.float32]:
-    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [2]_."""
+    """
+    Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [2]_.
+
+    The same array each time: it is not to be written to.
+    """
     points = []
     for n in range(COMPARISONS):
         radius = math.sqrt((n + 0.5) / COMPARISONS)
@@ -520,11 +526,13 @@ def disk_points() -> NDArray[np.float32]:
     return np.array(points, np.float32)
 
 
+@lru_cache(64)
 def spiral(size: int) -> NDArray[np.float32]:
     """
     Return points around a sample in a map of a side, (S, 2), texels: as dense as they are near.
 
-    What shades a sample may be just above it or far: of each, the points see the same share.
+    What shades a sample may be just above it or far: of each, the points see the same share. The
+    same array each time for a side: it is not to be written to.
     """
     points, radius = [], 1.0
     while radius <= float(filters.LARGEST_RADIUS) * size + 1.0:

@@ -108,13 +108,14 @@ def seen_cells(camera: Camera, seen: SeenDepth) -> Float64:
         # A camera that flattens space: no point follows from its picture.
         return np.empty((0, 8, 3))
     side = receivers.CELL
+    right, down, is_near = CORNERS.T
     corners = np.empty((len(rows), 8, 3))
-    for n in range(8):
-        x = np.minimum((columns + (n & 1)) * side, width)
-        y = np.minimum((rows + (n >> 1 & 1)) * side, height)
-        corners[:, n, 0] = 2.0 * x / width - 1.0
-        corners[:, n, 1] = 1.0 - 2.0 * y / height
-        corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
+    x = np.minimum((columns[:, np.newaxis] + right) * side, width)
+    y = np.minimum((rows[:, np.newaxis] + down) * side, height)
+    corners[:, :, 0] = 2.0 * x / width - 1.0
+    corners[:, :, 1] = 1.0 - 2.0 * y / height
+    depths = (depth[rows, columns][:, np.newaxis] for depth in (highest, lowest))
+    corners[:, :, 2] = np.where(is_near, *depths)
     points = _projected(relative_from_screen, corners)
     return points[np.isfinite(points).all(axis=(1, 2))]
 
@@ -127,13 +128,15 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     its farthest corner. The cell is what that and the box have in common along the world's axes, or
     the box itself if that is not larger.
     """
+    if not len(boxes):
+        return boxes
     screen = screen_from_relative(camera, size)
     try:
         relative_from_screen = transforms.inverse(screen)
         nearest = _nearest_depth(camera, size, screen)
     except ValueError:
         return boxes
-    if not np.isfinite(nearest) or not len(boxes):
+    if not np.isfinite(nearest):
         return boxes
     points, ahead = _projected(screen, boxes), _times(screen[3:], boxes)[..., 0] > 0.0
     depth, is_ahead = points[..., 2], ahead.all(axis=1)[:, np.newaxis, np.newaxis]

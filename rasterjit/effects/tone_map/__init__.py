@@ -19,7 +19,15 @@ from rasterjit.runtime.driver import Step
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.survey.effect import Absent, Effect, Planned, Planning, Rows, add_to_field
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    KernelCall,
+    Planned,
+    Planning,
+    Rows,
+    add_to_field,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -47,6 +55,7 @@ class ToneMapping(Effect):
     field = "tone_map"
     key = "t"
     follows_facts = True
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
@@ -75,6 +84,13 @@ class ToneMapping(Effect):
         """Return the kernel that maps what is mixed already."""
         is_colored = plan.facts.background_image is None
         return {"mixed": [(f"tone_map.show_over{'' if is_colored else '_picture'}", "", "")]}
+
+    def calls_mixed(
+        self, record: ToneRecord, linear: NDArray[np.float32], background: NDArray[np.float32],
+        shown: NDArray[np.float32],
+    ) -> list[KernelCall]:  # fmt: skip
+        """Return how mixed rows are mapped and laid over a background of one colour, (4,)."""
+        return [(tone_map_stage.show_over, (linear, background, record, shown))]
 
     @staticmethod
     def show(tone: ToneRecord, shown: int) -> tuple[list[Step], int]:

@@ -7,7 +7,7 @@ a picture are darkened as the whole would be; it costs about a nanosecond a pixe
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    KernelCall,
+    Picture,
     Planned,
     Planning,
     Rows,
@@ -39,6 +41,7 @@ class Vignetting(Effect):
     field = "vignette"
     key = "z"
     follows_facts = True
+    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether corners are darkened: they are 8-bit pixels."""
@@ -70,22 +73,33 @@ class Vignetting(Effect):
         """Return the scene with the usual vignette."""
         return "on", add_to_field(scene, self.field, Vignette())
 
+    def calls(self, record: Vignette, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
+        """Return how a whole picture is darkened."""
+        return [(darken_rows, _arguments(record, plan, picture.color, (0, len(picture.color))))]
+
     @staticmethod
     def darken(vignette: Vignette, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Darken the colour, (H, W, 4)."""
         plan, workers = context.plan, context.workers
         target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
-        own = vignette.strength, vignette.start, decoding_table().copy(), encoding_table()
         height = len(target)
         workers.run(
             darken_rows,
             [
-                (target, (n, min(n + step, height)), plan.corner, plan.size, *own)
+                _arguments(vignette, plan, target, (n, min(n + step, height)))
                 for n in range(0, height, step)
             ],
         )
 
     places: ClassVar = {"overlay": darken}
+
+
+def _arguments(
+    vignette: Vignette, plan: RenderPlan, color: NDArray[np.uint32], rows: tuple[int, int]
+) -> tuple[Any, ...]:
+    """Return what `darken_rows` takes to darken some rows of a picture."""
+    own = vignette.strength, vignette.start, decoding_table().copy(), encoding_table()
+    return color, rows, plan.corner, plan.size, *own
 
 
 VIGNETTE = Vignetting()

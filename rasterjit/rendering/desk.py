@@ -1,0 +1,456 @@
+"""
+The memory in which a thread draws views of one kind, and the kernels and stages that read it.
+
+Each kernel and stage is bound once, to memory that stays where it is. Of each view its own arrays
+are loaded there (`Desk.draw`), then all are called by their addresses (``pipeline/views.py``).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs import fill
+from rasterjit.pipeline import encode
+from rasterjit.pipeline import views as drawing_views
+from rasterjit.pipeline.fragments import bands
+from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
+from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
+from rasterjit.pipeline.records import (
+    Faces,
+    Lighting,
+    Objects,
+    Placement,
+    ScreenVertices,
+    Surface,
+    Viewport,
+)
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
+from rasterjit.rendering import mixing, shade, stage_list
+from rasterjit.rendering.bound_calls import BoundCalls
+from rasterjit.rendering.mixing import Lists
+from rasterjit.rendering.stage_list import BLOCK, Shading
+from rasterjit.runtime.driver import StageList, block_memory
+from rasterjit.runtime.jit import Bound
+from rasterjit.runtime.state import WORD
+from rasterjit.runtime.threads import Memory
+from rasterjit.scene.mesh import ATTRIBUTE
+from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.plan import RenderPlan
+
+Float64 = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+
+LIGHT_ROWS = "light_rows"
+"""Name of the rows of all lights, of which a desk takes those that shine."""
+
+MOST_CUT = 1024
+"""Most faces of a view that are cut in machine code, besides one in 16."""
+
+
+def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
+    """Return how much memory a desk takes, about, bytes."""
+    arrays, (width, height) = cache.shapes.arrays, plan.size
+    _, new_vertices = room_to_cut(len(arrays.faces))
+    of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
+    return (
+        of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
+        + of_pixel * width * height + mixing.memory_of(plan)
+    )  # fmt: skip
+
+
+def room_to_cut(faces: int) -> tuple[int, int]:
+    """Return for how many faces that are cut, of so many, and new vertices a desk has room."""
+    cuts = min(faces, MOST_CUT + faces // 16)
+    # Mostly one plane cuts a face, and leaves three or four vertices.
+    return cuts, min(clipping.MOST_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
+
+
+def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return an array of each view as whole words, (N, words)."""
+    flat = np.ascontiguousarray(values).reshape(len(values), -1)
+    size = flat.shape[1] * flat.itemsize
+    if size % WORD == 0 and size:
+        return flat.view(np.int64)
+    words = np.zeros((len(values), -(-size // WORD)), np.int64)
+    words.view(np.uint8)[:, :size] = flat.view(np.uint8) if size else 0
+    return words
+
+
+class Desk:
+    """
+    The memory in which one thread draws views of one kind of plan.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+        Of one of them.
+    cache : SceneCache
+    lights : sequence of int
+        Which of the lights that are loaded shine in these views.
+    """
+
+    def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
+        self._plan, self._cache, self._calls = plan, cache, BoundCalls()
+        self._lights = list(lights)
+        self._places: list[tuple[str, int]] = []
+        self._targets: list[tuple[str, int, int]] = []
+        self._find()
+        if plan.facts.is_colored:
+            self._shade()
+        self._fill()
+        self._table = self._calls.table()
+
+    def write_to(self, outputs: Arrays) -> None:
+        """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
+        for name, place in self._places:
+            ctypes.c_int64.from_address(place).value = outputs[name].ctypes.data
+
+    def draw(
+        self, fields: Mapping[str, NDArray[np.int64]], lights: NDArray[np.float32],
+        chosen: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:  # fmt: skip
+        """
+        Draw some of the prepared views.
+
+        Parameters
+        ----------
+        fields : dict of int64 arrays
+            The words of each array, (N, words), or (1, words) if all views have the same.
+        lights : (N, L, 13) float32
+            The rows of all lights.
+        chosen : (n, 2) int64
+            Which of the views, and the number of each among all views.
+
+        Returns
+        -------
+        totals : (n, 7) int64
+            As ``pipeline/views.py`` counts.
+        is_drawn : (n,) bool
+            False for those that must be drawn alone.
+        """
+        fields = {**fields, LIGHT_ROWS: words_of(lights[:, self._lights])}
+        loads = []
+        for name, target, size in self._targets:
+            words = fields[name]
+            if words.shape[1] != size:
+                raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
+            step = words.strides[0] if len(words) > 1 else 0
+            loads.append((words.ctypes.data, step, target, size))
+        totals = np.zeros((len(chosen), drawing_views.TOTALS), np.int64)
+        is_drawn = np.zeros(len(chosen), np.uint8)
+        drawing_views.draw_views(
+            chosen, np.array(loads, np.int64), self._finding, self._cutting,
+            self._listing, self._listing_samples, self._tile_depths, self._face_id, self._table,
+            totals, is_drawn,
+        )  # fmt: skip
+        return totals, is_drawn.astype(np.bool_)
+
+    def _field(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array that is loaded for each view."""
+        kind, count = np.dtype(dtype), int(np.prod(shape))
+        words = -(-count * kind.itemsize // WORD)
+        room = np.zeros(max(words, 1), np.int64)
+        self._targets.append((name, room.ctypes.data, words))
+        self._calls.kept.append(room)
+        return room.view(kind)[:count].reshape(shape)
+
+    def _find(self) -> None:
+        """Bind what finds the faces."""
+        plan, cache = self._plan, self._cache
+        arrays = cache.shapes.arrays
+        positions = cache.shapes.positions(plan.quality.precision)
+        kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
+        viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+        _, room = room_to_cut(len(arrays.faces))
+        screen = draw.screen_arrays(count + room, Memory())
+        clip_positions = np.empty((count, 4), np.float64)
+        faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
+        relative = self._field("relative_from_model", (objects, 4, 4), kind)
+        clip = self._field("clip_from_relative", (4, 4), kind)
+        owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
+        transformed = self._calls.bound(
+            projection.transform_vertices, (0, count), positions, owned, clip, (0.0, 0.0, 0.0),
+            viewport, screen, scratch,
+        )  # fmt: skip
+        placed = self._calls.bound(
+            projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
+            scratch,
+        )  # fmt: skip
+        self._targets.append(("coefficients", transformed.place_of(4), 3))
+        clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
+        self._geometry = draw.geometry_of(
+            arrays.faces, screen, clip_positions, viewport, plan.is_affine
+        )
+        self._alpha_tests = shade.find_alpha_tests(plan, cache)
+        if self._alpha_tests is not None:
+            self._alpha_tests = self._alpha_tests._replace(geometry=self._geometry)
+        listed = self._list_and_draw(faces, screen, viewport)
+        finding = transformed, clipped, placed, *cut, *listed
+        self._finding = np.array([one.words for one in finding], np.int64)
+        self._placement = Placement(
+            arrays.face_starts,
+            arrays.positions,
+            self._field("relative_rows", (objects, 3, 4), np.float64),
+            self._field("normal_matrices", (objects, 3, 3), np.float64),
+            self._field("mirrored", (objects,), np.float64),
+            self._field("front_turns", (objects,), np.float64),
+            self._field("toward_viewer", (4,), np.float64),
+        )
+
+    def _cut(
+        self, faces: Faces, clip_positions: Float64, screen: ScreenVertices, viewport: Viewport,
+        room: int,
+    ) -> tuple[Bound, ...]:  # fmt: skip
+        """
+        Bind what cuts faces at planes.
+
+        Parameters
+        ----------
+        faces : Faces
+            With memory for the pieces.
+        clip_positions : (V, 4) float64
+            Of the vertices, when any are cut.
+        screen : ScreenVertices
+            With memory for new vertices.
+        viewport : Viewport
+        room : int
+            How many new vertices there is memory for.
+        """
+        whole, count = faces[0], len(clip_positions)
+        cuts, _ = room_to_cut(len(whole))
+        cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
+        vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
+        polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+        clipped = self._calls.bound(clipping.find_clipped_faces, whole, screen.codes[:count], cut)
+        counted = self._calls.bound(
+            clipping.count_clipped_vertices, cut, whole, clip_positions, viewport,
+            vertex_counts, polygons,
+        )  # fmt: skip
+        in_pieces = self._calls.bound(
+            clipping.clip_faces, cut, whole, clip_positions, viewport,
+            (starts[0], starts[1]), (new_positions, *faces[1:]), polygons,
+        )  # fmt: skip
+        projected = self._calls.bound(
+            projection.project_clipped_vertices, (cut, whole, starts[0], clip_positions),
+            new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
+        )  # fmt: skip
+        self._targets.append(("coefficients", projected.place_of(2), 3))
+        # How many faces are cut is the length of their list.
+        told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
+        self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
+        self._calls.kept += [cut, polygons]
+        return clipped, counted, in_pieces, projected
+
+    def _list_and_draw(
+        self, faces: Faces, screen: ScreenVertices, viewport: Viewport
+    ) -> tuple[Bound, ...]:
+        """Bind what lists the faces of each tile, and what draws them there; see `_cut`."""
+        arrays, (width, height) = self._cache.shapes.arrays, self._plan.size
+        number = len(faces[0]) + len(faces[1])
+        columns = -(-width // setup.TILE_SIZE)
+        tiles = columns * -(-height // setup.TILE_SIZE)
+        lists = Lists(
+            faces, screen,
+            Objects(
+                arrays.face_starts,
+                self._field("culled_turns", (len(arrays.face_starts) - 1,), np.int8),
+            ),
+            np.empty(number, np.int32), np.empty((number, 4), np.uint8), columns,
+            np.zeros((1, tiles + 1), np.int32), np.empty(tiles + 1, np.int64),
+            np.empty(min(tiles * number, 4 * number + 65536), np.int32),
+        )  # fmt: skip
+        # Tiles.
+        self._tile_depths = np.empty(tiles, np.float32)
+        tests, holes = self._alpha_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
+        if tests is not None:
+            holes = tests.face_starts, tests.cutoffs
+        raised = self._calls.bound(
+            find_tile_depths, lists.triangles, lists.boxes, columns, faces, screen, viewport,
+            self._tile_depths, holes,
+        )  # fmt: skip
+        self._depth = np.empty((height, width * self._plan.needs_depth), np.float32)
+        self._face_id = np.empty((height, width), np.int32)
+        drawer = nearest.tile_drawer(lists.binned, faces, screen, np.float32, tests)
+        self._calls.kept.append(drawer)
+        drawn = self._calls.bound(
+            nearest.draw_tiles, np.arange(tiles, dtype=np.int32), nearest.ALL, lists.starts,
+            self._tile_depths, viewport, (self._depth, self._face_id), *drawer[:3],
+        )  # fmt: skip
+        listed, self._listing = self._list(lists, viewport, raised)
+        found, self._listing_samples = (*listed, raised, drawn), self._listing
+        if self._plan.layers is not None:
+            # The first lists are read no more then.
+            around = bands.sampled_viewport(viewport, self._plan.layers.samples)
+            listed, self._listing_samples = self._list(lists, around)
+            found = *found, *listed
+        self._lists = lists
+        return found
+
+    def _list(
+        self, lists: Lists, viewport: Viewport, *others: Bound
+    ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
+        """
+        Bind what lists the faces of each tile.
+
+        Takes others that are told, by the lengths of their first two arrays, how many there are;
+        returns what `draw_views` takes of it.
+        """
+        faces, screen, objects, triangles, boxes, columns, counts, starts, binned = lists
+        sums = np.zeros(5, np.int64)
+        set_up = self._calls.bound(
+            setup.set_up_triangles, (0, len(faces[0])), (0, 0), faces, objects, screen, viewport,
+            (triangles, boxes), (columns, counts[0], sums), np.empty(setup.BATCH_SHAPE, np.int32),
+            setup.ANY_CODE,
+        )  # fmt: skip
+        cursors = np.empty((1, len(starts) - 1), np.int64)
+        started = self._calls.bound(binning.start_lists, counts, starts, cursors)
+        sorted_in = self._calls.bound(
+            binning.bin_triangles, triangles, boxes, columns, faces, screen, viewport, cursors[0],
+            binned,
+        )  # fmt: skip
+        told = [one.place_of(k) + WORD for one in (sorted_in, *others) for k in (0, 1)]
+        listing = (
+            counts, sums, starts, len(binned), set_up.place_of(1) + WORD, np.array(told, np.int64),
+        )  # fmt: skip
+        return (set_up, started, sorted_in), listing
+
+    def _shade(self) -> None:
+        """Add the stages that make the colours."""
+        plan, cache, (width, height) = self._plan, self._cache, self._plan.size
+        viewer = self._field("viewer", (4,), np.float32)
+        lighting = plan.lighting
+        if lighting is not None:
+            count = len(lighting.lights)
+            lights = self._field(LIGHT_ROWS, (count, LIGHT_COLUMNS), np.float32)
+            lighting = lighting._replace(lights=lights)
+        effects = tuple(
+            Active(one.effect, one.effect.share(plan, one.data, self._field))
+            for one in plan.planned
+            if one.effect.places
+        )
+        placement = shade.placement_to_light(plan, self._placement)
+        block = block_memory(BLOCK)
+
+        def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
+            count = len(placement.positions)
+            lit = np.zeros((count, 2, 3), np.float32)
+            listed = (0, count), cache.shapes.arrays.vertex_starts
+            self._calls.run(
+                StageList(
+                    stage_list.vertex_steps(
+                        listed, placement, surface, lighting, effects, lit, viewer
+                    )
+                ),
+                block,
+            )
+            return lit
+
+        surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
+        finder = bands.Finder(self._geometry, self._alpha_tests)
+        if plan.layers is not None:
+            finder = bands.at_samples(finder, plan.layers.samples)
+        shading = Shading(
+            finder.geometry, placement, surface, lighting, effects, encode.encoding_table(),
+            plan.background, viewer,
+        )  # fmt: skip
+        linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
+        color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
+        self._calls.kept.append(shading)
+        picture = Picture(self._face_id, linear, color)
+        if plan.layers is None:
+            self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
+        else:
+            mixing.add_mixing(
+                self._calls, self._lists, plan, finder, shading, effects, picture, block
+            )
+        for place in ("background", "overlay") if plan.layers is None else ("overlay",):
+            for one in acting(effects, place):
+                for kernel, arguments in one.effect.calls(one.record, plan, picture):
+                    self._calls.call(self._calls.bound(kernel, *arguments))
+        for name, picture in (("linear", linear), ("color", color)):
+            if name in plan.outputs:
+                self._keep(name, picture)
+
+    def _fill(self) -> None:
+        """Add the kernels that make the other outputs."""
+        plan, shapes, (width, height) = self._plan, self._cache.shapes, self._plan.size
+        geometry, placement = self._geometry, self._placement
+        count, of_all = len(shapes.meshes), (self._face_id, (0, height), geometry)
+
+        def made(name: str, channels: int, kernel: Any, *arguments: Any) -> NDArray[np.float32]:
+            """Add a kernel that fills a picture, which is kept if it is an output."""
+            picture = np.empty((height, width, channels), np.float32)
+            self._calls.call(self._calls.bound(kernel, *of_all, *arguments, picture))
+            if name in plan.outputs:
+                self._keep(name, picture)
+            return picture
+
+        if "face_id" in plan.outputs:
+            self._keep("face_id", self._face_id)
+        if "depth" in plan.outputs:
+            self._write(
+                "depth", drawing_views.measure_depths, self._field("depth_way", (1,), np.int64),
+                self._field("depth_factors", (3,), np.float64), self._depth, self._face_id,
+                np.empty((0, height, width), np.float32),
+            )  # fmt: skip
+        for name in ("object_id", "instance_id", "material_id"):
+            if name in plan.outputs:
+                numbers = shapes.object_numbers
+                if name != "object_id":
+                    of_objects = (
+                        shapes.instance_numbers
+                        if name == "instance_id"
+                        else fill.material_numbers(shapes)
+                    )
+                    numbers = of_objects[numbers]
+                self._write(
+                    name, drawing_views.keep_numbers, self._face_id, numbers,
+                    np.empty((0, height, width), np.int32),
+                )  # fmt: skip
+        if "barycentric" in plan.outputs:
+            made("barycentric", 3, barycentric.fill_barycentric)
+        if "uv" in plan.outputs:
+            made("uv", 2, barycentric.fill_attribute, shapes.uv)
+        for name, attribute in plan.facts.attributes.items():
+            values, _ = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+            made(name, attribute.columns, barycentric.fill_attribute, values)
+        positions = barycentric.fill_positions
+        if "position" in plan.outputs:
+            world = self._field("world_rows", (count, 3, 4), np.float64)
+            made("position", 3, positions, placement, world)
+        if "object_position" in plan.outputs:
+            own = np.tile(np.eye(3, 4), (count, 1, 1))
+            made("object_position", 3, positions, placement, own)
+        if "distance" in plan.outputs:
+            relative = made("", 3, positions, placement, placement.relative_from_model)
+            self._write(
+                "distance", drawing_views.measure_distances,
+                self._field("is_parallel", (1,), np.int64),
+                self._field("distance_axis", (4,), np.float64), relative,
+                np.empty((0, height, width), np.float32),
+            )  # fmt: skip
+        flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
+        if "normal" in plan.outputs:
+            smooth = shapes.normals, np.ones(count, np.uint8)
+            given = smooth if plan.facts.shows_normals else flat
+            made("normal", 3, barycentric.fill_normals, placement, given)
+        if "geometric_normal" in plan.outputs:
+            made("geometric_normal", 3, barycentric.fill_normals, placement, flat)
+
+    def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
+        """Call a kernel that takes the view's number first, and last where all views are."""
+        bound = self._calls.bound(kernel, 0, *arguments)
+        self._calls.call(bound, bound.place_of(0))
+        self._places.append((name, bound.place_of(len(arguments))))
+
+    def _keep(self, name: str, picture: NDArray[Any]) -> None:
+        """Copy a picture to its place among those of all views."""
+        words = picture.reshape(-1).view(np.uint32)
+        self._write(name, drawing_views.keep_picture, words, np.empty((0, len(words)), np.uint32))
