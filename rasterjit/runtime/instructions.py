@@ -848,9 +848,7 @@ def blend_planes(
                 parts = [builder.fmul(weights[j], own[j]) for j in range(3)]
                 value = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
                 value = builder.select(builder.fcmp_ordered(">", value, own[4]), value, own[4])
-                laid.append(
-                    builder.select(builder.fcmp_ordered("<", value, own[3]), value, own[3])
-                )
+                laid.append(builder.select(builder.fcmp_ordered("<", value, own[3]), value, own[3]))
             for k, value in enumerate(laid):
                 builder.store(value, target(k, group), align=4)
             return []

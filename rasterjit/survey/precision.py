@@ -4,8 +4,8 @@ Whether lit samples may take float32, and what bounds the errors of their normal
 An interpolated normal is off by at most ``u (5 |first| + 17 way)``, where ``u`` is 2**-24, the
 first vertex's normal is 5 roundings off, and the ways from there to the others, which it is moved
 by, are 17 in all: 10 of the weights (``float32_weights.WEIGHT_ERROR``), 4 of turning them, 3 of
-adding them up. Divided by its length that is an angle. A point is off by ``u (2 |point| + 20 way)``,
-relative to the eye: divided by its distance, an angle of the view.
+adding them up. Divided by its length that is an angle. A point, relative to the eye, is off by
+``u (2 |point| + 20 way)``: divided by its distance, an angle of the view.
 
 An 8-bit sRGB code changes with the cosine of directional light by at most `SLOPE` times the light:
 12.92 times 255 codes, in the dark. Of a highlight it changes by 255 / 2.4 of the highlight's share
@@ -39,7 +39,7 @@ LEAST_ALPHA = 0.002
 """As ``lighting.pbr`` has it."""
 
 LARGEST_LIMIT = 0.5
-"""A limit for normals that do not change over the face above this would leave nothing to float32."""
+"""A limit above this, for normals that do not change over a face, leaves nothing to float32."""
 
 
 class Gloss(NamedTuple):
@@ -80,9 +80,9 @@ def limits_of(gloss: Gloss, brightness: float) -> NDArray[np.float32] | None:
     """
     Return what lengths of normals and points are compared with, (3,) float32.
 
-    A normal is to be as long as the first times that of the first vertex, plus the second times the
-    longer way from there to another vertex's; the square of a point's distance as large as the third
-    times that of the longer way to another vertex. None if float32 is good for nothing.
+    A normal is to be as long as the first times that of the first vertex, plus the second times
+    the longer way from there to another vertex's; the square of a point's distance as large as the
+    third times that of the longer way to another vertex. None if float32 is good for nothing.
     """
     if not math.isfinite(brightness):
         return None

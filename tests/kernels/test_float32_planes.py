@@ -46,7 +46,9 @@ def codes(linear):
     """Return sRGB codes before they are rounded."""
     light = np.clip(np.float64(linear[..., :3]), 0.0, 1.0)
     dark = light <= 0.0031308
-    return 255.0 * np.where(dark, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return 255.0 * np.where(
+        dark, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+    )
 
 
 def pair(scene, camera, **options):

@@ -1,8 +1,8 @@
 """
 Find colours, normals and points of lit samples in float32, as accurate as 8 bits call for.
 
-Weights are those of ``float32_weights``: whatever the face, each is off by little of itself. Colours
-are weighted means of the vertices'. Of normals and points float32 holds the first vertex's and the
+Weights are those of ``float32_weights``: whatever the face, each is off by little of itself.
+Colours are weighted means of the vertices'. Of normals and points float32 holds the first vertex's and the
 ways to the others, so that an error is a share of how much they change over the face. Where a
 normal or a point is too short beside that, which a bound for each face tells, and so a direction is
 not sure to a sixteenth of an 8-bit step, both are found in float64 (see ``survey.precision``).
