@@ -256,6 +256,8 @@ class Surface(NamedTuple):
     """Scalars of vertices | None -> none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
+    limits: Any = None
+    """(3,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
 
 
 class Lighting(NamedTuple):

@@ -121,6 +121,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
         in_float32=facts.interpolates_in_float32,
+        limits=facts.limits,
     )
 
 

@@ -37,6 +37,7 @@ from rasterjit.pipeline.surface import (
     contours,
     fields,
     float32_colors,
+    float32_planes,
     float32_weights,
     maps,
     texture_gradients,
@@ -72,6 +73,8 @@ def surface_steps(
     effects: Sequence[Active],
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
+    if lighting is not None and surface.limits is not None:
+        return planar_steps(geometry, placement, surface, effects)
     materials = surface.materials
     steps = []
     is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
@@ -115,11 +118,7 @@ def surface_steps(
     if has_textures:
         steps += texture_steps(surface)
     if surface.alphas is not None:
-        none = np.empty((0, 4), np.float32)
-        colors = surface.face_colors, surface.vertex_colors
-        own = (none if some is None else some for some in colors)
-        alphas = surface.alphas.is_blended, materials, *own, int(has_textures)
-        steps.append(Step(attributes.find_alphas, alphas))
+        steps.append(alpha_step(surface, has_textures))
         if surface.fields is not None:
             steps += [
                 *field_steps(surface.fields, geometry),
@@ -150,6 +149,44 @@ def surface_steps(
     if surface.maps is not None and surface.textures is not None:
         steps += map_steps(surface.textures, surface.maps, surface, geometry, placement)
     return steps
+
+
+def planar_steps(
+    geometry: Geometry, placement: Placement, surface: Surface, effects: Sequence[Active]
+) -> list[Step]:
+    """Return the stages that find what surfaces with smooth normals are like, in float32."""
+    materials, colors, own = surface.materials, surface.vertex_colors, surface.textures
+    colors = np.empty((0, 4), np.float32) if colors is None else colors
+    shown = geometry, placement, surface.normals, materials, colors, surface.limits
+    steps = [Step(float32_planes.find_float32_surface, shown)]
+    is_faded = surface.alphas is not None and surface.vertex_colors is not None
+    if own is not None or is_faded or acting(effects, "rows") or acting(effects, "light"):
+        steps.append(Step(weights.find_weights, (geometry, placement)))
+    if own is not None:
+        steps += coordinate_steps(own, geometry)
+    if surface.face_colors is not None:
+        steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
+    has_textures = own is not None and shows(own, textures.BASE_COLOR)
+    if has_textures:
+        steps += texture_steps(surface)
+    if surface.alphas is not None:
+        steps.append(alpha_step(surface, has_textures))
+    steps.append(Step(attributes.find_reflectance, (materials,)))
+    if surface.microfacets is not None:
+        facets = surface.microfacets.factors, materials
+        steps.append(Step(attributes.find_facets, facets))
+    if surface.maps is not None and own is not None:
+        steps += map_steps(own, surface.maps, surface, geometry, placement)
+    return steps
+
+
+def alpha_step(surface: Surface, has_textures: bool) -> Step:
+    """Return the stage that finds the alpha of each sample, right behind that of textures."""
+    none = np.empty((0, 4), np.float32)
+    colors = surface.face_colors, surface.vertex_colors
+    own = (none if some is None else some for some in colors)
+    alphas = surface.alphas.is_blended, surface.materials, *own, int(has_textures)
+    return Step(attributes.find_alphas, alphas)
 
 
 def field_steps(own: Fields, geometry: Geometry) -> list[Step]:

@@ -21,6 +21,7 @@ from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
+from rasterjit.survey.precision import gloss_of
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -134,6 +135,7 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self.gloss = gloss_of(list(numbers))
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,9 +21,15 @@ from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
 from rasterjit.survey.enclosure import Enclosures
-from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
+from rasterjit.survey.lights import (
+    HEADLIGHT_INTENSITY,
+    NO_LIGHTS,
+    PlannedLights,
+    plan_lights,
+)
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
+from rasterjit.survey.precision import MOST_STOPS, brightness_of, limits_of
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -69,6 +76,8 @@ class Facts:
     rounding."""
     attributes: dict[str, Attribute]
     """The attributes of meshes that are outputs, by the output's name."""
+    brightness: float
+    """The sum of all light from directions; infinite if a light has a place."""
 
     @cached_property
     def wireframe(self) -> Wireframe | None:
@@ -161,6 +170,37 @@ class Facts:
             and not contents.has_textures
             and contents.with_field == 0
         )
+
+    @cached_property
+    def is_smooth(self) -> bool:
+        """Whether every object is lit by the pixel with normals between those of vertices."""
+        contents = self.contents
+        return 0 < contents.objects == contents.phong + contents.pbr
+
+    @cached_property
+    def is_exposed(self) -> bool:
+        """Whether light is made much brighter before it is shown."""
+        tones = self.asked["tone_map"]
+        return tones is not None and tones.exposure > MOST_STOPS
+
+    @cached_property
+    def limits(self) -> NDArray[np.float32] | None:
+        """
+        What bounds errors of lit samples in float32, `limits_of`; None where they take float64.
+
+        Whatever is in view, as well.
+        """
+        contents = self.contents
+        if (
+            self.quality.interpolation_precision == "float64"
+            or self.quality.samples not in (1, *SUPERSAMPLED)
+            or not self.is_smooth
+            or contents.with_field > 0
+            or self.environment is not None
+            or self.is_exposed
+        ):
+            return None
+        return limits_of(self.inventory.gloss, self.brightness)
 
     @cached_property
     def needs_gouraud(self) -> bool:
@@ -278,6 +318,7 @@ def look(
     in_view = boxes.in_view
     is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
     asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
+    brightness = brightness_of(scene.lights) if scene.lights else HEADLIGHT_INTENSITY
     picture = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
@@ -288,6 +329,7 @@ def look(
         and all(map(operator.is_, last.asked.values(), asked.values()))
         and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
         and last.has_lights == bool(scene.lights)
+        and last.brightness == brightness
         and last.has_background == (background is not None)
         and last.in_view.tobytes() == in_view.tobytes()
     ):
@@ -313,6 +355,7 @@ def look(
                 for output in outputs
                 if output.startswith(ATTRIBUTE)
             },
+            brightness=brightness,
         )
     transparency = facts.transparency
     if facts is not last or facts.contents.blended > 0:
@@ -356,7 +399,7 @@ UNKNOWN_REASON = "not all that is drawn allows float32"
 def float64_reason(facts: Facts) -> str | None:
     """Say why colours are interpolated in float64; None where they are in float32."""
     quality, contents = facts.quality, facts.contents
-    if facts.interpolates_in_float32:
+    if facts.interpolates_in_float32 or facts.limits is not None:
         return None
     reasons = (
         (
@@ -364,6 +407,7 @@ def float64_reason(facts: Facts) -> str | None:
             "quality.interpolation_precision is 'float64'",
         ),
         (quality.samples not in (1, *SUPERSAMPLED), f"quality.samples is {quality.samples!r}"),
+        *smooth_reasons(facts),
         (contents.blended > 0, "an object is blended"),
         (contents.unlit < contents.objects, "an object is lit"),
         (contents.has_textures, "an object has a texture"),
@@ -371,6 +415,20 @@ def float64_reason(facts: Facts) -> str | None:
         (contents.vertex_colored == 0, "no mesh has colours of its vertices"),
     )
     return next((reason for is_so, reason in reasons if is_so), UNKNOWN_REASON)
+
+
+def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
+    """Return what keeps a scene whose objects all have smooth normals from float32, and if so."""
+    contents = facts.contents
+    if not facts.is_smooth:
+        return []
+    return [
+        (contents.with_field > 0, "an object has scalars of its vertices"),
+        (facts.environment is not None, "the scene has an environment"),
+        (math.isinf(facts.brightness), "a light has a place"),
+        (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
+        (True, "lights are too bright, or highlights too sharp"),
+    ]
 
 
 def settings_asked(facts: Facts, *names: str) -> str:

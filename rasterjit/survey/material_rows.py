@@ -65,7 +65,8 @@ class Shading(MaterialRow):
         if not shadings:
             return "no object is in view"
         why = float64_reason(facts)
-        colors = "colours in float32" if why is None else f"colours in float64: {why}"
+        found = "colours" if facts.limits is None else "colours, normals and points"
+        colors = f"{found} in float32" if why is None else f"colours in float64: {why}"
         return f"{shadings}{settings_asked(facts, 'shading')}; {colors}"
 
 
