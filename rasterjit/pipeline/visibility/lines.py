@@ -23,6 +23,8 @@ the same bits on every CPU.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -360,6 +362,67 @@ def reaches_picture(s, placed, viewport, unit):
 
 
 @helper
+def dash_at(number, edges):
+    """Return where a dash of a strip begins and ends, counted from 0."""
+    each = (edges.shape[0] - 1) >> 1
+    period = np.float64(number // each) * edges[edges.shape[0] - 1]
+    own = np.uintp(2 * (number % each))
+    return period + edges[own], period + edges[own + np.uintp(1)]
+
+
+@helper
+def first_dash(place, edges):
+    """Return the first dash that ends behind a place of a strip."""
+    each = (edges.shape[0] - 1) >> 1
+    number = each * np.int64(np.floor(place / edges[edges.shape[0] - 1]))
+    while dash_at(number, edges)[1] <= place:
+        number += 1
+    return number
+
+
+@helper
+def is_dashed(s, placed, stretches, edges, unit):
+    """Return whether a segment shows its dashes: a period of them is as long as a pixel."""
+    if edges.shape[0] == 0:
+        return False
+    _, _, length = normal_of(placed[0], s)
+    periods = (stretches[s, 1] - stretches[s, 0]) / edges[edges.shape[0] - 1]
+    return periods * unit <= length
+
+
+@helper
+def count_dashes(s, stretches, edges):
+    """Return how many dashes reach a segment."""
+    number, count = first_dash(stretches[s, 0], edges), np.int64(0)
+    while dash_at(number, edges)[0] < stretches[s, 1]:
+        number, count = number + 1, count + 1
+    return count
+
+
+@helper
+def ends_on_dash(s, stretches, edges):
+    """Return whether there is a dash where a segment ends."""
+    return dash_at(first_dash(stretches[s, 1], edges), edges)[0] < stretches[s, 1]
+
+
+@helper
+def share_at(place, s, placed, stretches):
+    """Return where on a segment, from 0 to 1 in the picture, a place of its strip lies."""
+    first, last, parts = stretches[s, 0], stretches[s, 1], placed[3]
+    share = (place - first) / (last - first)
+    if parts.shape[0] == 0:
+        return share
+    w0, w1 = parts[s, 2], parts[s, 3]
+    return share * w1 / (w0 + share * (w1 - w0))
+
+
+@helper
+def has_body(s, ends):
+    """Return whether a segment has a length in the picture."""
+    return ends[s, 0] != ends[s, 2] or ends[s, 1] != ends[s, 3]
+
+
+@helper
 def parts_of(s, links, placed, is_round, viewport, unit):
     """Return of a segment what its start and its end are, and the corners' ways from them."""
     before = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
@@ -367,11 +430,21 @@ def parts_of(s, links, placed, is_round, viewport, unit):
     return before, behind
 
 
+@helper
+def dashed_ends(before, behind, s, dashes):
+    """Return what the ends of a dashed segment are: never round, a wedge only on a dash."""
+    first = FREE if before[0] == CAPPED else before[0]
+    last = FREE if behind[0] == CAPPED else behind[0]
+    if last == WEDGE and not ends_on_dash(s, dashes[0], dashes[1]):
+        last = FREE
+    return (first, before[1], before[2]), (last, behind[1], behind[2])
+
+
 @kernel
 def count_pieces(
     segments: (int64, int64), links: int32[:, ::1],
     placed: (int32[:, ::1], float64[:, ::1], uint8[::1], float64[:, ::1]), is_round: int64,
-    viewport: Viewport, counts: int32[:, ::1],
+    viewport: Viewport, dashes: (float64[:, ::1], float64[::1]), counts: int32[:, ::1],
 ):  # fmt: skip
     """
     Count the vertices and the pieces of segments.
@@ -386,6 +459,9 @@ def count_pieces(
     is_round : int
         Whether ends that are joined to nothing are round.
     viewport : Viewport
+    dashes : (stretches (S, 2) float64, edges (D+1,) float64)
+        Where on its strip what is left of each segment begins and ends; where dashes and gaps do,
+        from 0 on. Of no rows, both, where lines are solid.
     counts : (S, 2) int32
         Writes vertices and pieces of each segment.
     """
@@ -395,9 +471,12 @@ def count_pieces(
         vertices, pieces = np.int64(0), np.int64(0)
         if placed[2][s] & SHOWN and reaches_picture(s, placed, viewport, unit):
             before, behind = parts_of(s, links, placed, is_round, viewport, unit)
-            ends = placed[0]
-            if ends[s, 0] != ends[s, 2] or ends[s, 1] != ends[s, 3]:
-                vertices, pieces = np.int64(4), np.int64(2)
+            shows_dashes, quads = is_dashed(s, placed, dashes[0], dashes[1], unit), np.int64(0)
+            if has_body(s, placed[0]):
+                quads = count_dashes(s, dashes[0], dashes[1]) if shows_dashes else np.int64(1)
+            vertices, pieces = 4 * quads, 2 * quads
+            if shows_dashes:
+                before, behind = dashed_ends(before, behind, s, dashes)
             if before[0] == CAPPED:
                 sides = np.int64(1) << cap_of(s, False, placed, unit)[5]
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
@@ -449,11 +528,50 @@ def put_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, 
     return vertex, piece
 
 
+@helper
+def end_at(s, at_end, joint, placed):
+    """Return an end of a body: position, way to its corner, depth."""
+    ends, numbers = placed[0], placed[1]
+    k, column = np.uintp(2 if at_end else 0), DEPTH_B if at_end else DEPTH_A
+    return (
+        ends[s, k], ends[s, k + np.uintp(1)], outward(joint[1]), outward(joint[2]),
+        numbers[s, column],
+    )  # fmt: skip
+
+
+@helper
+def cut_at(share, s, placed):
+    """Return what `end_at` does of a point of a segment, from 0 to 1 in the picture."""
+    ends, numbers = placed[0], placed[1]
+    nx, ny, _ = normal_of(ends, s)
+    x = ends[s, 0] + share * np.float64(ends[s, 2] - ends[s, 0])
+    y = ends[s, 1] + share * np.float64(ends[s, 3] - ends[s, 1])
+    half = numbers[s, HALF_A] + share * (numbers[s, HALF_B] - numbers[s, HALF_A])
+    depth = numbers[s, DEPTH_A] + share * (numbers[s, DEPTH_B] - numbers[s, DEPTH_A])
+    return (
+        np.int32(np.floor(x + 0.5)), np.int32(np.floor(y + 0.5)), outward(nx * half),
+        outward(ny * half), depth,
+    )  # fmt: skip
+
+
+@helper
+def put_body(vertex, piece, first, last, face, screen, out):
+    """Write the quadrilateral between two ends of a body."""
+    pieces, piece_faces = out
+    put_vertex(vertex, first[0] + first[2], first[1] + first[3], first[4], screen)
+    put_vertex(vertex + 1, first[0] - first[2], first[1] - first[3], first[4], screen)
+    put_vertex(vertex + 2, last[0] - last[2], last[1] - last[3], last[4], screen)
+    put_vertex(vertex + 3, last[0] + last[2], last[1] + last[3], last[4], screen)
+    put_piece(piece, vertex, vertex + 1, vertex + 2, face, pieces, piece_faces)
+    put_piece(piece + 1, vertex, vertex + 2, vertex + 3, face, pieces, piece_faces)
+
+
 @kernel
 def write_pieces(
     segments: (int64, int64), links: int32[:, ::1],
     placed: (int32[:, ::1], float64[:, ::1], uint8[::1], float64[:, ::1]), is_round: int64,
-    viewport: Viewport, starts: (int64, int64, int64[:, ::1]), screen: ScreenVertices,
+    viewport: Viewport, dashes: (float64[:, ::1], float64[::1]),
+    starts: (int64, int64, int64[:, ::1]), screen: ScreenVertices,
     out: (int32[:, ::1], int32[::1]), fan: float64[:, ::1],
 ):  # fmt: skip
     """
@@ -461,7 +579,7 @@ def write_pieces(
 
     Parameters
     ----------
-    segments, links, placed, is_round, viewport
+    segments, links, placed, is_round, viewport, dashes
         As `count_pieces` takes them.
     starts : (int, int, (S+1, 2) int64)
         The first vertex and the first face of the object; running sums of the counts.
@@ -473,7 +591,6 @@ def write_pieces(
         This thread's own scratch memory, ``SCRATCH_SHAPE``.
     """
     first_vertex, first_face, sums = starts
-    pieces, piece_faces = out
     ends, numbers = placed[0], placed[1]
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
@@ -486,16 +603,29 @@ def write_pieces(
         x0, y0, x1, y1 = ends[s, 0], ends[s, 1], ends[s, 2], ends[s, 3]
         h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
         d0, d1 = numbers[s, DEPTH_A], numbers[s, DEPTH_B]
-        if x0 != x1 or y0 != y1:
-            across, down = outward(before[1]), outward(before[2])
-            put_vertex(vertex, x0 + across, y0 + down, d0, screen)
-            put_vertex(vertex + 1, x0 - across, y0 - down, d0, screen)
-            across, down = outward(behind[1]), outward(behind[2])
-            put_vertex(vertex + 2, x1 - across, y1 - down, d1, screen)
-            put_vertex(vertex + 3, x1 + across, y1 + down, d1, screen)
-            put_piece(piece, vertex, vertex + 1, vertex + 2, face, pieces, piece_faces)
-            put_piece(piece + 1, vertex, vertex + 2, vertex + 3, face, pieces, piece_faces)
+        shows_dashes = is_dashed(s, placed, dashes[0], dashes[1], unit)
+        if shows_dashes and has_body(s, ends):
+            number = first_dash(dashes[0][s, 0], dashes[1])
+            while True:
+                begin, end = dash_at(number, dashes[1])
+                if begin >= dashes[0][s, 1]:
+                    break
+                if begin > dashes[0][s, 0]:
+                    first = cut_at(share_at(begin, s, placed, dashes[0]), s, placed)
+                else:
+                    first = end_at(s, False, before, placed)
+                if end < dashes[0][s, 1]:
+                    last = cut_at(share_at(end, s, placed, dashes[0]), s, placed)
+                else:
+                    last = end_at(s, True, behind, placed)
+                put_body(vertex, piece, first, last, face, screen, out)
+                vertex, piece, number = vertex + 4, piece + 2, number + 1
+        elif has_body(s, ends):
+            first, last = end_at(s, False, before, placed), end_at(s, True, behind, placed)
+            put_body(vertex, piece, first, last, face, screen, out)
             vertex, piece = vertex + 4, piece + 2
+        if shows_dashes:
+            before, behind = dashed_ends(before, behind, s, dashes)
         if before[0] == CAPPED:
             vertex, piece = put_fan(
                 cap_of(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face, screen,
@@ -522,7 +652,7 @@ def expand(
         raise ValueError(f"rule must be a LineRule, got {rule!r}")
     first_face, count = one.faces[0], one.faces[1] - one.faces[0]
     empty, viewport = workers.memory.empty, projected.viewport
-    parts = empty((count if len(rule.dashes) else 0, 4), np.float64)
+    parts = empty((count if len(rule.dashes) and one.is_world else 0, 4), np.float64)
     placed = (
         empty((count, 4), np.int32), empty((count, 4), np.float64), empty((count,), np.uint8), parts
     )  # fmt: skip
@@ -540,7 +670,8 @@ def expand(
         ],
     )  # fmt: skip
     counts = empty((count, 2), np.int32)
-    shared = rule.links, placed, int(rule.is_round), viewport
+    dashes = _dashes_of(one, rule, primitives, projected, placed)
+    shared = rule.links, placed, int(rule.is_round), viewport, dashes
     workers.call(count_pieces, [(task, *shared, counts) for task in tasks])
     sums = np.zeros((count + 1, 2), np.int64)
     np.cumsum(counts, axis=0, out=sums[1:])
@@ -558,3 +689,40 @@ def expand(
         )
 
     return Expansion(int(sums[-1, 0]), int(sums[-1, 1]), write)
+
+
+def _dashes_of(
+    one: Primitive,
+    rule: LineRule,
+    primitives: Primitives,
+    projected: Projected,
+    placed: tuple[NDArray[Any], ...],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where on its strip each segment lies, (S, 2), and the dashes, as kernels take them."""
+    if not len(rule.dashes):
+        return np.empty((0, 2)), np.empty(0)
+    ends, _, states, parts = placed
+    edges = np.append(0.0, np.cumsum(rule.dashes))
+    if one.is_world:
+        a, b = projected.faces[slice(*one.faces), :2].T
+        way = primitives.positions[b].astype(np.float64) - primitives.positions[a]
+        x, y, z = way.T
+    else:
+        edges *= primitives.pixels
+        unit = float(1 << projected.viewport.grid_bits)
+        x, y = ((ends[:, k + 2].astype(np.float64) - ends[:, k]) / unit for k in (0, 1))
+        z = np.zeros(len(x))
+    lengths = np.sqrt((x * x + y * y) + z * z)
+    if not one.is_world:
+        # What is cut off has no length in pixels.
+        lengths[states == HIDDEN] = 0.0
+    lengths[~np.isfinite(lengths)] = 0.0
+    before = np.append(0.0, np.cumsum(lengths)[:-1])
+    numbers = np.arange(len(before))
+    firsts = np.maximum.accumulate(np.where(rule.links[:, 0] == numbers - 1, 0, numbers))
+    before -= before[firsts]
+    stretches = np.stack([before, before + lengths], axis=1)
+    if one.is_world:
+        shown = states != HIDDEN
+        stretches[shown] = before[shown, np.newaxis] + parts[shown, :2] * lengths[shown, np.newaxis]
+    return stretches, edges
