@@ -10,9 +10,10 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
-    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
-    move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
-    that has no word for.
+    `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
+    what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
+    `SaveWarning` names what that has no word for.
+    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -102,13 +103,16 @@ from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.hooks import set_hooks
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
@@ -134,7 +138,9 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Axes",
     "Batch",
+    "BoundingBox",
     "CalibrationWarning",
     "Choice",
     "Colormap",
@@ -147,7 +153,10 @@ __all__ = [
     "Fog",
     "Frame",
     "Framebuffer",
+    "Frustum",
+    "Grid",
     "LayeredFrame",
+    "Lines",
     "LoadWarning",
     "Material",
     "MatrixCamera",
@@ -164,6 +173,7 @@ __all__ = [
     "Pipeline",
     "PixelExplanation",
     "PointLight",
+    "Points",
     "Quality",
     "RenderPlan",
     "Renderer",

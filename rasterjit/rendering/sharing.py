@@ -51,6 +51,8 @@ def shared_lights(scene: Scene) -> list[int]:
 def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
     facts = plan.facts
+    if facts.contents.primitives:
+        return False
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False
     if plan.layers is not None and not _is_mixed_in_groups(plan):

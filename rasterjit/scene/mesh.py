@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,8 @@ ATTRIBUTE = "attribute:"
 """What the name of an output begins with that shows an attribute of meshes."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+
+Primitive: TypeAlias = Literal["triangles", "lines", "points"]
 
 OnInvalid: TypeAlias = Literal["raise", "drop"]
 ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
@@ -135,8 +137,13 @@ class Mesh(Guarded, Previewed):
         If anything else than ``material`` is assigned.
     """
 
+    primitive: ClassVar[Primitive] = "triangles"
+    """What its faces are."""
+
     _FIELDS = ("material",)
     _INSTEAD = "make another Mesh"
+    _PLACES: ClassVar[tuple[str, str]] = "vertices", "vertex"
+    """What the constructor calls its vertices, and one of them."""
 
     def __init__(
         self,
@@ -158,9 +165,9 @@ class Mesh(Guarded, Previewed):
         on_invalid: OnInvalid = "raise",
     ) -> None:
         one_of("on_invalid", on_invalid, ON_INVALID)
-        self._vertices = read_only(_vertex_array(vertices))
-        self._faces = read_only(face_array(faces, len(self._vertices)))
-        self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
+        self._vertices = read_only(_vertex_array(self._PLACES[0], vertices))
+        self._faces = read_only(self._face_array(faces))
+        self._invalid_vertices = _count_invalid(self._PLACES, self._vertices, on_invalid)
         self._vertex_colors: NDArray[np.float32] | None = None
         self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
@@ -289,6 +296,10 @@ class Mesh(Guarded, Previewed):
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
+    def _face_array(self, faces: Any) -> NDArray[np.int32]:
+        """Return the faces, (F, 3) int32, checked."""
+        return face_array(faces, len(self._vertices))
+
     def _store_colors(self, colors: ArrayLike) -> None:
         """Store colours by vertex or by face, as their number of rows tells."""
         rgba = read_only(np.array(linear_rows("colors", colors)))
@@ -379,6 +390,8 @@ class Mesh(Guarded, Previewed):
         UserWarning
             If the averages round off the sharp edges of a mesh that has many, as a box.
         """
+        if self._vertex_normals is None and self.primitive != "triangles":
+            self._vertex_normals = read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
             normals = smooth_normals(self.vertices, self.faces, self._scale())
             self._vertex_normals = read_only(normals)
@@ -477,7 +490,7 @@ class Mesh(Guarded, Previewed):
         result._face_attributes = self._face_attributes
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
-        result._invalid_vertices = _count_invalid(result.vertices, "drop")
+        result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed
         return result
@@ -572,35 +585,57 @@ def value_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
     return np.array(array, dtype=np.float32, order="C")
 
 
-def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
+def _vertex_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return vertices as (V, 3) float64, a copy in C order, or raise ``ValueError``."""
-    numbers = _numbers("vertices", value, "uif", (None, 3))
+    numbers = _numbers(name, value, "uif", (None, 3))
     with np.errstate(over="ignore"):  # Beyond float64 is infinite, and counted as such.
         return np.array(numbers, dtype=np.float64, order="C")
 
 
 def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
     """Return a copy of faces, (F, 3) int32, C order, that all point at vertices, or raise."""
-    array = _numbers("faces", value, "uif", (None, 3))
+    return index_rows(("faces", "vertices"), value, vertex_count, 3)
+
+
+def index_rows(
+    names: tuple[str, str], value: ArrayLike, count: int, columns: int
+) -> NDArray[np.int32]:
+    """
+    Return a copy of rows of indices, (N, columns) int32, C order, or raise ``ValueError``.
+
+    Parameters
+    ----------
+    names : (str, str)
+        What messages call the rows, and what they point at.
+    value : (N, columns) array_like
+    count : int
+        How many things there are to point at.
+    columns : int
+    """
+    name, places = names
+    array = _numbers(name, value, "uif", (None, columns))
     low, high = array.min(), array.max()
+    place = "vertex" if places == "vertices" else "point"
     if array.dtype.kind == "f" and not (
         np.isfinite(low) and np.isfinite(high) and (array == np.trunc(array)).all()
     ):
         wrong = array[~(np.isfinite(array) & (array == np.trunc(array)))][0].item()
-        raise ValueError(f"faces must hold whole vertex numbers, got {wrong!r}")
+        raise ValueError(f"{name} must hold whole {place} numbers, got {wrong!r}")
     if low < 0:
-        count = int((array < 0).sum())
-        raise ValueError(f"faces must hold vertex numbers from 0, got {count} below, down to {low}")
-    if high >= vertex_count:
-        count = int((array >= vertex_count).any(axis=1).sum())
+        below = int((array < 0).sum())
         raise ValueError(
-            f"faces must point at the {vertex_count} vertices (0..{vertex_count - 1}), got {count} "
-            f"of {len(array)} faces past the end, the largest index being {int(high)}"
+            f"{name} must hold {place} numbers from 0, got {below} below, down to {low}"
+        )
+    if high >= count:
+        past = int((array >= count).any(axis=1).sum())
+        raise ValueError(
+            f"{name} must point at the {count} {places} (0..{count - 1}), got {past} of "
+            f"{len(array)} {name} past the end, the largest index being {int(high)}"
         )
     return np.array(array, dtype=np.int32, order="C")
 
 
-def _count_invalid(vertices: NDArray[np.float64], on_invalid: str) -> int:
+def _count_invalid(names: tuple[str, str], vertices: NDArray[np.float64], on_invalid: str) -> int:
     """Count the vertices that are not finite; raise ``ValueError`` where they may not be."""
     if np.isfinite(vertices.min()) and np.isfinite(vertices.max()):
         return 0
@@ -609,9 +644,9 @@ def _count_invalid(vertices: NDArray[np.float64], on_invalid: str) -> int:
     if on_invalid == "raise":
         first = int(np.argmin(finite))
         raise ValueError(
-            f"vertices must be finite, got {count} of {len(vertices)} with NaN or infinity, the "
-            f"first being vertex {first}: {vertices[first].tolist()}; on_invalid='drop' leaves out "
-            "the faces that touch one"
+            f"{names[0]} must be finite, got {count} of {len(vertices)} with NaN or infinity, the "
+            f"first being {names[1]} {first}: {vertices[first].tolist()}; on_invalid='drop' leaves "
+            "out what touches one"
         )
     return count
 

@@ -447,9 +447,7 @@ def order_triangles(
     is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
     for begin in range(0, count, BATCH):
         some = min(BATCH, count - begin)
-        gather_triangles(
-            listed[first + begin : first + begin + some], parts, screen, whole, real
-        )
+        gather_triangles(listed[first + begin : first + begin + some], parts, screen, whole, real)
         to_come = min(2 * BATCH, count + asked[TO_COME] - begin - some)
         if is_distant and to_come > 0:
             following = first + begin + some

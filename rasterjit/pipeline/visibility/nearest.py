@@ -568,7 +568,9 @@ def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
             some = np.zeros((CELLS, CELLS), bool)
             some[first : last + 1] = True
             for table, cells in ((rows, some), (columns, some.T)):
-                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[0]
+                table[last * CELLS + first] = np.packbits(cells, bitorder="little").view(np.int64)[
+                    0
+                ]
     return columns, rows
 
 
@@ -691,8 +693,16 @@ def tile_drawer(
     sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
     again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
     drawing = Drawing(
-        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
-        cell_masks(), kept,
+        asked,
+        cell_depths,
+        planned.words,
+        tile.words,
+        own.words,
+        sort.words,
+        again.words,
+        order,
+        cell_masks(),
+        kept,
     )
     return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
 

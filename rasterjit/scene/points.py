@@ -1,0 +1,179 @@
+"""Points: positions without faces, each drawn as a square, a disc or a sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike
+from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.field import NAN_COLOR
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive
+from rasterjit.scene.validation import in_short, one_of, read_only, unmasked_array
+
+Unit: TypeAlias = Literal["pixel", "world"]
+UNITS: tuple[Unit, ...] = get_args(Unit)
+"""What sizes and widths are in."""
+
+PointShape: TypeAlias = Literal["square", "disc", "sphere"]
+POINT_SHAPES: tuple[PointShape, ...] = get_args(PointShape)
+
+MOST_PIXELS = 4096.0
+"""Largest size of a point, and width of a line, in pixels."""
+
+
+class Points(Mesh):
+    """
+    Points, drawn as squares, discs or spheres: a scan, particles, keypoints.
+
+    They stand in a scene as a `Mesh` does: nodes, transforms, names and materials are the same, and
+    so are all outputs. ``face_id`` counts points where it counts faces of a mesh. Like a mesh they
+    own their arrays, which are read-only.
+
+    Parameters
+    ----------
+    positions : (N, 3) array_like
+        Model-space positions of the centres, in scene units.
+    colors : (N, 3|4) array_like, optional
+        Colour of each point: ``uint8`` is sRGB, floats in 0..1 are linear light.
+    size : float or (N,) array_like
+        Side of squares, diameter of discs and spheres, of all or of each, above 0.
+    unit : {"pixel", "world"}
+        What sizes are in: pixels of the picture (at most 4096), or scene units, which shrink with
+        distance and which the node's transform scales. Spheres take ``"world"`` alone.
+    shape : {"square", "disc", "sphere"}
+        Squares, upright in the picture, and discs face the viewer and have the depth of their
+        centre all over. Spheres have the depth and the normals of a sphere.
+    normals : (N, 3) array_like, optional
+        Model-space normals of any length, by which squares and discs are lit; spheres have their
+        own.
+    attributes : mapping of str to (N, D) array_like, optional
+        Values of one's own by name, as `Mesh` takes them.
+    scalars, colormap, range, nan_color
+        A number for each point, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
+    material : Material, optional
+        Default: lit as `Material` says where there are normals or spheres, else unlit.
+    on_invalid : {"raise", "drop"}
+        What to do about points that are NaN or infinite: refuse them, or keep the arrays as they
+        are and leave out those points.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or type or is empty, a size is not above 0 or not finite,
+        spheres are measured in pixels or given normals, or a value is NaN or infinite where it may
+        not be.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rasterjit as rj
+    >>> heights = np.random.default_rng(1).random((500, 3))
+    >>> rj.Points(heights, scalars=heights[:, 2], size=0.02, unit="world", shape="disc")
+    Points(500 discs)
+    """
+
+    primitive: ClassVar[Primitive] = "points"
+    _INSTEAD = "make other Points"
+    _PLACES = "positions", "position"
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        *,
+        colors: ArrayLike | None = None,
+        size: ArrayLike = 3.0,
+        unit: Unit = "pixel",
+        shape: PointShape = "square",
+        normals: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
+        scalars: ArrayLike | None = None,
+        colormap: ColormapLike = "viridis",
+        range: tuple[float, float] | None = None,
+        nan_color: ColorLike = NAN_COLOR,
+        material: Material | None = None,
+        on_invalid: OnInvalid = "raise",
+    ) -> None:
+        self._unit: Unit = one_of("unit", unit, UNITS)
+        self._shape: PointShape = one_of("shape", shape, POINT_SHAPES)
+        if shape == "sphere":
+            if unit == "pixel":
+                raise ValueError(
+                    "unit must be 'world' where shape is 'sphere', got 'pixel'; discs may have "
+                    "sizes in pixels"
+                )
+            if normals is not None:
+                raise ValueError("normals must be None where shape is 'sphere', which has its own")
+        if material is None and normals is None and shape != "sphere":
+            material = Material("unlit")
+        super().__init__(
+            positions, None, colors=colors, normals=normals, attributes=attributes,
+            scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
+            material=material, on_invalid=on_invalid,
+        )  # fmt: skip
+        self._sizes = read_only(sizes_of("size", size, len(self), unit))
+
+    @property
+    def unit(self) -> Unit:
+        """What sizes are in."""
+        return self._unit
+
+    @property
+    def shape(self) -> PointShape:
+        """What each point is drawn as."""
+        return self._shape
+
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """(N,) float64, or (1,) where all are the same; read-only: sides or diameters."""
+        return self._sizes
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    def __repr__(self) -> str:
+        return f"Points({len(self)} {self.shape}s)"
+
+    def _face_array(self, faces: Any) -> NDArray[np.int32]:
+        """Return a face of one vertex, three times, for each point."""
+        numbers = np.arange(len(self._vertices), dtype=np.int32)
+        return np.ascontiguousarray(np.broadcast_to(numbers[:, np.newaxis], (len(numbers), 3)))
+
+    def split_creases(self, angle: float = 40.0) -> Points:
+        """Return the points themselves, which have no edges."""
+        return self
+
+
+def sizes_of(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.float64]:
+    """Return a copy of sizes, (1,) or (count,) float64, or raise ``ValueError``."""
+    try:
+        given = unmasked_array(name, value)
+        array = np.array(given, np.float64)
+        if given.dtype.kind not in "uif":
+            raise TypeError
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{name} must be a number or an array of numbers, got {in_short(value)}"
+        ) from None
+    if array.ndim == 0:
+        array = array.reshape(1)
+    elif array.shape != (count,):
+        raise ValueError(f"{name} must be one number or have shape ({count},), got {array.shape}")
+    wrong = ~(np.isfinite(array) & (array > 0.0))
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        if np.ndim(value) == 0:
+            raise ValueError(f"{name} must be finite and above 0, got {array[0].item()!r}")
+        raise ValueError(
+            f"{name} must be finite and above 0, got {int(wrong.sum())} of {len(array)} that are "
+            f"not, the first being number {first}: {array[first].item()!r}"
+        )
+    if unit == "pixel" and array.max() > MOST_PIXELS:
+        raise ValueError(
+            f"{name} must be at most {MOST_PIXELS:g} pixels, got {array.max().item()!r}"
+        )
+    return array
