@@ -11,8 +11,9 @@ The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
     `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
-    what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
-    `SaveWarning` names what that has no word for.
+    what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
+    `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
+    has no word for.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -96,6 +97,7 @@ from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.arrows import Arrow, Arrows
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.contours import Contours
@@ -103,6 +105,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.hooks import set_hooks
+from rasterjit.scene.label import Label
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.lines import Lines
@@ -136,6 +139,8 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Arrow",
+    "Arrows",
     "Batch",
     "CalibrationWarning",
     "Choice",
@@ -149,6 +154,7 @@ __all__ = [
     "Fog",
     "Frame",
     "Framebuffer",
+    "Label",
     "LayeredFrame",
     "Lines",
     "LoadWarning",

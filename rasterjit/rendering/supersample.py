@@ -194,7 +194,7 @@ def shade_faces(
         drawn: dict[str, Any] = {}
         if plan.drawn is not None:
             drawn = plan.drawn[counts.index(count)]
-        elif plan.whole and new:
+        elif new and any("overlay" not in one.effect.places for one in plan.whole):
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
