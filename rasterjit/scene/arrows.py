@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -130,11 +131,13 @@ class Arrows(Mesh):
             tips = feet + scale * ways
         if not np.isfinite(tips).all() or not np.isfinite(lengths).all():
             raise ValueError("vectors times scale must reach finite places, got one too far")
-        self._dropped = int((lengths == 0.0).sum())
+        self._dropped = int(np.count_nonzero(lengths == 0.0))
         if self._dropped == len(feet):
             raise ValueError(f"vectors must have one that is not zero, got {len(feet)} that are")
         sizes = _sizes(lengths, measures, unit)
-        vertices, normals = _surface(feet, tips, units, sizes, self._sides)
+        vertices, normals = _surface(
+            feet, tips, units, sizes, measures[1] / measures[2], self._sides
+        )
         per_arrow = self.faces_per_arrow
         super().__init__(
             vertices, _faces(len(feet), self._sides), normals=normals,
@@ -266,14 +269,15 @@ def _sizes(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUn
 
 
 def _surface(
-    feet: Float64, tips: Float64, units: Float64, sizes: Float64, sides: int
+    feet: Float64, tips: Float64, units: Float64, sizes: Float64, slope: float, sides: int
 ) -> tuple[Float64, Float64]:
     """
     Return the vertices of all arrows and their normals, (N (7 sides + 1), 3) each.
 
     For each arrow: the middle of its foot and the foot's rim; the lower and the upper rim of the
     shaft; the inner and the outer rim of the cone's base; the rim of the cone, and its tip, once
-    for each side. Rims at one place are the same numbers, so that an arrow is closed.
+    for each side. Rims at one place are the same numbers, so that an arrow is closed. ``slope`` is
+    the cone's radius by its length, the same for all.
     """
     across = _across(units)
     beside = np.cross(units, across)
@@ -282,20 +286,19 @@ def _surface(
     out, out_between = (
         np.stack([c * across + s * beside for s, c in some], axis=1) for some in (turns, half_turns)
     )
-    shaft, head, long = (sizes[:, n, np.newaxis, np.newaxis] for n in range(3))
+    shaft, head = (sizes[:, n, np.newaxis, np.newaxis] for n in range(2))
+    slant = math.sqrt(1.0 + slope * slope)
     ahead, backward = units[:, np.newaxis], -units[:, np.newaxis]
     foot, base = feet[:, np.newaxis], (tips - sizes[:, 2:] * units)[:, np.newaxis]
     low, high, wide = foot + shaft * out, base + shaft * out, base + head * out
-    slant = np.sqrt(head * head + long * long)
-    slant = np.where(slant > 0.0, slant, 1.0)
     tip = np.broadcast_to(tips[:, np.newaxis], out.shape)
     back = np.broadcast_to(backward, out.shape)
     parts = [
         (foot, backward), (low, back),
         (low, out), (high, out),
         (high, back), (wide, back),
-        (wide, (long * out + head * ahead) / slant),
-        (tip, (long * out_between + head * ahead) / slant),
+        (wide, (out + slope * ahead) / slant),
+        (tip, (out_between + slope * ahead) / slant),
     ]  # fmt: skip
     vertices, normals = (np.concatenate(some, axis=1) for some in zip(*parts, strict=True))
     return vertices.reshape(-1, 3), normals.reshape(-1, 3)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ QUARTERS = 4
 
 PADDING = 0.25
 """How far a box reaches beyond its text on each side, as a share of the size."""
+
+ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
+"""Share of what a line is narrower than its text that lies to its left."""
 
 MOST_GLYPHS = 1024
 """Characters kept, each of one size and place."""
@@ -77,17 +81,17 @@ def lay_out(text: str, size: float, align: str) -> Layout:
     ascent = math.ceil(scale * font.ascent)
     pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.gap) + 0.5))
     glyphs = [[font.glyph_of(character) for character in line] for line in lines]
-    widths = [scale * sum(map(font.advance, line)) for line in glyphs]
+    # Where each character begins, and the last one ends, units.
+    units = [[*accumulate(map(font.advance, line), initial=0)] for line in glyphs]
+    widths = [scale * own[-1] for own in units]
     width = math.ceil(max(widths))
     placed = []
-    for number, (line, own) in enumerate(zip(glyphs, widths, strict=True)):
-        share = {"left": 0.0, "center": 0.5, "right": 1.0}[align]
-        start, units = share * (width - own), 0
-        for glyph in line:
-            quarters = math.floor(QUARTERS * (start + scale * units) + 0.5)
+    for number, line in enumerate(glyphs):
+        start = ALIGNED[align] * (width - widths[number])
+        for glyph, place in zip(line, units[number][:-1], strict=True):
+            quarters = math.floor(QUARTERS * (start + scale * place) + 0.5)
             column, quarter = divmod(quarters, QUARTERS)
             placed.append(Placed(glyph, column, quarter, ascent + number * pitch))
-            units += font.advance(glyph)
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
     return Layout(width, height, tuple(placed))
 
