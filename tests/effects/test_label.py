@@ -414,13 +414,16 @@ def busy(cube):
 
 
 @pytest.mark.parametrize("samples", [1, 64])
-def test_parts_have_the_bits_of_the_whole(cube, camera, samples):
+@pytest.mark.parametrize("shadow", [None, rj.Shadow(size=64)], ids=["", "shadows"])
+def test_parts_have_the_bits_of_the_whole(cube, camera, samples, shadow):
     scene, size, quality = busy(cube), (200, 150), rj.Quality(samples=samples)
-    scene.lights = [rj.DirectionalLight((-1, -2, -1), shadow=rj.Shadow(size=64))]
+    scene.lights = [rj.DirectionalLight((-1, -2, -1), shadow=shadow)]
     whole = rj.render(scene, camera, size=size, quality=quality, threads=1).color
     found = np.zeros_like(whole)
     with RegionRenderer(scene, camera, size=size, quality=quality, threads=1) as renderer:
         assert renderer.needs_surveys
+        pictures = 1 if shadow is None else samples + (samples > 1)
+        assert len(renderer.survey((0, 0, 64, 64))) == pictures
         for (left, top, width, height), frame in renderer.render_regions(64):
             found[top : top + height, left : left + width] = frame.color
     assert np.array_equal(found, whole)
@@ -495,6 +498,20 @@ def test_a_renderer_draws_labels_as_they_are_now(cube, camera):
             assert np.array_equal(color, shown(copy.deepcopy(scene), camera).color)
         node.label = None
         assert np.array_equal(renderer.render(scene, camera).color, plain)
+
+
+def test_animations_move_labels_with_their_nodes(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 1.5), "moves", background="red"))
+    (node,) = scene.labelled
+    times, places = [0.0, 1.0], [rj.transforms.translate((x, 0, 0)) for x in (-1.0, 1.0)]
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        played = rj.animation.frames(
+            renderer, scene, times, camera=camera, transforms={node: lambda t: places[int(t)]}
+        )
+        colors = [frame.color for frame in played]
+    for color, place in zip(colors, places, strict=True):
+        node.transform = place
+        assert np.array_equal(color, shown(scene, camera).color)
 
 
 def test_plans_of_labels_pickle(cube, camera):

@@ -272,6 +272,21 @@ def test_effect_of_the_scene_is_switched_off(cube):
     viewer.close()
 
 
+def test_labels_are_shown_and_switched_off_and_on(cube):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.add(rj.Label((0, 0, 0), "text", background="red"))
+    viewer = Viewer(scene, size=SIZE)
+    pictures = []
+    for _ in range(3):
+        pictures.append(viewer.draw().copy())
+        key(viewer, "y")
+    assert not np.array_equal(pictures[0], pictures[1])
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    assert len(scene.labelled) == 1
+    viewer.close()
+
+
 def test_effect_that_cannot_be_is_said(viewer):
     version = viewer.version
     key(viewer, "l")
