@@ -14,6 +14,9 @@ What is drawn
     what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
     `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
     has no word for.
+    what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
+    `SaveWarning` names what that has no word for.
+    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -104,6 +107,7 @@ from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.hooks import set_hooks
 from rasterjit.scene.label import Label
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
@@ -141,7 +145,9 @@ __all__ = [
     "AmbientOcclusion",
     "Arrow",
     "Arrows",
+    "Axes",
     "Batch",
+    "BoundingBox",
     "CalibrationWarning",
     "Choice",
     "Colormap",
@@ -155,6 +161,8 @@ __all__ = [
     "Frame",
     "Framebuffer",
     "Label",
+    "Frustum",
+    "Grid",
     "LayeredFrame",
     "Lines",
     "LoadWarning",
