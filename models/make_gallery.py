@@ -406,6 +406,54 @@ def scalar_fields(size: Size) -> Picture:
 
 
 @picture
+def vector_field(size: Size) -> Picture:
+    """The field of a magnet: arrows of one length, coloured by strength."""
+    x, z = (part.ravel() for part in np.mgrid[-4.4:4.4:17j, -3.0:3.0:11j])
+    outside = np.hypot(x, z) > 1.15
+    points = np.stack([x, 0.0 * x, z], axis=1)[outside]
+    distance = np.sqrt((points * points).sum(axis=1))[:, np.newaxis]
+    field = 3.0 * points[:, :1] * points / distance**5 - np.array([1.0, 0.0, 0.0]) / distance**3
+    strength = np.sqrt((field * field).sum(axis=1))
+    arrows = rj.Arrows(
+        points - 0.25 * field / strength[:, np.newaxis], field / strength[:, np.newaxis],
+        scale=0.5, shaft_radius=0.07, head_radius=0.18, head_length=0.45,
+        scalars=np.log10(strength), colormap="plasma", range=(-2.0, 0.0),
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(arrows)
+    globe = ball()
+    poles = np.where(globe.vertices[:, :1] > 0.0, (0.75, 0.05, 0.05), (0.1, 0.15, 0.6))
+    scene.add(dressed(globe, rj.Material(specular=0.3), colors=poles), PLACE.scale(0.8))
+    axis = rj.Arrow((-1.5, 0.0, 0.0), (1.7, 0.0, 0.0), head_length=0.15, color="#404448")
+    scene.add(axis)
+    scene.lights = [rj.AmbientLight(intensity=0.4), sun(0.7)]
+    camera = rj.PerspectiveCamera(eye=(0.0, 7.2, 5.6), target=(0.0, 0.0, 0.25), fov_y=41.0)
+    return shown(scene, camera, size, background="white", quality=SMOOTH)
+
+
+@picture
+def labels(size: Size) -> Picture:
+    """Parts of a teapot by their names; what is behind it is not told."""
+    scene = teapot(rj.Material("phong", "#5d8aa8", specular=0.4))
+    pot = scene.find("teapot")
+    paper, em = "#fffffff0", max(6.0, size[0] / 30.0)
+    for text, place, anchor, offset in (
+        ("spout", (3.4, 2.5, 0.0), "bottom", (0.0, -0.6)),
+        ("lid", (0.0, 3.15, 0.0), "bottom", (0.0, -0.6)),
+        ("handle", (-3.05, 2.0, 0.0), "right", (-0.6, 0.0)),
+        ("body\nglazed", (0.6, 1.2, 1.95), "center", (0.0, 0.0)),
+        ("behind", (0.0, 1.0, -2.1), "center", (0.0, 0.0)),
+    ):
+        moved = offset[0] * em, offset[1] * em
+        sign = rj.Label(
+            place, text, em, anchor, "#20242c", background=paper, hidden=True, offset=moved
+        )
+        scene.add(sign, parent=pot)
+    scene.add(rj.Label((0.0, 0.0, 2.7), "Utah, 1975", 1.3 * em, "center", "#803010"))
+    return shown(scene, TEAPOT_VIEW, size, quality=SMOOTH)
+
+
+@picture
 def tone_curves(size: Size) -> Picture:
     """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
     part, pictures = part_of(size, 2, 2), []

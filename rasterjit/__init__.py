@@ -11,6 +11,9 @@ The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
     `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
+    what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
+    `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
+    has no word for.
     what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
     `SaveWarning` names what that has no word for.
     `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
@@ -97,6 +100,7 @@ from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.arrows import Arrow, Arrows
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.contours import Contours
@@ -105,6 +109,7 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.hooks import set_hooks
+from rasterjit.scene.label import Label
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.lines import Lines
@@ -138,6 +143,8 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Arrow",
+    "Arrows",
     "Axes",
     "Batch",
     "BoundingBox",
@@ -153,6 +160,7 @@ __all__ = [
     "Fog",
     "Frame",
     "Framebuffer",
+    "Label",
     "Frustum",
     "Grid",
     "LayeredFrame",

@@ -70,6 +70,7 @@ def full_scene():
     scene.outline = rj.Outline()
     scene.vignette = rj.Vignette()
     scene.wireframe = rj.Wireframe("black")
+    scene.add(rj.Label((0.0, 0.0, 1.5), "label"))
     return scene
 
 
@@ -106,6 +107,10 @@ def without_field(name):
         setattr(scene, name, None)
 
     return switch
+
+
+def without_labels(scene):
+    scene.remove(scene.labelled[0])
 
 
 def without_shadows(scene):
@@ -184,6 +189,7 @@ WITHOUT = {
     "vignette": without_field("vignette"),
     "outline": without_field("outline"),
     "wireframe": without_field("wireframe"),
+    "labels": without_labels,
     "transparency": opaque("blend"),
 }
 

@@ -231,6 +231,11 @@ def _check_setting(setting: Any) -> Scene:
             f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
             f"{', '.join(held[:-1])} and {held[-1]} hold for all partitions"
         )
+    if setting.labelled:
+        raise ValueError(
+            f"setting must have no labels, got {len(setting.labelled)}: they are drawn over the "
+            "finished picture, which no partition has"
+        )
     for effect in EFFECTS:
         if effect.joins_faces and getattr(setting, effect.field) is not None:
             raise ValueError(

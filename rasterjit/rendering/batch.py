@@ -7,7 +7,6 @@ its last.
 
 from __future__ import annotations
 
-import copy
 import math
 import threading
 import time
@@ -46,7 +45,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.node import LAST_ROW_ROUNDING, Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.scene.validation import in_short, number_array
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.contents import find_attribute
@@ -289,8 +288,15 @@ class AllViews(NamedTuple):
 
 
 def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
-    """Return a scene whose objects stand elsewhere, (O, 4, 4): ``world_from_model`` of each."""
-    changed = copy.copy(scene)
+    """
+    Return a scene whose objects stand elsewhere, (O, 4, 4): ``world_from_model`` of each.
+
+    Labels stand where they do.
+    """
+    labelled = [
+        Node(world_from_model=node.world_matrix, label=node.label) for node in scene.labelled
+    ]
+    changed = with_labelled(scene, labelled)
     changed.nodes = [
         Node(node.mesh, name=node.name, world_from_model=matrix)
         for node, matrix in zip(scene.nodes, places, strict=True)

@@ -11,6 +11,7 @@ from rasterjit.effects.antialiasing import ANTIALIASING
 from rasterjit.effects.background_image import BACKGROUND_IMAGE
 from rasterjit.effects.environment import BACKGROUND, LIGHT
 from rasterjit.effects.fog import FOG
+from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
@@ -46,6 +47,7 @@ EFFECTS: tuple[Effect, ...] = (
     TRANSPARENCY,
     ANTIALIASING,
     WIREFRAME,
+    LABELS,
     rows.Diagnostics(),
 )
 

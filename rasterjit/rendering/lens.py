@@ -161,7 +161,14 @@ def plan_lensed(
         for one in whole
     ]
     text = f"{type(lens).__name__}: {looks.described}"
-    plan = whole[0].plan.with_(outputs=outputs, size=size, camera=camera, lens=text)
+    pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
+    effects = tuple(
+        one._replace(data=one.effect.bent(one.data, eye, pixels)) if one.used else one
+        for one in whole[0].plan.effects
+    )
+    plan = whole[0].plan.with_(
+        outputs=outputs, size=size, camera=camera, lens=text, effects=effects
+    )
     earlier = find_earlier(previous, plan, scene, asked)
     compared = None
     if earlier is not None:
@@ -177,15 +184,25 @@ def through_lens(planned: Lensed) -> Through:
     lens, sight = planned.lens, planned.sight
     axes = world_axes(planned.camera, planned.size)
 
-    def pixels(points: Float64) -> Float64:
-        return sight.pixels(lens.places(_mixed(points, axes.T)))
-
     def directions(columns: Float64, rows: Float64) -> Float64:
         return _mixed(lens.directions(sight.places(columns, rows)), axes)
 
     pictures = (one.plan for one in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
+    pixels = _pixels_of(lens, sight, planned.camera, planned.size)
     return Through(pixels, directions, clips)
+
+
+def _pixels_of(
+    lens: Lens, sight: Sight, camera: Camera, size: tuple[int, int]
+) -> Callable[[Float64], Float64]:
+    """Return what tells where points relative to the eye, (N, 3), are seen: pixels, (N, 2)."""
+    axes = world_axes(camera, size)
+
+    def pixels(points: Float64) -> Float64:
+        return sight.pixels(lens.places(_mixed(points, axes.T)))
+
+    return pixels
 
 
 def _mixed(shares: Float64, axes: Float64) -> Float64:
@@ -225,7 +242,8 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
     one = planned.pictures[0]
     placement = placement_of(one.cache.shapes.arrays, one.views)
-    context = FrameContext(planned.plan, one.cache, None, placement, None, workers)
+    coverage = seen.coverage._replace(face_id=targets["face_id"])
+    context = FrameContext(planned.plan, one.cache, None, placement, coverage, workers)
     for overlay in planned.plan.at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = Stats(**counts, seconds=clock.seconds, face_id=targets["face_id"])

@@ -195,7 +195,7 @@ def shade_faces(
         drawn: dict[str, Any] = {}
         if plan.drawn is not None:
             drawn = plan.drawn[counts.index(count)]
-        elif plan.whole and new:
+        elif new and surveys_pictures(plan):
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
@@ -333,6 +333,11 @@ def _draw_whole(
         beside = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
         sights.append(see_whole(beside))
     return prepare_whole(context, offsets, sights)
+
+
+def surveys_pictures(plan: RenderPlan) -> bool:
+    """Tell whether an effect looks at all pictures, not at the finished one alone."""
+    return any("overlay" not in one.effect.places for one in plan.whole)
 
 
 def see_whole(context: FrameContext) -> dict[str, Any]:

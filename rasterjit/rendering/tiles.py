@@ -118,7 +118,7 @@ class RegionRenderer:
         region = check_region(region, plan.size)
         part = plan.with_(region=region)
         plans = [part]
-        for step in self._steps():
+        for step in self._surveyed_steps():
             plans += [supersample.moved(part, offset) for offset in step]
         found = []
         with self._workers.frame():
@@ -152,7 +152,7 @@ class RegionRenderer:
         placement = shade.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
         context = FrameContext(plan, cache, None, placement, None, self._workers)
         rest, drawn = iter(beside), []
-        for step in self._steps() or [[]]:
+        for step in self._surveyed_steps() or [[]]:
             sights = [middle, *(next(rest) for _ in step)]
             drawn.append(supersample.prepare_whole(context, step, sights))
         self._planned = self._planned._replace(plan=plan.with_(drawn=tuple(drawn)))
@@ -201,9 +201,12 @@ class RegionRenderer:
         for region in regions:
             yield region, self.render_region(region)
 
-    def _steps(self) -> list[list[supersample.Offset]]:
-        """Return the offsets of each step of pictures; none if the frame is the picture."""
-        return supersample.step_offsets(self.plan) if self.plan.pictures > 1 else []
+    def _surveyed_steps(self) -> list[list[supersample.Offset]]:
+        """Return the offsets of pictures to survey, by steps; none if the frame is the picture."""
+        if self.plan.pictures == 1:
+            return []
+        steps = supersample.step_offsets(self.plan)
+        return steps if supersample.surveys_pictures(self.plan) else [[] for _ in steps]
 
 
 def regions_of(size: tuple[int, int], tile: int) -> list[Region]:

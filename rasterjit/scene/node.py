@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import compose, inverse
 from rasterjit.scene.validation import finite_array, in_short, read_only
@@ -48,15 +49,18 @@ class Node(Guarded):
         What the node moves with. Where the parent is in a scene, the node is then, too.
     world_from_model : (4, 4) array_like, optional
         Where the node stands in the world, in place of ``transform``.
+    label : Label, optional
+        A text at the node, whether it has a mesh or not.
 
     Raises
     ------
     ValueError
-        If ``mesh`` is not a `Mesh`, ``parent`` not a `Node`, both transforms are given, or one is
-        not 4×4, finite and affine, or has no finite product with those above.
+        If ``mesh`` is not a `Mesh`, ``parent`` not a `Node`, ``label`` not a `Label`, both
+        transforms are given, or one is not 4×4, finite and affine, or has no finite product with
+        those above.
     AttributeError
-        If anything else is assigned than ``mesh``, ``transform``, ``world_from_model``, ``name``
-        and ``parent``.
+        If anything else is assigned than ``mesh``, ``transform``, ``world_from_model``, ``name``,
+        ``parent`` and ``label``.
 
     Examples
     --------
@@ -70,7 +74,7 @@ class Node(Guarded):
     [0.0, 1.0, 0.0]
     """
 
-    _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent")
+    _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent", "label")
     _INSTEAD = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
 
     name: str
@@ -78,6 +82,7 @@ class Node(Guarded):
     _transform: NDArray[np.float64]
     _world_from_model: NDArray[np.float64]
     _parent: Node | None
+    _label: Label | None
     _children: list[Node]
     _scene: weakref.ref[Scene] | None
     """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
@@ -90,11 +95,13 @@ class Node(Guarded):
         *,
         parent: Node | None = None,
         world_from_model: ArrayLike | None = None,
+        label: Label | None = None,
     ) -> None:
         # All at once, past the check of each that is assigned.
         self.__dict__.update(
             _mesh=None if mesh is None else _checked_mesh(mesh), _transform=_IDENTITY,
             _world_from_model=_IDENTITY, name=name, _parent=None, _children=[], _scene=None,
+            _label=check_label(label),
         )  # fmt: skip
         if world_from_model is not None:
             if transform is not None:
@@ -117,6 +124,18 @@ class Node(Guarded):
         scene = scene_of(self)
         if scene is not None and was_drawn != (value is not None):
             (scene._drop if was_drawn else scene._take)(self)
+
+    @property
+    def label(self) -> Label | None:
+        """The text at the node, or ``None``; another, or none, may be assigned."""
+        return self._label
+
+    @label.setter
+    def label(self, value: Label | None) -> None:
+        self._label = check_label(value)
+        scene = scene_of(self)
+        if scene is not None:
+            scene._know_label(self)
 
     @property
     def transform(self) -> NDArray[np.float64]:
@@ -229,7 +248,8 @@ class Node(Guarded):
 
     def __repr__(self) -> str:
         held = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)
-        return f"Node({self.name!r}, {held})"
+        said = "" if self._label is None else f", label {self._label.text!r}"
+        return f"Node({self.name!r}, {held}{said})"
 
 
 def meshes_of(nodes: Sequence[Node]) -> list[Mesh]:

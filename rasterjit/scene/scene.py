@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 import math
 import os
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
@@ -102,6 +104,8 @@ class Scene(Guarded, Previewed):
         # were removed, so that default names stay apart.
         self._groups: dict[Node, None] = {}
         self._removed = 0
+        # Nodes that carry a label, in the order in which they came.
+        self._labelled: dict[Node, None] = {}
 
     def __copy__(self) -> Scene:
         """Return a scene of the same lists."""
@@ -142,23 +146,25 @@ class Scene(Guarded, Previewed):
 
         Parameters
         ----------
-        mesh : Mesh, Node, Scene, trimesh.Trimesh or trimesh.Scene
-            A `Node` brings all that hangs below it. Of a scene, all nodes are copied, sharing their
-            meshes, below the new node; lights, camera and effects are left out. trimesh's objects
-            bring what `load` takes of a file: colours, materials and textures.
+        mesh : Mesh, Label, Node, Scene, trimesh.Trimesh or trimesh.Scene
+            A `Label` is carried by a node without a mesh. A `Node` brings all that hangs below it.
+            Of a scene, all nodes are copied, sharing their meshes, below the new node; lights,
+            camera and effects are left out. trimesh's objects bring what `load` takes of a file:
+            colours, materials and textures.
         transform : (4, 4) array_like, optional
             Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
             Default: the identity, or that of the `Node`.
         name : str, optional
             Default: ``"object <number>"``, as many as there are and have been removed; that of the
-            `Node`; of a scene that is more than one mesh at its origin, none.
+            `Node`; of a label, and of a scene that is more than one mesh at its origin, none.
         parent : Node, optional
             One of the scene's, with or without a mesh, that it moves with.
 
         Returns
         -------
         Node
-            With the mesh, the last entry of ``nodes``; of a scene, the group of its nodes.
+            With the mesh, the last entry of ``nodes``; with the label; of a scene, the group of its
+            nodes.
 
         Raises
         ------
@@ -183,6 +189,9 @@ class Scene(Guarded, Previewed):
                 node._scene = weakref.ref(self)
                 self.nodes.append(node)
             return node
+        if isinstance(mesh, Label):
+            node = Node(None, transform, "" if name is None else str(name), label=mesh)
+            return self._add_node(node, None, None, parent)
         found = HOOKS["scene_of_others"](mesh)
         if _is_plain(found):
             return self.add(found.nodes[0].mesh, transform, name, parent=parent)
@@ -251,8 +260,9 @@ class Scene(Guarded, Previewed):
         left = [one for one in self.nodes if one not in gone]
         self._removed += len(self.nodes) - len(left)
         self.nodes[:] = left
-        for group in gone:
-            self._groups.pop(group, None)
+        for one in gone:
+            self._groups.pop(one, None)
+            self._labelled.pop(one, None)
 
     def find(self, name: str) -> Node:
         """
@@ -333,6 +343,22 @@ class Scene(Guarded, Previewed):
         tops = {id(top): top for top in map(topmost, (*self.nodes, *self._groups))}
         return [node for top in tops.values() for node in with_all_below(top)]
 
+    @property
+    def labelled(self) -> list[Node]:
+        """
+        The nodes that carry a label, in the order in which they came: later ones are drawn over.
+
+        A new list; ``add`` and ``node.label = ...`` change which there are.
+        """
+        return list(self._labelled)
+
+    def _know_label(self, node: Node) -> None:
+        """List a node that has got a label, and no longer one that has lost its."""
+        if node.label is None:
+            self._labelled.pop(node, None)
+        else:
+            self._labelled[node] = None
+
     def _holds(self, node: Node) -> bool:
         """Tell whether a node was added, or is in the list."""
         if scene_of(node) is self:
@@ -369,7 +395,12 @@ class Scene(Guarded, Previewed):
             node = top if not is_new else node
         if top.mesh is None:
             self._groups[top] = None
-        drawn = [one for one in with_all_below(node) if one.mesh is not None]
+        drawn = []
+        for one in with_all_below(node):
+            if one.mesh is not None:
+                drawn.append(one)
+            if one.label is not None:
+                self._labelled[one] = None
         held = set(map(id, self.nodes)) if drawn and not is_new else ()
         self.nodes += [one for one in drawn if id(one) not in held]
 
@@ -453,9 +484,16 @@ class Scene(Guarded, Previewed):
                     yield transform_instances(some, positions).reshape(-1, 3)
 
 
+def with_labelled(scene: Scene, nodes: Iterable[Node]) -> Scene:
+    """Return a copy of a scene that shows the labels of these nodes alone."""
+    changed = copy.copy(scene)
+    changed._labelled = dict.fromkeys(nodes)
+    return changed
+
+
 def _is_plain(scene: Scene) -> bool:
     """Tell whether a scene is one mesh, at the origin."""
-    if len(scene.nodes) != 1:
+    if len(scene.nodes) != 1 or scene.labelled:
         return False
     (node,) = scene.nodes
     is_alone = node.parent is None and not node.children
@@ -469,6 +507,6 @@ def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> tuple[Node,
     for node in scene.every_node():
         above = group if node.parent is None else copies[id(node.parent)]
         mesh = node.mesh if id(node) in drawn else None
-        copies[id(node)] = Node(mesh, node.transform, node.name, parent=above)
+        copies[id(node)] = Node(mesh, node.transform, node.name, parent=above, label=node.label)
     order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
     return group, [node for node in order if node.mesh is not None]

@@ -223,6 +223,29 @@ class Effect:
         """Tell whether it reads the depth of visible faces."""
         return False
 
+    def looks_first(self, data: Any) -> bool:
+        """
+        Tell whether it looks at the whole picture before it acts, as `see` says.
+
+        ``data`` is what the plan knows of it.
+        """
+        return self.looks == "whole"
+
+    def bent(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
+        """
+        Return what the plan knows of it where a lens bends the picture.
+
+        Parameters
+        ----------
+        data
+            What the plan knows of it.
+        eye : (3,) float64
+            World space.
+        pixels : callable
+            Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
+        """
+        return data
+
     def see(self, context: FrameContext) -> Any:
         """Return what it must know of a picture, or of a part of one, before it is prepared."""
         return None

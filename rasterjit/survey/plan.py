@@ -150,7 +150,9 @@ class RenderPlan:
     def whole(self) -> list[Planned]:
         """The effects that look at the whole picture before they are prepared, and still do."""
         done = {} if self.drawn is None else self.drawn[0]
-        return [one for one in self.planned if one.effect.looks == "whole" and one.name not in done]
+        return [
+            one for one in self.planned if one.effect.looks_first(one.data) and one.name not in done
+        ]
 
     @property
     def corner(self) -> tuple[int, int]:

@@ -20,7 +20,7 @@ COLORS = ("color", "linear")
 SHAPES = {"mask", "facets", "parallel"}
 """Switches that move what is seen; the others change colours alone."""
 
-CODED = {"outline", "wireframe", "vignette", "tone"}
+CODED = {"outline", "wireframe", "vignette", "tone", "label"}
 """Switches that 8-bit colour shows, and linear colour does not."""
 
 SUMMED = 2e-5

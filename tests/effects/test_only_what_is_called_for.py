@@ -129,6 +129,8 @@ GONE = {
         "wireframe.draw_edges", "wireframe.fill_slack", "wireframe.find_pixels",
         "wireframe.project_edges",
     },
+    # Texts are laid over the picture in NumPy.
+    "labels": set(),
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
         "compositing.start_sums", "encode.encode_rows", "fields.multiply_alphas",

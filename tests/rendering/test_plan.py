@@ -317,6 +317,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "transparency             out (no material is blended)",
         "anti-aliasing            out (quality.samples is 1)",
         "wireframe                in  (mode overlay)",
+        "labels                   out (no node has a label)",
         "diagnostics              in  (diagnose=True)",
     ]
     scene.wireframe = rj.Wireframe("red", mode="only")

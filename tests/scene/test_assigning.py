@@ -36,6 +36,7 @@ FROZEN = [
     rj.FisheyeLens(0.1),
     rj.PinholeDistortion(0.1),
     rj.Fog(mode="linear", start=1.0, end=2.0),
+    rj.Label((0, 1, 0), "text", background="white"),
     rj.Material("pbr", "orange", base_color_texture=rj.Texture(np.ones((2, 2)))),
     UnsaidMaterial(),
     rj.MatrixCamera(np.eye(4), np.eye(4)),

@@ -272,6 +272,21 @@ def test_effect_of_the_scene_is_switched_off(cube):
     viewer.close()
 
 
+def test_labels_are_shown_and_switched_off_and_on(cube):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.add(rj.Label((0, 0, 0), "text", background="red"))
+    viewer = Viewer(scene, size=SIZE)
+    pictures = []
+    for _ in range(3):
+        pictures.append(viewer.draw().copy())
+        key(viewer, "y")
+    assert not np.array_equal(pictures[0], pictures[1])
+    np.testing.assert_array_equal(pictures[0], pictures[2])
+    assert len(scene.labelled) == 1
+    viewer.close()
+
+
 def test_effect_that_cannot_be_is_said(viewer):
     version = viewer.version
     key(viewer, "l")
@@ -429,7 +444,7 @@ def test_every_effect_key_is_known_and_told():
     assert switches.KEYS == {
         "o": "ambient occlusion", "k": "outline", "t": "tone mapping", "l": "shadows",
         "b": "environment background", "v": "environment light", "n": "fog", "x": "textures",
-        "z": "vignette",
+        "z": "vignette", "y": "labels",
     }  # fmt: skip
     assert set(switches.KEYS.values()) <= names
     assert {key: effect.name for key, effect in switches.MODED.items()} == {"g": "wireframe"}

@@ -208,6 +208,8 @@ class _Writer:
             if id(node) in drawn and node.mesh is not None:
                 entry["mesh"] = self._mesh(node)
                 order.append(node)
+            if node.label is not None:
+                self.left_out.note("labels")
             numbers[id(node)] = number = self._append("nodes", entry)
             if node.parent is not None:
                 above = self._lists["nodes"][numbers[id(node.parent)]]

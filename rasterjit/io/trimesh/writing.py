@@ -82,6 +82,8 @@ class _Converter:
         for name in EFFECT_FIELDS:
             if getattr(scene, name) is not None:
                 self.left_out.note(name)
+        if scene.labelled:
+            self.left_out.note("labels")
         return made
 
     def _unlike(self, name: str) -> str:

@@ -1,0 +1,313 @@
+"""
+Labels: texts at points of the scene, over the finished picture.
+
+A frame has them where colour is shown in 8 bits. Texts are found and mixed in NumPy: no kernel is
+compiled for them. Whether something hides one is found from the face at one pixel, so that parts of
+a picture ask the part that holds it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.label.text import PADDING, Float64, cover_text, lay_out
+from rasterjit.pipeline.encode import code_thresholds
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.label import Label
+from rasterjit.scene.pixels import clip_from_relative, project
+from rasterjit.scene.scene import Scene, with_labelled
+from rasterjit.survey.blending import mixing_note
+from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+SHARES = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
+"""Where an anchor lies in a box, of its width or height; else in the middle."""
+
+FARTHEST = 1e9
+"""Pixels from the picture's corner beyond which a place is nowhere near."""
+
+SHOWN, HIDDEN, ELSEWHERE = 1, 0, -1
+"""What a picture, or a part of it, knows of a label: seen, hidden, or that it lies elsewhere."""
+
+
+class Texts(NamedTuple):
+    """The labels of a scene, where they stand."""
+
+    labels: tuple[Label, ...]
+    points: Float64
+    """(N, 3), world space."""
+    places: Float64 | None = None
+    """(N, 2), pixels of the whole picture; ``None`` -> where the camera sees the points."""
+
+
+class Box(NamedTuple):
+    """The pixels of a text, with what is behind it."""
+
+    left: int
+    top: int
+    """Of its first pixel, in the whole picture."""
+    width: int
+    height: int
+    padding: int
+    """Pixels around the text."""
+
+
+def box_of(label: Label, place: Sequence[float]) -> Box:
+    """Return the pixels of a label whose anchor lies at a place, pixels of the whole picture."""
+    layout = lay_out(label.text, label.size, _side(label, "left", "right"))
+    padding = 0 if label.background is None else math.floor(PADDING * label.size + 0.5)
+    width, height = layout.width + 2 * padding, layout.height + 2 * padding
+    corner = []
+    for axis, sides, length in ((0, ("left", "right"), width), (1, ("top", "bottom"), height)):
+        share = SHARES.get(_side(label, *sides), 0.5)
+        corner.append(math.floor(place[axis] + label.offset[axis] - share * length + 0.5))
+    return Box(corner[0], corner[1], width, height, padding)
+
+
+def _side(label: Label, first: str, last: str) -> str:
+    """Return which of two sides an anchor is at, else "center"."""
+    return next((side for side in (first, last) if side in label.anchor), "center")
+
+
+def draw_label(
+    label: Label,
+    place: Sequence[float],
+    corner: tuple[int, int],
+    color: NDArray[np.uint8],
+    in_codes: bool,
+) -> None:
+    """
+    Lay a label over a picture, or a part of one.
+
+    Parameters
+    ----------
+    label : Label
+    place : (float, float)
+        Where its anchor lies, pixels of the whole picture.
+    corner : (int, int)
+        First column and row of the part, in the whole picture.
+    color : (H, W, 4) uint8
+        Changed where the label is.
+    in_codes : bool
+        Whether codes are mixed, not light.
+    """
+    box, (height, width) = box_of(label, place), color.shape[:2]
+    left, top = max(box.left - corner[0], 0), max(box.top - corner[1], 0)
+    right = min(box.left - corner[0] + box.width, width)
+    bottom = min(box.top - corner[1] + box.height, height)
+    if left >= right or top >= bottom:
+        return
+    layout = lay_out(label.text, label.size, _side(label, "left", "right"))
+    first = (
+        left + corner[0] - box.left - box.padding,
+        top + corner[1] - box.top - box.padding,
+    )
+    cover = cover_text(layout, label.size, (*first, right - left, bottom - top))
+    layers = [] if label.background is None else [(np.ones_like(cover), label.background)]
+    mix(color[top:bottom, left:right], [*layers, (cover, label.color)], in_codes)
+
+
+def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_codes: bool) -> None:
+    """
+    Lay colours over pixels, the first one below the others.
+
+    Parameters
+    ----------
+    pixels : (R, C, 4) uint8
+        Changed where a colour has a share.
+    layers : sequence of ((R, C) float64, colour)
+        The share of each pixel that a linear RGBA colour covers.
+    in_codes : bool
+        Whether codes are mixed, not light.
+    """
+    light = pixels[..., :3] / 255.0 if in_codes else decoding_table()[pixels[..., :3]].astype(float)
+    alpha = pixels[..., 3] / 255.0
+    is_touched = np.zeros(alpha.shape, bool)
+    for cover, (*own, opacity) in layers:
+        values = np.array(own, np.float64)
+        if in_codes:
+            values = encoded(values) / 255.0
+        share = cover * opacity
+        through = (1.0 - share) * alpha
+        total = share + through
+        some = share > 0.0
+        mixed = share[..., np.newaxis] * values + through[..., np.newaxis] * light
+        light[some] = mixed[some] / total[some][:, np.newaxis]
+        alpha = np.where(some, total, alpha)
+        is_touched |= some
+    codes = np.floor(255.0 * light + 0.5).astype(np.uint8) if in_codes else encoded(light)
+    pixels[is_touched, :3] = codes[is_touched]
+    pixels[is_touched, 3] = np.floor(255.0 * alpha[is_touched] + 0.5).astype(np.uint8)
+
+
+def encoded(light: Float64) -> NDArray[np.uint8]:
+    """Return sRGB codes of linear light, rounded half up."""
+    return np.searchsorted(code_thresholds(), light.astype(np.float32), side="right").astype(
+        np.uint8
+    )
+
+
+def find_seen(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
+    """Return what a picture, or a part of one, knows of each label: (N,), see ``SHOWN``."""
+    found = np.full(len(texts.labels), SHOWN, np.int8)
+    plan = context.plan
+    if not plan.facts.draws_faces:
+        return found
+    face_id, (left, top) = context.coverage.face_id, plan.corner
+    height, width = face_id.shape
+    for n, (label, place) in enumerate(zip(texts.labels, places_of(texts, plan), strict=True)):
+        if not label.hidden:
+            continue
+        found[n] = ELSEWHERE
+        x, y = place.tolist()
+        if abs(x) < FARTHEST and abs(y) < FARTHEST:
+            column, row = math.floor(x) - left, math.floor(y) - top
+            if 0 <= column < width and 0 <= row < height:
+                face = int(face_id[row, column])
+                found[n] = HIDDEN if face >= 0 and hides(face, texts.points[n], context) else SHOWN
+    return found
+
+
+def hides(face: int, point: Float64, context: FrameContext) -> bool:
+    """
+    Tell whether a face that is seen at a point's pixel lies in front of it, a pixel's width away.
+
+    What counts is where the plane of the face meets the line from the viewer to the point: it goes
+    through points on the face, wherever in the pixel they are. Where that is nearer than all of the
+    face, as on one that is seen edge-on beside the point, its nearest corner counts, and the
+    farthest of one without an area.
+    """
+    plan, placement, arrays = context.plan, context.placement, context.cache.shapes.arrays
+    owner = int(np.searchsorted(placement.face_starts, face, side="right")) - 1
+    matrix = placement.relative_from_model[owner]
+    corners = [_moved(matrix, arrays.positions[vertex]) for vertex in arrays.faces[face]]
+    own = (point - plan.camera.eye_position()).tolist()
+    x, y, z, w = placement.toward_viewer.tolist()
+    toward = [x - w * own[0], y - w * own[1], z - w * own[2]]
+    length = math.sqrt(_dot(toward, toward))
+    if not length > 0.0:
+        return False
+    ray = [one / length for one in toward]
+    reaches = [_dot(_less(corner, own), ray) for corner in corners]
+    normal = _cross(_less(corners[1], corners[0]), _less(corners[2], corners[0]))
+    slope = _dot(normal, ray)
+    ahead = min(reaches)
+    if slope != 0.0:
+        ahead = min(_dot(normal, _less(corners[0], own)) / slope, max(reaches))
+    return ahead > pixel_width(plan, length if w else 1.0)
+
+
+def pixel_width(plan: RenderPlan, distance: float) -> float:
+    """Return how wide a pixel is, scene units, at a distance from the eye; of a parallel view 1."""
+    matrix = clip_from_relative(plan.camera, plan.size)
+    across, depth = matrix[0, :3].tolist(), matrix[3, :3].tolist()
+    per_distance = math.sqrt(_dot(depth, depth)) or 1.0
+    return 2.0 * distance * per_distance / (math.sqrt(_dot(across, across)) * plan.size[0])
+
+
+def places_of(texts: Texts, plan: RenderPlan) -> Float64:
+    """Return where the points are seen, (N, 2): pixels of the whole picture, NaN if not."""
+    if texts.places is not None:
+        return texts.places
+    return project(plan.camera, texts.points, plan.size).pixels
+
+
+def _moved(matrix: Float64, position: Float64) -> list[float]:
+    """Return a position in model space relative to the eye, given (3, 4)."""
+    x, y, z = position.tolist()
+    return [row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix.tolist()]
+
+
+def _less(one: Sequence[float], other: Sequence[float]) -> list[float]:
+    """Return a difference of vectors."""
+    return [a - b for a, b in zip(one, other, strict=True)]
+
+
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+    """Return the dot product of two vectors."""
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+def _cross(one: Sequence[float], other: Sequence[float]) -> list[float]:
+    """Return the cross product of two vectors."""
+    return [
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    ]
+
+
+class Labels(Effect):
+    """Draw texts over the finished picture."""
+
+    name = "labels"
+    key = "y"
+    looks = "whole"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether texts are drawn: they are 8-bit pixels."""
+        nodes = planning.scene.labelled
+        if not nodes or "color" not in facts.outputs:
+            return Absent(self, facts)
+        points = [_moved(node.world_matrix[:3], np.array(node.label.position)) for node in nodes]
+        return Planned(self, facts, Texts(tuple(node.label for node in nodes), np.array(points)))
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why texts are drawn or not."""
+        if "color" not in facts.outputs:
+            return "no output shows colour in 8 bits"
+        if not is_used:
+            return "no node has a label"
+        return f"over the finished picture{mixing_note(facts.quality)}"
+
+    def looks_first(self, data: Texts) -> bool:
+        """Tell whether parts of a picture must know what hides texts in others."""
+        return any(label.hidden for label in data.labels)
+
+    def bent(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
+        """Return the texts, each where a lens shows its point."""
+        return data._replace(places=pixels(data.points - eye))
+
+    def see(self, context: FrameContext) -> NDArray[np.int8]:
+        """Return what a picture, or a part of it, knows of each text."""
+        return find_seen(context.plan.data(self.name), context)
+
+    def join(
+        self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], NDArray[np.int8]]]
+    ) -> NDArray[np.int8]:
+        """Return what is known of each text, given what parts of the picture know."""
+        return np.maximum.reduce([known for _, known in parts])
+
+    def prepare(
+        self, context: FrameContext, data: Texts, seen: Sequence[tuple[Any, Any]]
+    ) -> NDArray[np.int8]:
+        """Return which texts are seen."""
+        return seen[0][1]
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with nodes that carry no label."""
+        return with_labelled(scene, ())
+
+    @staticmethod
+    def draw_over(texts: Texts, context: FrameContext, color: NDArray[np.uint8]) -> None:
+        """Draw the texts over the colour, (H, W, 4)."""
+        plan = context.plan
+        known = {} if plan.drawn is None else plan.drawn[0]
+        seen = known[LABELS.name] if LABELS.name in known else find_seen(texts, context)
+        places = places_of(texts, plan)
+        for label, place, one in zip(texts.labels, places, seen, strict=True):
+            x, y = place.tolist()
+            if one == SHOWN and abs(x) < FARTHEST and abs(y) < FARTHEST:
+                draw_label(label, (x, y), plan.corner, color, plan.quality.blending == "srgb8")
+
+    places: ClassVar = {"overlay": draw_over}
+
+
+LABELS = Labels()
+"""The row of labels."""

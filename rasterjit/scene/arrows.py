@@ -1,0 +1,361 @@
+"""Arrows: vectors as solid shafts with cones, all in one mesh."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike, linear_color, linear_rows
+from rasterjit.scene.colormap import ColormapLike
+from rasterjit.scene.field import NAN_COLOR
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.transforms import sine_cosine
+from rasterjit.scene.validation import (
+    finite_array,
+    in_short,
+    one_of,
+    positive_number,
+    triple,
+    unmasked_array,
+)
+
+ArrowUnit: TypeAlias = Literal["length", "world"]
+ARROW_UNITS: tuple[ArrowUnit, ...] = get_args(ArrowUnit)
+"""What radii and heads are measured in."""
+
+FEWEST_SIDES, MOST_SIDES = 3, 256
+"""Of a shaft and its cone."""
+
+FACES_PER_SIDE = 6
+"""Of the foot 1, the shaft 2, the cone's base 2 and the cone 1."""
+
+MOST_HEAD = 0.95
+"""Of the length of an arrow: there is a shaft."""
+
+LEAST_SHAFT = 2.0
+"""Lengths of its head that an arrow has at least: shorter ones are thinner, in proportion."""
+
+Float64 = NDArray[np.float64]
+
+
+class Arrows(Mesh):
+    """
+    Vectors as solid arrows: a vector field, forces, normals, velocities.
+
+    One mesh of closed arrows, each a shaft with a cone, smooth around and sharp at the edges.
+    ``frame.face_id // arrows.faces_per_arrow`` is the number of the arrow at each pixel.
+
+    Parameters
+    ----------
+    positions : (N, 3) array_like
+        Model-space positions where the arrows begin, in scene units.
+    vectors : (N, 3) array_like
+        Where each points, and how far. Those of length zero, or whose length times ``scale`` is
+        too small for a number, have no arrow: they are counted in ``dropped``, and the others keep
+        their numbers.
+    scale : float
+        What lengths are multiplied by, above 0.
+    shaft_radius, head_radius, head_length : float
+        Radius of the shaft, radius and length of the cone; above 0. The cone is at least as wide as
+        the shaft.
+    unit : {"length", "world"}
+        What these are in: shares of each arrow's length (then the head is at most 0.95 long), or
+        scene units, the same for all arrows. In scene units, arrows shorter than two heads are
+        thinner, with shorter heads, in proportion.
+    sides : int
+        Of the shaft and the cone, 3..256.
+    colors : colour or (N, 3|4) array_like, optional
+        Of all arrows, or of each; see `Mesh`.
+    scalars, colormap, range, nan_color
+        A number for each arrow, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
+    material : Material, optional
+        Default ``Material()``.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or type or is empty, holds NaN or infinity (scalars may),
+        no arrow is left, or a measure is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rasterjit as rj
+    >>> x, y = (part.ravel() for part in np.meshgrid(np.arange(4.0), np.arange(3.0)))
+    >>> speeds = np.stack([0.5 - y, x, 0 * x], axis=1)
+    >>> arrows = rj.Arrows(np.stack([x, y, 0 * x], axis=1), speeds, scale=0.2, scalars=x)
+    >>> arrows
+    Arrows(12 arrows)
+    """
+
+    _INSTEAD = "make other Arrows"
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        vectors: ArrayLike,
+        *,
+        scale: float = 1.0,
+        shaft_radius: float = 0.04,
+        head_radius: float = 0.1,
+        head_length: float = 0.3,
+        unit: ArrowUnit = "length",
+        sides: int = 16,
+        colors: ColorLike | None = None,
+        scalars: ArrayLike | None = None,
+        colormap: ColormapLike = "viridis",
+        range: tuple[float, float] | None = None,
+        nan_color: ColorLike = NAN_COLOR,
+        material: Material | None = None,
+    ) -> None:
+        feet = finite_array("positions", positions, (None, 3))
+        if not len(feet):
+            raise ValueError("positions must have one row or more, got none")
+        ways = finite_array("vectors", vectors, (None, 3))
+        if len(ways) != len(feet):
+            raise ValueError(
+                f"vectors must have one row per position ({len(feet)}), got {len(ways)}"
+            )
+        scale = positive_number("scale", scale)
+        measures = _measures(
+            shaft_radius, head_radius, head_length, one_of("unit", unit, ARROW_UNITS)
+        )
+        self._sides = _side_count(sides)
+        self._count = len(feet)
+        with np.errstate(over="ignore", under="ignore"):
+            lengths, units = _lengths(ways, scale)
+            tips = feet + scale * ways
+        if not np.isfinite(tips).all() or not np.isfinite(lengths).all():
+            raise ValueError("vectors times scale must reach finite places, got one too far")
+        self._dropped = int(np.count_nonzero(lengths == 0.0))
+        if self._dropped == len(feet):
+            raise ValueError(f"vectors must have one that is not zero, got {len(feet)} that are")
+        sizes = _sizes(lengths, measures, unit)
+        vertices, normals = _surface(
+            feet, tips, units, sizes, measures[1] / measures[2], self._sides
+        )
+        per_arrow = self.faces_per_arrow
+        super().__init__(
+            vertices, _faces(len(feet), self._sides), normals=normals,
+            colors=None if colors is None else _spread_colors(colors, len(feet), per_arrow),
+            scalars=None if scalars is None else _spread(scalars, len(feet), per_arrow),
+            colormap=colormap, range=range, nan_color=nan_color, material=material,
+        )  # fmt: skip
+
+    @property
+    def faces_per_arrow(self) -> int:
+        """How many faces each arrow has: face f belongs to arrow ``f // faces_per_arrow``."""
+        return FACES_PER_SIDE * self._sides
+
+    @property
+    def dropped(self) -> int:
+        """How many vectors have no arrow, for they are zero; their faces have no area."""
+        return self._dropped
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __repr__(self) -> str:
+        zero = f", {self._dropped} of them zero" if self._dropped else ""
+        return f"{type(self).__name__}({len(self)} arrows{zero})"
+
+    def split_creases(self, angle: float = 40.0) -> Arrows:
+        """Return the arrows themselves, whose edges are sharp already."""
+        return self
+
+
+class Arrow(Arrows):
+    """
+    An arrow from one point to another: `Arrows` of one.
+
+    Parameters
+    ----------
+    start, end : (3,) array_like
+        Model-space positions of its foot and its tip, in scene units.
+    shaft_radius, head_radius, head_length, unit, sides, material
+        As `Arrows` takes them.
+    color : colour, optional
+        Default: that of the material.
+
+    Raises
+    ------
+    ValueError
+        If a point is not three finite numbers, both are the same, or a measure is out of range.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
+    >>> node = scene.add(rj.Arrow((0, 0, 0), (0, 4, 0), color="crimson"), name="up")
+    """
+
+    _INSTEAD = "make another Arrow"
+
+    def __init__(
+        self,
+        start: ArrayLike,
+        end: ArrayLike,
+        *,
+        shaft_radius: float = 0.04,
+        head_radius: float = 0.1,
+        head_length: float = 0.3,
+        unit: ArrowUnit = "length",
+        sides: int = 16,
+        color: ColorLike | None = None,
+        material: Material | None = None,
+    ) -> None:
+        foot, tip = np.array(triple("start", start)), np.array(triple("end", end))
+        if (foot == tip).all():
+            raise ValueError(f"end must be another point than start, got {tip.tolist()} twice")
+        super().__init__(
+            foot[np.newaxis], (tip - foot)[np.newaxis], shaft_radius=shaft_radius,
+            head_radius=head_radius, head_length=head_length, unit=unit, sides=sides,
+            colors=None if color is None else linear_color("color", color), material=material,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        return "Arrow()"
+
+
+def _side_count(value: Any) -> int:
+    """Return how many sides a shaft has, or raise ``ValueError``."""
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_whole or not FEWEST_SIDES <= value <= MOST_SIDES:
+        raise ValueError(
+            f"sides must be a whole number in {FEWEST_SIDES}..{MOST_SIDES}, got {in_short(value)}"
+        )
+    return int(value)
+
+
+def _measures(
+    shaft_radius: float, head_radius: float, head_length: float, unit: ArrowUnit
+) -> tuple[float, float, float]:
+    """Return both radii and the length of the head, or raise ``ValueError``."""
+    shaft = positive_number("shaft_radius", shaft_radius)
+    head = positive_number("head_radius", head_radius)
+    long = positive_number("head_length", head_length)
+    if head < shaft:
+        raise ValueError(
+            f"head_radius must be at least shaft_radius, {shaft:g}, got {head_radius!r}"
+        )
+    if unit == "length" and long > MOST_HEAD:
+        raise ValueError(
+            f"head_length must be at most {MOST_HEAD:g} of an arrow's length, got {head_length!r}; "
+            "in scene units with unit='world'"
+        )
+    return shaft, head, long
+
+
+def _lengths(vectors: Float64, scale: float) -> tuple[Float64, Float64]:
+    """Return the lengths of scaled vectors, (N,), and unit vectors, (N, 3); 0 of what is zero."""
+    largest = np.abs(vectors).max(axis=1)
+    x, y, z = (vectors / np.where(largest > 0.0, largest, 1.0)[:, np.newaxis]).T
+    long = np.sqrt(x * x + y * y + z * z)
+    lengths = scale * largest * long
+    divisor = np.where(lengths > 0.0, long, np.inf)
+    return lengths, np.stack([x / divisor, y / divisor, z / divisor], axis=1)
+
+
+def _sizes(lengths: Float64, measures: tuple[float, float, float], unit: ArrowUnit) -> Float64:
+    """Return both radii and the length of the head of each arrow, (N, 3), scene units."""
+    if unit == "length":
+        return lengths[:, np.newaxis] * np.array(measures)
+    shrunk = np.minimum(lengths / (LEAST_SHAFT * measures[2]), 1.0)
+    return shrunk[:, np.newaxis] * np.array(measures)
+
+
+def _surface(
+    feet: Float64, tips: Float64, units: Float64, sizes: Float64, slope: float, sides: int
+) -> tuple[Float64, Float64]:
+    """
+    Return the vertices of all arrows and their normals, (N (7 sides + 1), 3) each.
+
+    For each arrow: the middle of its foot and the foot's rim; the lower and the upper rim of the
+    shaft; the inner and the outer rim of the cone's base; the rim of the cone, and its tip, once
+    for each side. Rims at one place are the same numbers, so that an arrow is closed. ``slope`` is
+    the cone's radius by its length, the same for all.
+    """
+    across = _across(units)
+    beside = np.cross(units, across)
+    turns = [sine_cosine(360.0 * n / sides) for n in range(sides)]
+    half_turns = [sine_cosine(360.0 * (n + 0.5) / sides) for n in range(sides)]
+    out, out_between = (
+        np.stack([c * across + s * beside for s, c in some], axis=1) for some in (turns, half_turns)
+    )
+    shaft, head = (sizes[:, n, np.newaxis, np.newaxis] for n in range(2))
+    slant = math.sqrt(1.0 + slope * slope)
+    ahead, backward = units[:, np.newaxis], -units[:, np.newaxis]
+    foot, base = feet[:, np.newaxis], (tips - sizes[:, 2:] * units)[:, np.newaxis]
+    low, high, wide = foot + shaft * out, base + shaft * out, base + head * out
+    tip = np.broadcast_to(tips[:, np.newaxis], out.shape)
+    back = np.broadcast_to(backward, out.shape)
+    parts = [
+        (foot, backward), (low, back),
+        (low, out), (high, out),
+        (high, back), (wide, back),
+        (wide, (out + slope * ahead) / slant),
+        (tip, (out_between + slope * ahead) / slant),
+    ]  # fmt: skip
+    vertices, normals = (np.concatenate(some, axis=1) for some in zip(*parts, strict=True))
+    return vertices.reshape(-1, 3), normals.reshape(-1, 3)
+
+
+def _across(units: Float64) -> Float64:
+    """Return a unit vector across each unit vector, (N, 3); zero across zero."""
+    rows = np.arange(len(units))
+    least = np.abs(units).argmin(axis=1)
+    axes = np.zeros(units.shape)
+    axes[rows, least] = 1.0
+    x, y, z = np.cross(units, axes).T
+    long = np.sqrt(x * x + y * y + z * z)
+    return np.stack([x, y, z], axis=1) / np.where(long > 0.0, long, 1.0)[:, np.newaxis]
+
+
+def _faces(count: int, sides: int) -> NDArray[np.int32]:
+    """Return the faces of arrows, (N 6 sides, 3), counter-clockwise from outside."""
+    here = np.arange(sides)
+    after = (here + 1) % sides
+    rims = [1 + n * sides for n in range(7)]
+    foot, low, high, inner, outer, cone, tip = rims
+    one = np.concatenate(
+        [
+            np.stack([np.zeros_like(here), foot + after, foot + here], axis=1),
+            *_band(low, high, here, after),
+            *_band(inner, outer, here, after),
+            np.stack([cone + here, cone + after, tip + here], axis=1),
+        ]
+    )
+    firsts = (7 * sides + 1) * np.arange(count)[:, np.newaxis, np.newaxis]
+    return (one + firsts).reshape(-1, 3).astype(np.int32)
+
+
+def _band(
+    low: int, high: int, here: NDArray[np.int_], after: NDArray[np.int_]
+) -> list[NDArray[np.int_]]:
+    """Return the faces between two rims, which turn around the axis, seen from outside."""
+    return [
+        np.stack([low + here, low + after, high + after], axis=1),
+        np.stack([low + here, high + after, high + here], axis=1),
+    ]
+
+
+def _spread_colors(colors: Any, count: int, per_arrow: int) -> NDArray[np.float32]:
+    """Return the colour of each face, (F, 4) linear, given one, or those of arrows."""
+    if isinstance(colors, str) or np.ndim(colors) == 1:
+        return np.tile(linear_color("colors", colors), (count * per_arrow, 1))
+    rows = linear_rows("colors", colors)
+    if len(rows) != count:
+        raise ValueError(f"colors must be one colour or one per arrow ({count}), got {len(rows)}")
+    return np.repeat(rows, per_arrow, axis=0)
+
+
+def _spread(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
+    """Return the scalar of each face, given those of arrows."""
+    values = unmasked_array("scalars", scalars)
+    if values.shape != (count,):
+        raise ValueError(f"scalars must be one number per arrow ({count}), got {in_short(values)}")
+    return np.repeat(values, per_arrow)

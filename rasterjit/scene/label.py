@@ -1,0 +1,161 @@
+"""Labels: text that stands at a point of a scene, in pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.validation import (
+    VectorLike,
+    cut_short,
+    finite_array,
+    in_short,
+    one_of,
+    positive_number,
+    triple,
+)
+
+Anchor: TypeAlias = Literal[
+    "center", "left", "right", "top", "bottom",
+    "top-left", "top-right", "bottom-left", "bottom-right",
+]  # fmt: skip
+ANCHORS: tuple[Anchor, ...] = get_args(Anchor)
+"""Which point of a text lies at its place."""
+
+LARGEST_TEXT = 512.0
+"""Most pixels of an em."""
+
+MOST_CHARACTERS = 1000
+"""Longest text."""
+
+FARTHEST_OFFSET = 65536.0
+"""Most pixels from a place to its text."""
+
+
+@says_replace
+@dataclass(frozen=True)
+class Label:
+    """
+    A text at a point, drawn over the finished picture.
+
+    ``scene.add(label)`` makes a node that carries it, and moves with its parents; a node that has
+    a mesh may carry one as well (``node.label = label``). It is part of the output ``"color"``
+    alone: numbers, depth, coverage and ``"linear"`` know nothing of it, and cameras are not fitted
+    to it. It is as large as the finished picture's pixels, however many samples these have, and
+    upright under any lens.
+
+    The font is Aileron Regular, which Pillow brings: the characters of ASCII and a few more;
+    others are drawn as its empty box. Its outlines are drawn without hints or kerning, by the area
+    that they cover, in the package itself: pixels are the same with any version of Pillow that has
+    this font, on every machine. Texts are moved to whole pixels, and each character to quarters of
+    one.
+
+    Parameters
+    ----------
+    position : (3,) array_like
+        Model space of its node, in scene units: world space, if that stands at the origin. Nothing
+        is drawn where it is behind the camera, or where the lens sees nothing.
+    text : str
+        With line breaks between its lines; up to 1000 characters.
+    size : float
+        Of an em, about a line's height, pixels of the finished picture; above 0, at most 512.
+    anchor : str
+        The point of the text that lies at the position: ``"center"``, ``"left"``, ``"right"``,
+        ``"top"``, ``"bottom"``, ``"top-left"``, ``"top-right"``, ``"bottom-left"`` or
+        ``"bottom-right"``. With ``"left"`` the text begins there, and runs to the right. Its lines
+        begin below each other, end so, or have one middle, as it says.
+    color : colour
+        Of the text; with its alpha.
+    background : colour, optional
+        Of a box behind the text, a quarter of ``size`` larger on each side; with its alpha.
+    hidden : bool
+        Whether what is in front of the position hides the text: all of it, where the nearest
+        surface at the position's pixel, see-through or not, is nearer by more than a pixel is wide
+        there; and where the position is out of the picture. Else nothing hides it. Of points and
+        lines, their centres and their farther ends count.
+    offset : (float, float)
+        How far the text is moved to the right and down, pixels.
+
+    Raises
+    ------
+    ValueError
+        If the position is not three finite numbers, the text empty or too long, the size not
+        above 0 or too large, the anchor unknown, or a colour is none.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
+    >>> node = scene.add(rj.Label((0.0, 3.15, 0.0), "lid", anchor="bottom"), name="lid")
+    >>> node.label.text
+    'lid'
+    """
+
+    position: VectorLike
+    text: str
+    size: float = 14.0
+    anchor: Anchor = "center"
+    color: ColorLike = "black"
+    background: ColorLike | None = None
+    hidden: bool = False
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        changes: dict[str, Any] = {
+            "position": triple("position", self.position),
+            "text": _checked_text(self.text),
+            "size": _checked_size(self.size),
+            "anchor": one_of("anchor", self.anchor, ANCHORS),
+            "color": tuple(linear_color("color", self.color).tolist()),
+            "hidden": _checked_flag(self.hidden),
+            "offset": _checked_offset(self.offset),
+        }
+        if self.background is not None:
+            changes["background"] = tuple(linear_color("background", self.background).tolist())
+        for name, value in changes.items():
+            object.__setattr__(self, name, value)
+
+
+def check_label(value: Any) -> Label | None:
+    """Return a label or None, or raise ``ValueError``."""
+    if value is not None and not isinstance(value, Label):
+        raise ValueError(f"label must be a Label or None, got {in_short(value)}")
+    return value
+
+
+def _checked_text(value: Any) -> str:
+    """Return a text, or raise ``ValueError``."""
+    if not isinstance(value, str):
+        raise ValueError(f"text must be a string, got {in_short(value)}")
+    if not value.strip():
+        raise ValueError(f"text must have a character that is seen, got {cut_short(value)}")
+    if len(value) > MOST_CHARACTERS:
+        raise ValueError(f"text must have at most {MOST_CHARACTERS} characters, got {len(value)}")
+    return value
+
+
+def _checked_size(value: Any) -> float:
+    """Return a size in pixels, or raise ``ValueError``."""
+    size = positive_number("size", value)
+    if size > LARGEST_TEXT:
+        raise ValueError(f"size must be at most {LARGEST_TEXT:g} pixels, got {value!r}")
+    return size
+
+
+def _checked_flag(value: Any) -> bool:
+    """Return whether something hides, or raise ``ValueError``."""
+    if not isinstance(value, bool):
+        raise ValueError(f"hidden must be True or False, got {in_short(value)}")
+    return value
+
+
+def _checked_offset(value: Any) -> tuple[float, float]:
+    """Return an offset in pixels, or raise ``ValueError``."""
+    right, down = finite_array("offset", value, (2,)).tolist()
+    if max(abs(right), abs(down)) > FARTHEST_OFFSET:
+        raise ValueError(
+            f"offset must be at most {FARTHEST_OFFSET:g} pixels each way, got {(right, down)}"
+        )
+    return right, down

@@ -1,0 +1,558 @@
+"""Labels are drawn over the finished picture where they stand, and nowhere else."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import hashlib
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.distributed import render_partitions
+from rasterjit.effects.label import LABELS, box_of, font, text
+from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
+from rasterjit.scene.label import ANCHORS
+
+SIZE = (96, 64)
+FRONT = rj.PerspectiveCamera(eye=(0, 0, 10), target=(0, 0, 0), near=0.5, far=50.0)
+"""The middle of its picture is the origin, between four pixels."""
+
+FONT_HASH = "69853909b940023570964e29cffe30da95aea8de3627736b5cd15ab30143169f"
+
+
+def scene_of(cube, *labels):
+    scene = rj.Scene()
+    scene.add(cube)
+    for label in labels:
+        scene.add(label)
+    return scene
+
+
+def shown(scene, camera=FRONT, **options):
+    return rj.render(scene, camera, **{"size": SIZE, "threads": 1, **options})
+
+
+def touched(scene, camera=FRONT, **options):
+    """Which pixels labels change, (H, W) bool."""
+    without = shown(LABELS.without(scene), camera, **options).color
+    return (shown(scene, camera, **options).color != without).any(axis=2)
+
+
+def columns_and_rows(mask):
+    """First and last column and row that is set."""
+    rows, columns = np.nonzero(mask)
+    return columns.min(), columns.max(), rows.min(), rows.max()
+
+
+# The font, and what its outlines cover.
+
+
+def test_the_font_is_the_one_that_pixels_are_promised_for():
+    found = font.shipped_font()
+    assert (found.em, found.ascent, found.descent, found.gap) == (1000, 970, 230, 0)
+    from PIL import ImageFont
+
+    assert hashlib.sha256(ImageFont.load_default(20).font_bytes).hexdigest() == FONT_HASH
+    printable = "".join(map(chr, range(33, 127)))
+    assert len({found.glyph_of(one) for one in printable}) == len(printable)
+    assert found.glyph_of("\N{SNOWMAN}") == 0
+    assert found.outline(found.glyph_of(" ")) == []
+
+
+def test_outlines_are_those_of_freetype():
+    """Beside FreeType's own, whose hints move edges by a part of a pixel."""
+    from PIL import ImageFont
+
+    size = 200
+    for character in "ABgQ8@&}é":
+        mask = ImageFont.load_default(size).getmask(character)
+        theirs = np.array(mask).reshape(mask.size[::-1])
+        theirs = theirs[:, theirs.any(axis=0)]
+        own = text.cover_glyph(font.shipped_font().glyph_of(character), float(size), 0).cover
+        assert np.abs(np.subtract(own.shape, theirs.shape)).max() <= 2
+        assert own.sum() == pytest.approx(theirs.sum(), rel=0.02)
+
+
+def area_in_pixel(polygon, column, row):
+    """Signed area of a polygon within a pixel, cut at its sides one by one: the slow twin."""
+    for axis, bound, sign in ((0, column, 1), (0, column + 1, -1), (1, row, 1), (1, row + 1, -1)):
+        kept = []
+        for n, here in enumerate(polygon):
+            before = polygon[n - 1]
+            inside, was = sign * (here[axis] - bound) >= 0, sign * (before[axis] - bound) >= 0
+            if inside != was:
+                t = (bound - before[axis]) / (here[axis] - before[axis])
+                kept.append([p + t * (q - p) for p, q in zip(before, here, strict=True)])
+            if inside:
+                kept.append(here)
+        polygon = kept
+    return (
+        sum(
+            polygon[n - 1][0] * here[1] - here[0] * polygon[n - 1][1]
+            for n, here in enumerate(polygon)
+        )
+        / 2.0
+    )
+
+
+def lines_of(polygons):
+    ends = [np.concatenate([np.roll(one, 1, axis=0), one], axis=1) for one in polygons]
+    return np.concatenate(ends).astype(float)
+
+
+POLYGONS = [
+    [[(0, 0), (4, 0), (4, 3), (0, 3)]],
+    [[(0.5, 0.25), (3.5, 0.25), (3.5, 2.75), (0.5, 2.75)]],
+    [[(0.1, 0.2), (3.9, 1.7), (1.3, 2.9)]],
+    [[(1, 0), (4, 3), (0, 1)]],
+    # A hole, which turns the other way.
+    [[(0, 0), (4, 0), (4, 3), (0, 3)], [(1.2, 0.4), (0.7, 2.6), (3.1, 2.2)]],
+    # Less than a pixel, and a line without area.
+    [[(2.2, 1.3), (2.4, 1.3), (2.3, 1.7)]],
+    [[(0.5, 0.5), (3.5, 2.5), (0.5, 0.5)]],
+]
+
+
+@pytest.mark.parametrize("polygons", POLYGONS)
+@pytest.mark.parametrize("turned", [1, -1])
+def test_areas_are_those_of_the_slow_twin(polygons, turned):
+    polygons = [np.array(one, float)[::turned] for one in polygons]
+    found = text.cover_area(lines_of(polygons), (3, 4))
+    for row in range(3):
+        for column in range(4):
+            area = sum(area_in_pixel(one.tolist(), column, row) for one in polygons)
+            assert found[row, column] == pytest.approx(abs(area), abs=1e-12)
+
+
+@pytest.mark.parametrize("character", ["8", "W", "%", "g"])
+def test_a_glyph_covers_what_its_outlines_enclose(character):
+    size, quarter = 13.0, 3
+    number = font.shipped_font().glyph_of(character)
+    glyph = text.cover_glyph(number, size, quarter)
+    pieces = math.ceil(math.sqrt(size))
+    polygons = []
+    for curves in font.shipped_font().outline(number):
+        points = []
+        for a, b, c in curves:
+            for n in range(pieces):
+                t = n / pieces
+                x, y = (1 - t) * (1 - t) * a + 2 * t * (1 - t) * b + t * t * c
+                points.append([0.013 * x + 0.75 - glyph.left, -0.013 * y - glyph.top])
+        polygons.append(points)
+    for (row, column), code in np.ndenumerate(glyph.cover):
+        area = abs(sum(area_in_pixel(one, column, row) for one in polygons))
+        assert abs(code - 255.0 * area) <= 0.5 + 1e-6
+
+
+# Where texts lie.
+
+
+@pytest.mark.parametrize("anchor", ANCHORS)
+def test_the_anchor_lies_at_the_place(cube, anchor):
+    label = rj.Label((0, 0, 0), "Hx", anchor=anchor, background="red", size=12)
+    left, right, top, bottom = columns_and_rows(touched(scene_of(cube, label)))
+    width, height = right - left + 1, bottom - top + 1
+    assert (width, height) == box_of(label, (0, 0))[2:4]
+    x = 48 if "left" in anchor else 48 - width if "right" in anchor else 48 - width / 2
+    y = 32 if "top" in anchor else 32 - height if "bottom" in anchor else 32 - height / 2
+    assert (left, top) == (math.floor(x + 0.5), math.floor(y + 0.5))
+
+
+def test_places_are_rounded_to_whole_pixels_half_up_and_moved_by_the_offset(cube):
+    label = rj.Label((0, 0, 0), "I", anchor="top-left", background="red", size=8)
+    for offset, column, row in (
+        ((0.49, 0.0), 48, 32), ((0.5, -0.5), 49, 32), ((-0.51, -20.6), 47, 11), ((7, 9), 55, 41),
+    ):  # fmt: skip
+        found = columns_and_rows(touched(scene_of(cube, dataclasses.replace(label, offset=offset))))
+        assert (found[0], found[2]) == (column, row)
+
+
+def test_lines_lie_below_each_other_and_begin_or_end_together():
+    layouts = {align: text.lay_out("wide one\nI", 20.0, align) for align in ("left", "right")}
+    for layout in layouts.values():
+        assert layout.height == 2 * 24 + 1
+        assert [one.row for one in layout.placed] == [20] * 8 + [44]
+    first, last = layouts["left"].placed[0], layouts["left"].placed[-1]
+    assert (first.column, first.quarter) == (last.column, last.quarter) == (0, 0)
+    advance = font.shipped_font().advance(font.shipped_font().glyph_of("I")) * 20 / 1000
+    last = layouts["right"].placed[-1]
+    assert abs(last.column + last.quarter / 4 + advance - layouts["right"].width) <= 0.125
+
+
+def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
+    """Every pixel of the box on its own, in Python's numbers."""
+    label = rj.Label((0.3, 0.5, 1.0), "Ag%\nq", 17, "left", (0.7, 0.1, 0.02, 0.75), "#20c0ff90")
+    background = (0.9, 0.4, 0.1, 0.5)
+    for blending in ("linear", "srgb8"):
+        options = {"quality": rj.Quality(blending=blending), "background": background}
+        scene = scene_of(cube, label)
+        plain = shown(LABELS.without(scene), camera, **options).color
+        found = shown(scene, camera, **options).color
+        box = box_of(label, camera.project(label.position, SIZE).pixels.tolist())
+        layout = text.lay_out(label.text, label.size, "left")
+        window = (-box.padding, -box.padding, box.width, box.height)
+        cover = text.cover_text(layout, label.size, window)
+        assert box.padding == 4
+        wanted = plain.copy()
+        for row in range(box.height):
+            for column in range(box.width):
+                at = row + box.top, column + box.left
+                if 0 <= at[0] < SIZE[1] and 0 <= at[1] < SIZE[0]:
+                    layers = (1.0, label.background), (cover[row, column], label.color)
+                    wanted[at] = laid_over(plain[at], layers, blending == "srgb8")
+        assert not np.array_equal(wanted, plain)
+        assert np.array_equal(found, wanted)
+
+
+def laid_over(pixel, layers, in_codes):
+    """One pixel under two layers."""
+    light = pixel[:3] / 255.0 if in_codes else srgb_to_linear(pixel[:3]).astype(float)
+    alpha = pixel[3] / 255.0
+    for cover, (*own, opacity) in layers:
+        values = np.array(own)
+        if in_codes:
+            values = np.floor(255.0 * linear_to_srgb(values) + 0.5) / 255.0
+        share = cover * opacity
+        if share > 0.0:
+            through = (1.0 - share) * alpha
+            light = (share * values + through * light) / (share + through)
+            alpha = share + through
+    encoded = light if in_codes else linear_to_srgb(light)
+    return np.floor(255.0 * np.append(encoded, alpha) + 0.5)
+
+
+def test_what_is_opaque_and_covers_a_pixel_is_its_colour(cube):
+    label = rj.Label((0, 0, 0), "M", 300, color="#123456")
+    color = shown(scene_of(cube, label), background="transparent").color
+    assert [0x12, 0x34, 0x56, 255] in color.reshape(-1, 4).tolist()
+
+
+# What it acts on.
+
+
+OTHERS = ("linear", "depth", "face_id", "object_id", "coverage", "normal")
+
+
+def test_all_but_colour_stays_as_it_is(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 0), "seen", background="red"))
+    outputs = ("color", *OTHERS)
+    without = shown(LABELS.without(scene), camera, outputs=outputs)
+    frame = shown(scene, camera, outputs=outputs)
+    assert not np.array_equal(frame.color, without.color)
+    for name in OTHERS:
+        assert np.array_equal(getattr(frame, name), getattr(without, name), equal_nan=True)
+    assert rj.fit_camera(scene) == rj.fit_camera(LABELS.without(scene))
+
+
+@pytest.mark.parametrize("samples", [4, "area", 64])
+def test_it_is_drawn_once_over_pictures_of_any_samples(cube, camera, samples):
+    quality = rj.Quality(samples=samples)
+    label = rj.Label((0, 0, 1), "opaque", background="white", hidden=True)
+    scene = scene_of(cube, label)
+    found = touched(scene, camera, quality=quality)
+    plain = shown(scene_of(cube, label), camera)
+    box = np.s_[slice(*np.flatnonzero(found.any(axis=1))[[0, -1]])]
+    rows, columns = np.nonzero(found)
+    box = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    # The background is opaque: what is in the box is the same over any picture.
+    assert np.array_equal(shown(scene, camera, quality=quality).color[box], plain.color[box])
+
+
+def test_pictures_drawn_for_other_effects_are_no_more_with_labels(cube, camera, monkeypatch):
+    from rasterjit.rendering import renderer
+
+    calls = []
+    find = renderer.find_visible
+    monkeypatch.setattr(
+        renderer, "find_visible", lambda *a, **k: (calls.append(1), find(*a, **k))[1]
+    )
+    scene = scene_of(cube, rj.Label((0, 0, 3), "x", hidden=True))
+    for one in (scene, LABELS.without(scene)):
+        shown(one, camera, quality=rj.Quality(samples=64))
+    assert len(calls) % 2 == 0
+    assert sum(calls[: len(calls) // 2]) == 65
+
+
+def test_it_is_shown_in_8_bits_alone_and_the_plan_says_so(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 0), "seen"))
+    plans = [rj.explain(scene, camera, size=SIZE, outputs=one) for one in ("color", "linear")]
+    assert [plan.has("labels") for plan in plans] == [True, False]
+    plans.append(rj.explain(cube, camera, size=SIZE))
+    plans.append(rj.explain(scene, camera, rj.Quality(blending="srgb8"), size=SIZE))
+    told = [next(one.reason for one in plan.effects if one.name == "labels") for plan in plans]
+    assert told == [
+        "over the finished picture", "no output shows colour in 8 bits", "no node has a label",
+        "over the finished picture, mixed in 8-bit sRGB codes",
+    ]  # fmt: skip
+
+
+def test_later_labels_are_drawn_over_earlier_ones(cube):
+    one = rj.Label((0, 0, 0), "I", background="red")
+    other = rj.Label((0, 0, -3), "I", color="blue", background="blue")
+    color = shown(scene_of(cube, one, other)).color
+    assert color[32, 48].tolist() == [0, 0, 255, 255]
+    color = shown(scene_of(cube, other, dataclasses.replace(one, color="red"))).color
+    assert color[32, 48].tolist() == [255, 0, 0, 255]
+
+
+# What hides it.
+
+
+def is_shown(scene, camera=FRONT, **options):
+    return bool(touched(scene, camera, **options).any())
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_face_in_front_hides_it_and_one_behind_does_not(cube, parallel):
+    camera = FRONT
+    if parallel:
+        camera = rj.OrthographicCamera((0, 0, 10), (0, 0, 0), height=6, near=0.5, far=50.0)
+    for z, wanted in ((-2, False), (0, False), (0.8, False), (1, True), (1.1, True), (3, True)):
+        label = rj.Label((0.2, 0.1, z), "text", background="red", hidden=True)
+        assert is_shown(scene_of(cube, label), camera) is wanted
+        assert is_shown(scene_of(cube, dataclasses.replace(label, hidden=False)), camera)
+
+
+def test_corners_in_sight_are_seen_and_the_one_behind_is_not(cube, camera):
+    for size in ((96, 64), (500, 333), (31, 17)):
+        for corner in cube.vertices:
+            label = rj.Label(corner, "o", background="red", hidden=True)
+            seen = is_shown(scene_of(cube, label), camera, size=size)
+            assert seen is bool(corner.max() == 1.0)
+
+
+def test_vertices_of_a_ball_are_seen_on_the_side_of_the_viewer(sphere):
+    eye = np.array([0.0, 0.0, 10.0])
+    for vertex in sphere.vertices:
+        label = rj.Label(vertex, "o", background="red", hidden=True)
+        # Where the ball's surface, a polyhedron, turns away, either may be.
+        facing = (eye - vertex) @ vertex
+        if abs(facing) > 3.5:
+            assert is_shown(scene_of(sphere, label)) is bool(facing > 0.0)
+
+
+def test_what_is_seen_edge_on_hides_nothing_that_it_does_not_reach():
+    strip = rj.Mesh([[0, -1, 3], [0.02, -1, -3], [0.02, 1, -3], [0, 1, 3]], [[0, 1, 2], [0, 2, 3]])
+    for z, wanted in ((4.0, True), (-8.0, False)):
+        label = rj.Label((0.02, 0.0, z), "o", background="red", hidden=True)
+        scene = scene_of(strip, label)
+        camera = rj.PerspectiveCamera((0.0, 0, 10), (0.0, 0, 0), near=0.5, far=50.0)
+        frame = shown(scene, camera, outputs=("color", "face_id"))
+        x, y = camera.project(label.position, SIZE).pixels
+        if frame.face_id[int(y), int(x)] >= 0:
+            assert is_shown(scene, camera) is wanted
+
+
+def test_out_of_the_picture_it_is_drawn_only_if_nothing_may_hide_it(cube):
+    label = rj.Label((-6.5, 0, 0), "beyond the edge", background="red", size=20)
+    x, _ = FRONT.project(label.position, SIZE).pixels
+    assert -20 < x < 0
+    assert is_shown(scene_of(cube, label))
+    assert not is_shown(scene_of(cube, dataclasses.replace(label, hidden=True)))
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_behind_the_camera_it_is_not_drawn(cube, hidden):
+    for z in (10.0, 10.5, 30.0):
+        assert not is_shown(scene_of(cube, rj.Label((0, 0, z), "behind", hidden=hidden)))
+
+
+def test_holes_and_lone_edges_hide_nothing(cube):
+    label = rj.Label((0, 0, -2), "text", background="red", hidden=True)
+    scene = scene_of(cube, label)
+    scene.wireframe = rj.Wireframe("black", mode="only")
+    assert is_shown(scene)
+    clear = rj.Mesh(
+        cube.vertices, cube.faces, colors=np.zeros((8, 4)),
+        material=rj.Material("unlit", alpha_mode="mask"),
+    )  # fmt: skip
+    assert is_shown(scene_of(clear, label))
+
+
+def test_points_hide_what_is_behind_their_centre_and_lines_by_their_farther_end(cube):
+    from rasterjit.effects.label import hides
+
+    planned = shown(scene_of(cube, rj.Label((0, 0, -2), "x", hidden=True)), FRONT).plan
+    vertices = np.array([[0, 0, 1.0], [0, 0, -1.0], [5, 5, 5]])
+
+    class Shapes:
+        class shapes:  # noqa: N801
+            class arrays:  # noqa: N801
+                positions = vertices
+                faces = np.array([[0, 0, 0], [0, 1, 1]], np.int32)
+
+    class Context:
+        plan = planned
+        cache = Shapes
+
+        class placement:  # noqa: N801
+            face_starts = np.array([0, 2])
+            relative_from_model = np.array([np.eye(4)[:3]])
+            toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+
+    Context.placement.relative_from_model[0, 2, 3] = -10.0
+    for face, z, wanted in ((0, 0.0, True), (0, 1.0, False), (1, 0.0, False), (1, -2.0, True)):
+        assert hides(face, np.array([0.0, 0.0, z]), Context) is wanted
+
+
+# In parts, through lenses, in batches, again and again.
+
+
+def busy(cube):
+    return scene_of(
+        cube,
+        rj.Label((0, 0, 1), "across\nthe border", 30, background="#ffffff80", hidden=True),
+        rj.Label((1.2, 0.9, 0), "left", 25, "left", "red", hidden=True),
+        rj.Label((0, 0, -2), "hidden", 40, "right", hidden=True),
+        rj.Label((-1, -1, 0), "cut at the edge of the picture", 22, "right", "blue"),
+    )
+
+
+@pytest.mark.parametrize("samples", [1, 64])
+@pytest.mark.parametrize("shadow", [None, rj.Shadow(size=64)], ids=["", "shadows"])
+def test_parts_have_the_bits_of_the_whole(cube, camera, samples, shadow):
+    scene, size, quality = busy(cube), (200, 150), rj.Quality(samples=samples)
+    scene.lights = [rj.DirectionalLight((-1, -2, -1), shadow=shadow)]
+    whole = rj.render(scene, camera, size=size, quality=quality, threads=1).color
+    found = np.zeros_like(whole)
+    with RegionRenderer(scene, camera, size=size, quality=quality, threads=1) as renderer:
+        assert renderer.needs_surveys
+        pictures = 1 if shadow is None else samples + (samples > 1)
+        assert len(renderer.survey((0, 0, 64, 64))) == pictures
+        for (left, top, width, height), frame in renderer.render_regions(64):
+            found[top : top + height, left : left + width] = frame.color
+    assert np.array_equal(found, whole)
+
+
+def test_parts_need_no_survey_where_nothing_hides_labels(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 1), "across the border", 30))
+    whole = rj.render(scene, camera, size=(200, 150), threads=1).color
+    with RegionRenderer(scene, camera, size=(200, 150), threads=1) as renderer:
+        assert not renderer.needs_surveys
+        part = renderer.render_region((64, 64, 136, 86)).color
+    assert np.array_equal(part, whole[64:150, 64:200])
+
+
+def test_any_number_of_threads_has_the_same_bits(cube, camera):
+    scene = busy(cube)
+    frames = [rj.render(scene, camera, size=(200, 150), threads=n).color for n in (1, 2, 3)]
+    assert all(np.array_equal(frame, frames[0]) for frame in frames)
+
+
+def test_batches_and_streams_have_the_bits_of_single_frames(cube, camera):
+    scene, cameras = busy(cube), [camera, FRONT, camera]
+    alone = [shown(scene, one).color for one in cameras]
+    batch = rj.render_batch(scene, cameras, size=SIZE, threads=2)
+    streamed = [frame.color for frame in rj.render_many(scene, cameras, size=SIZE, threads=2)]
+    for n, color in enumerate(alone):
+        assert np.array_equal(batch.color[n], color)
+        assert np.array_equal(streamed[n], color)
+
+
+@pytest.mark.parametrize(
+    "lens", [rj.PinholeDistortion(k1=-0.1), rj.Equirectangular()], ids=["pinhole", "panorama"]
+)
+def test_a_lens_moves_it_to_where_its_point_is_seen(cube, lens):
+    label = rj.Label((2.0, 1.0, 0.0), "T", anchor="top-left", background="red", size=8)
+    scene, size = scene_of(cube, label), (400, 200)
+    found = columns_and_rows(touched(scene, size=size, lens=lens))
+    # The point itself, as a dot in the picture.
+    dot = rj.Mesh(
+        np.array([[0, 0, 0], [0.3, 0, 0], [0, -0.3, 0]]) + label.position, [[0, 1, 2]],
+        material=rj.Material("unlit", "red"),
+    )  # fmt: skip
+    marked = rj.Scene()
+    marked.add(dot)
+    spot = shown(marked, FRONT, size=size, lens=lens, outputs=("coverage",)).coverage
+    rows, columns = np.nonzero(spot > 0.0)
+    assert abs(found[0] - columns.min()) <= 1
+    assert abs(found[2] - rows.min()) <= 1
+
+
+def test_faces_hide_it_behind_a_lens_too(cube):
+    lens = rj.PinholeDistortion(k1=-0.2)
+    for z, wanted in ((-2, False), (1, True), (3, True)):
+        label = rj.Label((0.2, 0.1, z), "text", background="red", hidden=True)
+        assert is_shown(scene_of(cube, label), lens=lens) is wanted
+    assert not is_shown(scene_of(cube, rj.Label((0, 0, 30), "behind")), lens=lens)
+
+
+def test_a_renderer_draws_labels_as_they_are_now(cube, camera):
+    scene = scene_of(cube)
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        plain = renderer.render(scene, camera).color
+        node = scene.add(rj.Label((0, 0, 0), "now"))
+        for change in (
+            lambda: None,
+            lambda: setattr(node, "transform", rj.transforms.translate((1, 0, 0))),
+            lambda: setattr(node, "label", rj.Label((0, 0, 0), "then")),
+        ):
+            change()
+            color = renderer.render(scene, camera).color
+            assert not np.array_equal(color, plain)
+            assert np.array_equal(color, shown(copy.deepcopy(scene), camera).color)
+        node.label = None
+        assert np.array_equal(renderer.render(scene, camera).color, plain)
+
+
+def test_animations_move_labels_with_their_nodes(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 1.5), "moves", background="red"))
+    (node,) = scene.labelled
+    times, places = [0.0, 1.0], [rj.transforms.translate((x, 0, 0)) for x in (-1.0, 1.0)]
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        played = rj.animation.frames(
+            renderer, scene, times, camera=camera, transforms={node: lambda t: places[int(t)]}
+        )
+        colors = [frame.color for frame in played]
+    for color, place in zip(colors, places, strict=True):
+        node.transform = place
+        assert np.array_equal(color, shown(scene, camera).color)
+
+
+def test_plans_of_labels_pickle(cube, camera):
+    scene = busy(cube)
+    for lens in (None, rj.PinholeDistortion(k1=-0.1)):
+        plan = rj.render(scene, camera, size=SIZE, lens=lens).plan
+        known = pickle.loads(pickle.dumps(plan)).data("labels")
+        assert [label.text for label in known.labels][2] == "hidden"
+
+
+def test_a_plan_looked_at_later_is_that_of_the_labels_then(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 0), "then"))
+    frames = list(rj.render_many(scene, [camera, camera], size=SIZE))
+    scene.labelled[0].label = None
+    assert frames[0].plan.has("labels")
+
+
+def test_a_pixel_is_explained_by_the_colour_that_a_frame_has(cube, camera):
+    scene = scene_of(cube, rj.Label((0, 0, 0), "x", 40, color="lime"))
+    color = shown(scene, camera).color
+    y, x = np.argwhere((color == [0, 255, 0, 255]).all(axis=2))[0]
+    told = rj.explain_pixel(scene, camera, SIZE, int(x), int(y))
+    assert told.color.tolist() == [0, 255, 0, 255]
+
+
+def test_partitions_refuse_labels(cube, camera):
+    setting = rj.Scene()
+    setting.add(rj.Label((0, 0, 0), "no"))
+    with pytest.raises(ValueError, match="setting must have no labels, got 1"):
+        render_partitions([cube], camera, size=SIZE, setting=setting)
+
+
+def test_a_picture_smaller_than_the_text_shows_what_fits(cube, camera):
+    label = rj.Label((0, 0, 0), "much too long for it", 60, background="red")
+    for size in ((1, 1), (3, 70), (70, 3)):
+        assert touched(scene_of(cube, label), camera, size=size).all()
+
+
+def test_far_away_places_and_offsets_are_out_of_the_picture(cube):
+    for label in (
+        rj.Label((1e300, 0, 0), "far"), rj.Label((0, 0, 0), "far", offset=(65536, -65536)),
+        rj.Label((1e12, 0, 9.9), "far", hidden=True),
+    ):  # fmt: skip
+        assert not is_shown(scene_of(cube, label))
