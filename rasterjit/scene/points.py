@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -116,6 +117,15 @@ class Points(Mesh):
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
         self._sizes = read_only(sizes_of("size", size, len(self), unit))
+        if self._field is not None:
+            # Values of points are those of faces: nothing is interpolated.
+            self._field = replace(self._field, of_faces=True)
+            self._face_colors = read_only(self._field.colors())
+
+    @property
+    def colors(self) -> NDArray[np.float32] | None:
+        """(N, 4) float32, linear RGBA, read-only: the colour of each point, or ``None``."""
+        return self._face_colors
 
     @property
     def unit(self) -> Unit:
@@ -142,6 +152,28 @@ class Points(Mesh):
         """Return a face of one vertex, three times, for each point."""
         numbers = np.arange(len(self._vertices), dtype=np.int32)
         return np.ascontiguousarray(np.broadcast_to(numbers[:, np.newaxis], (len(numbers), 3)))
+
+    def _store_colors(self, colors: ArrayLike) -> None:
+        """Store colours as those of faces."""
+        super()._store_colors(colors)
+        self._face_colors, self._vertex_colors = self._vertex_colors, None
+
+    def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
+        """Store attributes as those of faces."""
+        super()._store_attributes(attributes)
+        self._face_attributes, self._vertex_attributes = self._vertex_attributes, {}
+
+    def used_vertices(self) -> NDArray[np.bool_]:
+        """Mark the points, (N,) bool, that are finite."""
+        if not self.invalid_vertices:
+            return np.ones(len(self.vertices), bool)
+        return np.isfinite(self.vertices).all(axis=1)
+
+    def vertex_normals(self) -> NDArray[np.float32]:
+        """Return the given normals, (N, 3) float32; zero without."""
+        if self._vertex_normals is None:
+            self._vertex_normals = read_only(np.zeros((len(self), 3), np.float32))
+        return self._vertex_normals
 
     def split_creases(self, angle: float = 40.0) -> Points:
         """Return the points themselves, which have no edges."""

@@ -31,13 +31,13 @@ def rows_of(shape, sizes, unit=drawing.IN_PIXELS, count=None, scale=1.0):
     )  # fmt: skip
 
 
-def cloud_of(positions, points, matrix=FLAT, turn=1, viewport=None, kind=np.float64):
+def cloud_of(positions, points, matrix=FLAT, viewport=None, kind=np.float64):
     """Return a cloud whose positions are relative to the eye."""
     viewport = viewport_of(SIZE, 8) if viewport is None else viewport
     count = len(points.scales)
     return drawing.Cloud(
         np.ascontiguousarray(positions, kind), np.tile(np.eye(4), (count, 1, 1)), matrix, points,
-        drawing.sight_of(matrix, turn, viewport), COEFFICIENTS,
+        drawing.sight_of(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
     )  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def test_parts_of_a_picture_have_the_pixels_of_the_whole():
         assert (faces >= 0).sum() > 50
         for region in (Region(0, 0, 11, 9), Region(11, 5, 18, 18), Region(28, 22, 1, 1)):
             viewport = viewport_of(SIZE, 8, region)
-            part = cloud._replace(sight=drawing.sight_of(matrix, 1, viewport))
+            part = cloud._replace(sight=drawing.sight_of(matrix, COEFFICIENTS, viewport))
             some = draw(part, viewport)
             rows = slice(region.top, region.top + region.height)
             columns = slice(region.left, region.left + region.width)

@@ -29,6 +29,7 @@ Gems, 2019: the distance of the centre from the ray is found as the length of a 
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,7 +91,7 @@ class PointRows(NamedTuple):
     sizes: float64[::1]
     """(S,): sides and diameters, in pixels or in units of the model."""
     scales: float64[::1]
-    """(O,): scene units of a unit of the model."""
+    """(O,): what sizes are multiplied by, to be in pixels of this picture or in scene units."""
 
 
 class Sight(NamedTuple):
@@ -100,8 +101,10 @@ class Sight(NamedTuple):
     """(4, 4): ``clip_from_relative``."""
     away: float64
     """1 or -1: which of two directions leads away from the viewer."""
-    pixels: float64
-    """How many pixels a scene unit is long in the picture where w is 1."""
+    across: float64
+    """How many pixels wide a scene unit is in the picture where w is 1."""
+    down: float64
+    """How many pixels high."""
 
 
 @helper
@@ -128,23 +131,30 @@ def put(place, depth, face, depths, faces):
 
 
 @helper
-def size_in_grid(size, unit, scale, w, sight, viewport):
-    """Return a size in units of the sub-pixel grid, rounded."""
-    pixels = size
-    if unit == IN_UNITS:
-        pixels = size * scale * sight.pixels / w
+def in_grid(pixels, viewport):
+    """Return a number of pixels in units of the sub-pixel grid, rounded."""
     units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), LARGEST_SIZE)
     return np.int64((units + ROUNDER) - ROUNDER)
 
 
 @helper
-def draw_square(x, y, size, depth, face, frame, viewport):
-    """Draw a square; return whether it reaches the picture, and whether it covers pixels there."""
-    depths, faces = frame
+def sizes_in_grid(size, unit, scale, w, sight, viewport):
+    """Return the width and the height of a point in units of the sub-pixel grid, rounded."""
+    if unit == IN_PIXELS:
+        side = in_grid(size * scale, viewport)
+        return side, side
+    over = size * scale / w
+    return in_grid(over * sight.across, viewport), in_grid(over * sight.down, viewport)
+
+
+@helper
+def draw_square(x, y, sizes, depth, face, frame, viewport):
+    """Draw a square; return what became of it."""
+    (depths, faces), (wide, high) = frame, sizes
     bits = viewport.grid_bits
     grid = np.int64(1) << bits, bits
-    left, right = first_centre(2 * x - size, grid), first_centre(2 * x + size, grid) - 1
-    top, bottom = first_centre(2 * y - size, grid), first_centre(2 * y + size, grid) - 1
+    left, right = first_centre(2 * x - wide, grid), first_centre(2 * x + wide, grid) - 1
+    top, bottom = first_centre(2 * y - high, grid), first_centre(2 * y + high, grid) - 1
     is_empty = left > right or top > bottom
     left, right = max(left, np.int64(0)), min(right, viewport.width - 1)
     top, bottom = max(top, np.int64(0)), min(bottom, viewport.height - 1)
@@ -178,25 +188,42 @@ def draw_one_pixel(column, row, depth, face, frame, viewport):
 
 
 @helper
-def draw_disc(x, y, size, depth, face, frame, viewport):
+def is_in_disc(across, down, wide, high):
+    """Return whether a way from the centre, doubled, ends in a disc of this width and height."""
+    if wide == high:
+        return across * across + down * down <= wide * wide
+    x, y = np.float64(across) / np.float64(wide), np.float64(down) / np.float64(high)
+    return x * x + y * y <= 1.0
+
+
+@helper
+def reach_in_row(down, wide, high):
+    """Return how far a disc reaches to each side, doubled, so far from its centre."""
+    if wide == high:
+        return whole_root(wide * wide - down * down)
+    y = np.float64(down) / np.float64(high)
+    return np.int64(np.float64(wide) * np.sqrt(max(1.0 - y * y, 0.0)))
+
+
+@helper
+def draw_disc(x, y, sizes, depth, face, frame, viewport):
     """Draw a disc; return what became of it."""
-    depths, faces = frame
+    (depths, faces), (wide, high) = frame, sizes
     bits = viewport.grid_bits
     unit = np.int64(1) << bits
     grid = unit, bits
     column, row = holding_pixel(x, bits), holding_pixel(y, bits)
     # No pixel's centre is nearer than that of the pixel that holds the disc's.
     across, down = 2 * (column * unit - x) + unit, 2 * (row * unit - y) + unit
-    if across * across + down * down > size * size:
-        if size >= unit:
+    if min(wide, high) < 1 or not is_in_disc(across, down, wide, high):
+        if min(wide, high) >= unit:
             return draw_one_pixel(column, row, depth, face, frame, viewport)
         return POINTS_UNSAMPLED
-    top = max(first_centre(2 * y - size, grid), np.int64(0))
-    bottom = min(first_centre(2 * y + size + 1, grid) - 1, viewport.height - 1)
+    top = max(first_centre(2 * y - high, grid), np.int64(0))
+    bottom = min(first_centre(2 * y + high + 1, grid) - 1, viewport.height - 1)
     outcome = POINTS_OUTSIDE
     for row in range(top, bottom + 1):
-        down = 2 * (row * unit - y) + unit
-        reach = whole_root(size * size - down * down)
+        reach = reach_in_row(2 * (row * unit - y) + unit, wide, high)
         left = max(first_centre(2 * x - reach, grid), np.int64(0))
         right = min(first_centre(2 * x + reach + 1, grid) - 1, viewport.width - 1)
         start = row * viewport.width
@@ -465,25 +492,23 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
             continue
         size = points.sizes[np.uintp(place + step * (first_number + i))]
         depth = kind(numbers[DEPTH, n])
+        is_ahead = (code & GUARD) == 0
+        sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, sight, viewport)
         if shape == SPHERE:
             centre = centre_of(positions, np.uintp(first + i), matrices, owner)
             radius = 0.5 * (size * scale)
             outcome = draw_sphere(
                 centre, radius, face, frame, sight, depth_coefficients, viewport
             )  # fmt: skip
-            is_ahead = outcome != POINTS_DRAWN and (code & (GUARD | INVALID)) == 0
-            if is_ahead and size_in_grid(size, unit, scale, w, sight, viewport) >= (
-                np.int64(1) << viewport.grid_bits
-            ):
+            is_large = min(sizes[0], sizes[1]) >= np.int64(1) << viewport.grid_bits
+            if is_ahead and is_large and outcome != POINTS_DRAWN:
                 outcome = draw_sphere_pixel(
                     x, y, centre, radius, face, frame, sight, depth_coefficients, viewport
                 )
+        elif shape == SQUARE:
+            outcome = draw_square(x, y, sizes, depth, face, frame, viewport)
         else:
-            across = size_in_grid(size, unit, scale, w, sight, viewport)
-            if shape == SQUARE:
-                outcome = draw_square(x, y, across, depth, face, frame, viewport)
-            else:
-                outcome = draw_disc(x, y, across, depth, face, frame, viewport)
+            outcome = draw_disc(x, y, sizes, depth, face, frame, viewport)
         counts[outcome] += 1
 
 
@@ -493,7 +518,7 @@ def are_pixels(owner, points):
     return (
         points.shapes[owner, 0] == SQUARE and points.shapes[owner, 1] == IN_PIXELS
         and points.size_places[owner, 1] == 0
-        and points.sizes[np.uintp(points.size_places[owner, 0])] == 1.0
+        and points.sizes[np.uintp(points.size_places[owner, 0])] * points.scales[owner] == 1.0
     )  # fmt: skip
 
 
@@ -616,20 +641,38 @@ class Cloud(NamedTuple):
 
 
 def sight_of(
-    clip_from_relative: NDArray[np.float64], screen_turn: int, viewport: Viewport
+    clip_from_relative: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
 ) -> Sight:
-    """Return how lines of sight run, given which way the camera shows front faces turn."""
-    (*_, up, _, away) = (row[:3] for row in clip_from_relative.tolist())
-    square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
-    if square > 0.0:
-        # What a plane that is moved across the screen has of depth is not height.
-        share = (up[0] * away[0] + up[1] * away[1] + up[2] * away[2]) / square
-        up = [a - share * b for a, b in zip(up, away, strict=True)]
-    length = np.sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2])
+    """Return how lines of sight run through a picture, or through a part of one."""
+    right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
+    # Away from the viewer w grows, or the stored depth falls where w does not change.
+    if any(further):
+        away = _turn(right, up, further)
+    else:
+        away = -_turn(right, up, deeper) * math.copysign(1.0, depth_coefficients[1])
+    width = viewport.left + viewport.width + viewport.right
     height = viewport.top + viewport.height + viewport.bottom
     return Sight(
-        np.ascontiguousarray(clip_from_relative), -float(screen_turn), float(length * height / 2.0)
-    )
+        np.ascontiguousarray(clip_from_relative), away,
+        _length_across(right, further) * width / 2.0, _length_across(up, further) * height / 2.0,
+    )  # fmt: skip
+
+
+def _turn(a: list[float], b: list[float], c: list[float]) -> float:
+    """Return the sign of a determinant of three rows."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.copysign(1.0, x * c[0] + y * c[1] + z * c[2])
+
+
+def _length_across(row: list[float], away: list[float]) -> float:
+    """Return the length of what a row has across the direction in which w grows, if it does."""
+    square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
+    if square > 0.0:
+        share = (row[0] * away[0] + row[1] * away[1] + row[2] * away[2]) / square
+        row = [a - share * b for a, b in zip(row, away, strict=True)]
+    return math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
 
 
 def draw_cloud(
