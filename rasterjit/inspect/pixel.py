@@ -31,6 +31,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
+from rasterjit.pipeline.visibility.primitives import primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.plan import Cull
@@ -183,7 +184,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
         plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
-        cache.tables.is_single_sided,
+        cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
     vertices = draw.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
@@ -194,6 +195,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, alpha_tests=alpha_tests,
         depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
+        primitives=primitives_of(
+            arrays.primitives, views.relative_from_model, vertices.positions,
+            views.clip_from_relative, plan.size,
+        ),
     )  # fmt: skip
     lists = coverage.lists
     if objects.culled_turns.any():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,10 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
 from rasterjit.scene.points import UNITS, Unit, sizes_of
 from rasterjit.scene.validation import in_short, one_of, read_only
+
+Cap: TypeAlias = Literal["round", "butt"]
+CAPS: tuple[Cap, ...] = get_args(Cap)
+"""What ends of strips may be."""
 
 
 class Lines(Mesh):
@@ -44,6 +48,9 @@ class Lines(Mesh):
     unit : {"pixel", "world"}
         What widths are in: pixels of the picture (at most 4096), or scene units, which shrink with
         distance and which the node's transform scales.
+    caps : {"round", "butt"}
+        Ends of strips: rounded, half the width beyond the last point, or cut off there. Dashes are
+        always cut off.
     dashes : sequence of float, optional
         Lengths of dash, gap, dash, gap ... in the unit of the width, an even number of them; they
         begin anew with each strip. Default: solid.
@@ -84,6 +91,7 @@ class Lines(Mesh):
         colors: ArrayLike | None = None,
         width: ArrayLike = 1.5,
         unit: Unit = "pixel",
+        caps: Cap = "round",
         dashes: Sequence[float] | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         scalars: ArrayLike | None = None,
@@ -95,11 +103,8 @@ class Lines(Mesh):
     ) -> None:
         if segments is not None and strips is not None:
             raise ValueError("strips must be None where segments are given")
-        if material is not None and material.shading != "unlit":
-            raise ValueError(
-                f"material must be unlit, for lines have no normals; got {material.shading!r}"
-            )
         self._unit: Unit = one_of("unit", unit, UNITS)
+        self._caps: Cap = one_of("caps", caps, CAPS)
         super().__init__(
             points, segments if strips is None else _Strips(strips), colors=colors,
             attributes=attributes, scalars=scalars, colormap=colormap, range=range,
@@ -108,6 +113,22 @@ class Lines(Mesh):
         )  # fmt: skip
         self._widths = read_only(sizes_of("width", width, len(self), unit))
         self._dashes = read_only(_dash_array(dashes, unit))
+        self._links: NDArray[np.int32] | None = None
+
+    @property
+    def material(self) -> Material:
+        """What multiplies the colours; another unlit one may be assigned."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material) -> None:
+        if not isinstance(value, Material):
+            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        if value.shading != "unlit":
+            raise ValueError(
+                f"material must be unlit, for lines have no normals; got {value.shading!r}"
+            )
+        self._material = value
 
     @property
     def segments(self) -> NDArray[np.int32]:
@@ -128,6 +149,22 @@ class Lines(Mesh):
     def dashes(self) -> NDArray[np.float64]:
         """(D,) float64, read-only: lengths of dash, gap, dash, gap ...; (0,) where solid."""
         return self._dashes
+
+    @property
+    def caps(self) -> Cap:
+        """What the ends of strips are."""
+        return self._caps
+
+    @property
+    def links(self) -> NDArray[np.int32]:
+        """
+        (S, 2) int32: the segments that each is joined to, the one before and the one behind it.
+
+        -1 where there is none. The first and the last segment of a closed strip are joined, too.
+        """
+        if self._links is None:
+            self._links = _links_of(self.faces)
+        return self._links
 
     def __len__(self) -> int:
         return len(self.faces)
@@ -152,6 +189,18 @@ class Lines(Mesh):
     def split_creases(self, angle: float = 40.0) -> Lines:
         """Return the lines themselves, which have no faces that meet."""
         return self
+
+
+def _links_of(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the segments that each is joined to, (S, 2) int32."""
+    count, numbers = len(faces), np.arange(len(faces), dtype=np.int32)
+    is_first = np.append(True, faces[1:, 0] != faces[:-1, 1])
+    is_last = np.append(is_first[1:], True)
+    links = np.stack([np.where(is_first, -1, numbers - 1), np.where(is_last, -1, numbers + 1)], 1)
+    firsts, lasts = np.flatnonzero(is_first), np.flatnonzero(is_last)
+    is_closed = (faces[firsts, 0] == faces[lasts, 1]) & (firsts < lasts)
+    links[firsts[is_closed], 0], links[lasts[is_closed], 1] = lasts[is_closed], firsts[is_closed]
+    return np.ascontiguousarray(links, np.int32).reshape(count, 2)
 
 
 class _Strips:
