@@ -30,6 +30,7 @@ Gems, 2019: the distance of the centre from the ray is found as the length of a 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,9 +53,25 @@ from rasterjit.pipeline.geometry.projection import (
     stored_depth,
     transform_rows,
 )
-from rasterjit.pipeline.geometry.setup import FAR, GUARD, INVALID, NEAR, last_at_most, whole_size
-from rasterjit.pipeline.records import Viewport
+from rasterjit.pipeline.geometry.setup import (
+    FAR,
+    GUARD,
+    GUARD_PIXELS,
+    INVALID,
+    NEAR,
+    last_at_most,
+    whole_size,
+)
+from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.nearest import NOTHING, empty_depth
+from rasterjit.pipeline.visibility.primitives import (
+    Expansion,
+    PointRule,
+    Primitive,
+    Primitives,
+    Projected,
+    lengths_across,
+)
 from rasterjit.runtime.intrinsics import fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, real, stored
@@ -626,6 +643,16 @@ MOST_MERGED = 1 << 29
 """Most memory for pictures of threads, bytes."""
 
 
+SHAPES = {"square": SQUARE, "disc": DISC, "sphere": SPHERE}
+
+
+class PointsSeen(NamedTuple):
+    """The points of a picture, for those who look where on them samples lie."""
+
+    rows: PointRows
+    sight: Sight
+
+
 class Cloud(NamedTuple):
     """All points of a picture, and the way to its screen."""
 
@@ -654,25 +681,14 @@ def sight_of(
         away = -_turn(right, up, deeper) * math.copysign(1.0, depth_coefficients[1])
     width = viewport.left + viewport.width + viewport.right
     height = viewport.top + viewport.height + viewport.bottom
-    return Sight(
-        np.ascontiguousarray(clip_from_relative), away,
-        _length_across(right, further) * width / 2.0, _length_across(up, further) * height / 2.0,
-    )  # fmt: skip
+    across, down = lengths_across(clip_from_relative, (width, height))
+    return Sight(np.ascontiguousarray(clip_from_relative), away, across, down)
 
 
 def _turn(a: list[float], b: list[float], c: list[float]) -> float:
     """Return the sign of a determinant of three rows."""
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.copysign(1.0, x * c[0] + y * c[1] + z * c[2])
-
-
-def _length_across(row: list[float], away: list[float]) -> float:
-    """Return the length of what a row has across the direction in which w grows, if it does."""
-    square = away[0] * away[0] + away[1] * away[1] + away[2] * away[2]
-    if square > 0.0:
-        share = (row[0] * away[0] + row[1] * away[1] + row[2] * away[2]) / square
-        row = [a - share * b for a, b in zip(row, away, strict=True)]
-    return math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
 
 
 def draw_cloud(
@@ -747,3 +763,99 @@ def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
     """Return matrices in the type of the points that they take elsewhere."""
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(matrices, kind)
+
+
+def is_painted(one: Primitive, keeps_lists: bool) -> bool:
+    """
+    Tell whether an object is of points that are drawn as such; squares may be two triangles.
+
+    They are where lists of triangles are kept, to draw these once more.
+    """
+    return isinstance(one.rule, PointRule) and not (keeps_lists and one.rule.shape == "square")
+
+
+def points_of(
+    primitives: Primitives,
+    face_starts: NDArray[np.int64],
+    vertex_starts: NDArray[np.int64],
+    clip_from_relative: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+) -> PointsSeen:
+    """Return the points among the objects of a picture, and how lines of sight run."""
+    count = len(vertex_starts) - 1
+    shapes, places = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
+    scales, sizes, first = np.zeros(count), [], 0
+    for one in primitives.objects:
+        if not isinstance(one.rule, PointRule):
+            continue
+        shapes[one.number] = SHAPES[one.rule.shape], IN_UNITS if one.is_world else IN_PIXELS
+        places[one.number] = first, int(len(one.sizes) > 1)
+        is_scaled = one.is_world
+        scales[one.number] = primitives.scales[one.number] if is_scaled else primitives.pixels
+        sizes.append(one.sizes)
+        first += len(one.sizes)
+    joined = sizes[0] if len(sizes) == 1 else np.concatenate(sizes)
+    rows = PointRows(vertex_starts, face_starts, shapes, places, joined, scales)
+    return PointsSeen(rows, sight_of(clip_from_relative, depth_coefficients, viewport))
+
+
+def only(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
+    """Return the points of some objects alone."""
+    shapes = np.zeros_like(rows.shapes)
+    for one in objects:
+        shapes[one.number] = rows.shapes[one.number]
+    return rows._replace(shapes=shapes)
+
+
+def sums_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return what became of points that are not drawn, (5,), as `set_up_triangles` counts it."""
+    outside, unsampled, invalid, _ = counts.tolist()
+    return np.array([outside, 0, 0, unsampled, invalid], np.int64)
+
+
+def expand_squares(
+    one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
+) -> Expansion:
+    """
+    Count the pieces of squares: two triangles each, which cover what `draw_points` does.
+
+    Takes what `primitives.Expand` does.
+    """
+    viewport, (first, end) = projected.viewport, one.vertices
+    numbers = np.flatnonzero((projected.codes[first:end] & UNSEEN) == 0)
+    w = projected.clip_positions[first:end, 3][numbers]
+    sizes = one.sizes[numbers] if len(one.sizes) > 1 else np.broadcast_to(one.sizes, numbers.shape)
+    if one.is_world:
+        across, down = primitives.lengths
+        over = sizes * float(primitives.scales[one.number]) / w
+        sides = over * across, over * down
+    else:
+        sides = (sizes * primitives.pixels,) * 2
+    unit = float(1 << viewport.grid_bits)
+    wide, high = (np.rint(np.minimum(side * unit, LARGEST_SIZE)).astype(np.int64) for side in sides)
+    is_any = (wide > 0) & (high > 0)
+    numbers, wide, high = numbers[is_any], wide[is_any], high[is_any]
+
+    def write(
+        place: int, screen: ScreenVertices, pieces: NDArray[np.int32], faces: NDArray[np.int32]
+    ) -> None:
+        """Write the corners, and the triangles between them."""
+        rows = slice(place, place + 4 * len(numbers))
+        centres = screen.xy[first:end][numbers].astype(np.int64)
+        xy = np.empty((len(numbers), 2, 2, 2), np.int64)
+        for k, (side, length) in enumerate(((wide, viewport.width), (high, viewport.height))):
+            low, high_end = ((2 * centres[:, k] + sign * side + 1) >> 1 for sign in (-1, 1))
+            ends = np.stack([low, high_end], axis=1)
+            most = GUARD_PIXELS << viewport.grid_bits
+            ends = np.clip(ends, -most, (length << viewport.grid_bits) + most)
+            xy[..., k] = ends[:, np.newaxis, :] if k == 0 else ends[:, :, np.newaxis]
+        screen.xy[rows] = xy.reshape(-1, 2)
+        screen.depth[rows] = np.repeat(screen.depth[first:end][numbers], 4)
+        screen.w[rows] = np.repeat(screen.w[first:end][numbers], 4)
+        corners = place + 4 * np.arange(len(numbers), dtype=np.int32)[:, np.newaxis]
+        pieces[0::2] = corners + np.array([0, 1, 2], np.int32)
+        pieces[1::2] = corners + np.array([1, 3, 2], np.int32)
+        faces[:] = np.repeat(one.faces[0] + numbers, 2)
+
+    return Expansion(4 * len(numbers), 2 * len(numbers), write)
