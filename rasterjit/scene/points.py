@@ -169,6 +169,33 @@ class Points(Mesh):
             return np.ones(len(self.vertices), bool)
         return np.isfinite(self.vertices).all(axis=1)
 
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the smallest axis-parallel box around the points; around their sizes, in scene units.
+
+        Returns
+        -------
+        low, high : (3,) float64
+            Model-space corners, over the finite points.
+
+        Raises
+        ------
+        ValueError
+            If no point is finite.
+        """
+        if self._bounds is None and self.unit == "world":
+            halves = np.broadcast_to(0.5 * self._sizes, len(self))[:, np.newaxis]
+            where = self.used_vertices()[:, np.newaxis]
+            if where.any():
+                low, high = self.vertices - halves, self.vertices + halves
+                self._bounds = (
+                    low.min(axis=0, where=where, initial=np.inf),
+                    high.max(axis=0, where=where, initial=-np.inf),
+                )
+        elif self._bounds is None and not self.invalid_vertices:
+            self._bounds = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return super().bounds()
+
     def vertex_normals(self) -> NDArray[np.float32]:
         """Return the given normals, (N, 3) float32; zero without."""
         if self._vertex_normals is None:

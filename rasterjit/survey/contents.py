@@ -80,6 +80,10 @@ class Contents(NamedTuple):
     """Whose faces are segments."""
     points: int
     """Whose faces are points."""
+    spheres: int
+    """Whose points are spheres."""
+    discs: int
+    """Whose points are discs."""
     pixel_sized: int
     """Of both, those with sizes in pixels."""
     mipped: int
@@ -253,6 +257,8 @@ def _contents_of(mesh: Mesh) -> Contents:
         masked_fields=has_masked_field(mesh),
         lines=mesh.primitive == "lines",
         points=mesh.primitive == "points",
+        spheres=getattr(mesh, "shape", None) == "sphere",
+        discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},

@@ -111,6 +111,11 @@ class Facts:
         return self.shades and self.seen.unlit < self.seen.objects
 
     @cached_property
+    def shades_points(self) -> bool:
+        """Whether that of a point is asked for."""
+        return self.shades and self.seen.points > 0
+
+    @cached_property
     def has_headlight(self) -> bool:
         """Whether the default light shines, for there is no other."""
         return self.is_lit and not self.has_lights and self.environment is None

@@ -102,7 +102,7 @@ def put_three(rows, first, n, values):
 
 @stage
 def find_point_shapes(
-    block: Block, count, points: PointRows, sight: Sight, placement: Placement, viewport: Viewport
+    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
 ):
     """Write points and normals of the samples of spheres, and normals of other points."""
     samples, whole = block.samples, block.whole
@@ -137,7 +137,7 @@ def find_point_shapes(
 
 @stage
 def find_point_receivers(
-    block: Block, count, points: PointRows, sight: Sight, placement: Placement, viewport: Viewport
+    block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
 ):
     """
     Write what receives shadows on points: their normals, and the places of samples on spheres.
@@ -175,7 +175,7 @@ def find_point_receivers(
 @kernel
 def fill_sphere_positions(
     face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
-    sight: Sight, placement: Placement, viewport: Viewport, matrices: float64[:, :, ::1],
+    sight: Sight, viewport: Viewport, placement: Placement, matrices: float64[:, :, ::1],
     from_world: float64[:, :, ::1], position: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -187,7 +187,7 @@ def fill_sphere_positions(
     rows : (int, int)
         First row, and one past the last.
     faces : (F, 3) int32, vertex numbers
-    points, sight, placement, viewport : records
+    points, sight, viewport, placement : records
     matrices : (O, 3, 4) float64
         What takes centres, model space, to the space of the positions.
     from_world : (O, 3, 3) float64
@@ -220,7 +220,7 @@ def fill_sphere_positions(
 @kernel
 def fill_point_normals(
     face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
-    sight: Sight, placement: Placement, viewport: Viewport, normal: float32[:, :, ::1],
+    sight: Sight, viewport: Viewport, placement: Placement, normal: float32[:, :, ::1],
 ):  # fmt: skip
     """
     Write the unit normal of each sample of a point: see `find_point_shapes`.
@@ -230,7 +230,7 @@ def fill_point_normals(
     face_id : (H, W) int32
     rows : (int, int)
     faces : (F, 3) int32, vertex numbers
-    points, sight, placement, viewport : records
+    points, sight, viewport, placement : records
     normal : (H, W, 3) float32, world axes
         Changed where points are: read where they have normals, which are not zero.
     """

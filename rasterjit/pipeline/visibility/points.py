@@ -651,6 +651,12 @@ class PointsSeen(NamedTuple):
 
     rows: PointRows
     sight: Sight
+    viewport: Viewport
+
+    @property
+    def has_spheres(self) -> bool:
+        """Whether any of them are spheres."""
+        return bool((self.rows.shapes[:, 0] == SPHERE).any())
 
 
 class Cloud(NamedTuple):
@@ -797,7 +803,8 @@ def points_of(
         first += len(one.sizes)
     joined = sizes[0] if len(sizes) == 1 else np.concatenate(sizes)
     rows = PointRows(vertex_starts, face_starts, shapes, places, joined, scales)
-    return PointsSeen(rows, sight_of(clip_from_relative, depth_coefficients, viewport))
+    sight = sight_of(clip_from_relative, depth_coefficients, viewport)
+    return PointsSeen(rows, sight, viewport)
 
 
 def only(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
