@@ -210,7 +210,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         lists = draw.TileLists(starts, binned, lists.faces)
     # Colours are those of one sample of many; what is seen at the centres is that of any quality.
     if plan.pictures > 1:
-        viewport = viewport._replace(spacing=supersample.sample_spacing(int(plan.quality.samples)))
+        viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.picture_samples))
     geometry = draw.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )

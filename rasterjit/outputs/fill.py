@@ -190,7 +190,7 @@ def _fill_places(
         fill_rows(interpolation.fill_positions, face_id, arguments, workers)
         if has_spheres:
             turns = np.tile(np.eye(3), (count, 1, 1)) if from_world is None else from_world
-            seen = geometry.faces, *points, placement, matrices, turns, position
+            seen = geometry.faces, *points.read, placement, matrices, turns, position
             fill_rows(point_shapes.fill_sphere_positions, face_id, seen, workers)
         return position
 
@@ -316,7 +316,7 @@ def _fill_normals(
             interpolation.fill_normals, face_id, (geometry, placement, given, normal), workers
         )
         if points is not None:
-            own = geometry.faces, *points, placement, normal
+            own = geometry.faces, *points.read, placement, normal
             fill_rows(point_shapes.fill_point_normals, face_id, own, workers)
         return normal
 

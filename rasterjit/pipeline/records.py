@@ -255,7 +255,8 @@ class Surface(NamedTuple):
     fields: Fields | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
-    """The points in view, and how lines of sight run: ``points.PointsSeen`` | None -> none."""
+    """The points in view, and how lines of sight run: ``points.PointsSeen.read`` | None ->
+    none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
 

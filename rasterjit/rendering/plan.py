@@ -123,7 +123,11 @@ def plan_frame(
         effects=effects,
         lighting=_lighting(camera, facts, effects),
         layers=layers_of(
-            facts.transparency, facts.mixes_samples, quality.samples, scene.nodes, quality
+            facts.transparency,
+            facts.mixes_samples,
+            facts.picture_samples or quality.samples,
+            scene.nodes,
+            quality,
         ),
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
@@ -149,12 +153,31 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
         raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
+    if contents.points:
+        _refuse_points(scene, facts)
     if contents.masked_fields:
         refuse_masked_field(scene.nodes)
     if facts.colors_faces and contents.unlaid:
         refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and facts.finds_faces:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+
+
+def _refuse_points(scene: Scene, facts: Facts) -> None:
+    """Raise ``ValueError`` naming the points that have a way to be seen through that none have."""
+    for node, is_see_through in zip(scene.nodes, facts.inventory.is_see_through, strict=True):
+        shape, material = getattr(node.mesh, "shape", None), node.mesh.material
+        if shape is not None and material.alpha_mode == "mask":
+            raise ValueError(
+                f"the material of {node.name!r} must have another alpha_mode than 'mask', for "
+                "points have no holes"
+            )
+        if shape in ("disc", "sphere") and is_see_through and facts.colors_faces:
+            raise ValueError(
+                f"the material of {node.name!r} must be opaque, for its points are {shape}s, of "
+                "which several in a pixel are not found; got alpha_mode 'blend' and an alpha "
+                "below 1. Squares may be blended"
+            )
 
 
 def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent]) -> Lighting | None:

@@ -23,6 +23,9 @@ UNITS: tuple[Unit, ...] = get_args(Unit)
 PointShape: TypeAlias = Literal["square", "disc", "sphere"]
 POINT_SHAPES: tuple[PointShape, ...] = get_args(PointShape)
 
+POINT_SHADINGS = ("unlit", "phong", "pbr")
+"""Ways of shading that points may have."""
+
 MOST_PIXELS = 4096.0
 """Largest size of a point, and width of a line, in pixels."""
 
@@ -57,7 +60,9 @@ class Points(Mesh):
     scalars, colormap, range, nan_color
         A number for each point, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
     material : Material, optional
-        Default: lit as `Material` says where there are normals or spheres, else unlit.
+        Default: lit as `Material` says where there are normals or spheres, else unlit. It is
+        shaded ``"unlit"``, ``"phong"`` or ``"pbr"``, and has no alpha mask; that of discs and
+        spheres is opaque. Points that are lit without normals face the viewer.
     on_invalid : {"raise", "drop"}
         What to do about points that are NaN or infinite: refuse them, or keep the arrays as they
         are and leave out those points.
@@ -121,6 +126,22 @@ class Points(Mesh):
             # Values of points are those of faces: nothing is interpolated.
             self._field = replace(self._field, of_faces=True)
             self._face_colors = read_only(self._field.colors())
+
+    @property
+    def material(self) -> Material:
+        """What multiplies the colours, and says how the points are lit; another may be assigned."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material) -> None:
+        if not isinstance(value, Material):
+            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        if value.shading not in POINT_SHADINGS:
+            raise ValueError(
+                f"material must be shaded {', '.join(map(repr, POINT_SHADINGS))}, for a point has "
+                f"one normal; got {value.shading!r}"
+            )
+        self._material = value
 
     @property
     def colors(self) -> NDArray[np.float32] | None:

@@ -501,7 +501,16 @@ def find_visible(
                 vertices.positions, vertices.relative_from_model, vertices.clip_from_relative,
                 painting.only(points.rows, painted), points.sight, depth_coefficients,
             )  # fmt: skip
-            sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, frame, workers))
+            target = frame
+            if keep_lists:
+                # What is see-through lies before it, or behind.
+                shape = viewport.height, viewport.width
+                target = np.empty(shape, depth_type), np.empty(shape, np.int32)
+                painting.clear(target)
+                points = points._replace(picture=target)
+            sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, target, workers))
+            if keep_lists:
+                painting.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
     else:
         depth.fill(nearest.empty_depth(depth_type))
         face_id.fill(nearest.NOTHING)

@@ -652,6 +652,14 @@ class PointsSeen(NamedTuple):
     rows: PointRows
     sight: Sight
     viewport: Viewport
+    picture: tuple[NDArray[Any], NDArray[np.int32]] | None = None
+    """Depth and face number, (H, W), of those that are no triangles alone; ``None``: nobody looks
+    for what lies before them."""
+
+    @property
+    def read(self) -> tuple[PointRows, Sight, Viewport]:
+        """What stages and kernels read."""
+        return self.rows, self.sight, self.viewport
 
     @property
     def has_spheres(self) -> bool:
@@ -733,8 +741,7 @@ def draw_cloud(
         workers.memory.empty((chunks - 1, height, width), frame[0].dtype),
         workers.memory.empty((chunks - 1, height, width), np.int32),
     )
-    drawn[0].fill(empty_depth(frame[0].dtype))
-    drawn[1].fill(NOTHING)
+    clear(drawn)
     counts = np.zeros((chunks, 4), np.int64)
     own = (
         cloud.positions, _rounded(cloud.relative_from_model, kind),
@@ -754,15 +761,27 @@ def draw_cloud(
         ],
     )  # fmt: skip
     if chunks > 1:
-        per_task = rows_per_task(frame[1].shape, workers)
-        workers.call(
-            merge_pictures,
-            [
-                ((row, min(row + per_task, height)), drawn, frame)
-                for row in range(0, height, per_task)
-            ],
-        )
+        merge(drawn, frame, workers)
     return counts.sum(axis=0)
+
+
+def clear(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
+    """Empty a picture, or several."""
+    frame[0].fill(empty_depth(frame[0].dtype))
+    frame[1].fill(NOTHING)
+
+
+def merge(
+    drawn: tuple[NDArray[Any], NDArray[np.int32]],
+    frame: tuple[NDArray[Any], NDArray[np.int32]],
+    workers: Workers,
+) -> None:
+    """Keep what is nearest in pictures (N, H, W), and in the frame, in the frame."""
+    height, per_task = len(frame[1]), rows_per_task(frame[1].shape, workers)
+    workers.call(
+        merge_pictures,
+        [((row, min(row + per_task, height)), drawn, frame) for row in range(0, height, per_task)],
+    )
 
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
