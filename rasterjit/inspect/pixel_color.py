@@ -88,7 +88,10 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
     lit = Lit(plan.lighting, prepare_effects(context))
-    return shading.find_surface(plan, cache.tables), lit
+    surface = shading.find_surface(plan, cache.tables)
+    if plan.facts.shades_points:
+        surface = surface._replace(points=drawn.coverage.points.read)
+    return surface, lit
 
 
 def light_of(

@@ -364,7 +364,10 @@ def depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the reversed depth of what is seen, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
-    return [("depth.fill_depths", _way_of_weights(plan), "")]
+    rows = [("depth.fill_depths", _way_of_weights(plan), "")]
+    if plan.facts.contents.points:
+        rows.append(("point_shapes.fill_point_depths", "", ""))
+    return rows
 
 
 def add_reversed_depth(
@@ -373,6 +376,7 @@ def add_reversed_depth(
     geometry: Geometry,
     coverage: draw.Coverage,
     workers: Workers,
+    placement: Placement,
 ) -> draw.Coverage:
     """
     Return the coverage with the reversed depth of what is seen, and that of the vertices.
@@ -388,6 +392,7 @@ def add_reversed_depth(
     coverage : Coverage
         Its depth is kept.
     workers : Workers
+    placement : Placement
     """
     depth, vertex_depths = coverage.depth, coverage.screen.depth
     if not depth_format.is_reversed:
@@ -396,6 +401,9 @@ def add_reversed_depth(
         depth = workers.memory.empty(coverage.face_id.shape, np.float32)
         arguments = geometry, vertex_depths, coefficients, depth
         fill_rows(depths.fill_depths, coverage.face_id, arguments, workers)
+        if coverage.points is not None:
+            seen = geometry.faces, *coverage.points.read, placement, coefficients, depth
+            fill_rows(point_shapes.fill_point_depths, coverage.face_id, seen, workers)
     elif depth.dtype != np.float32:
         depth = depth.astype(np.float32)
     return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)

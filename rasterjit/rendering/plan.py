@@ -93,7 +93,9 @@ def plan_frame(
         views = view_nodes(scene.nodes, camera, size)
     inventory, extents = known
     eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
-    boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
+    boxes = Boxes(
+        extents, eye, relative_from_model, views.clip_from_relative, beyond=inventory.beyond(size)
+    )
     # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
     beside = clip_planes.look_at_planes(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
@@ -101,7 +103,10 @@ def plan_frame(
     camera = settled(camera, *beside.steps)
     if any(beside.steps):
         views = view_again(views, camera, size)
-        boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
+        boxes = Boxes(
+            extents, eye, relative_from_model, views.clip_from_relative,
+            beyond=inventory.beyond(size),
+        )  # fmt: skip
     behind = read_background(background)
     seen_behind = None if background is None else behind
     known_facts = None if last is None else last.facts
@@ -164,7 +169,9 @@ def _refuse(scene: Scene, facts: Facts) -> None:
 
 
 def _refuse_points(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` naming the points that have a way to be seen through that none have."""
+    """Raise ``ValueError`` naming the points that are asked for what none have."""
+    if facts.diagnose and facts.has_round_points:
+        raise ValueError("diagnose must be False where points are discs or spheres, got True")
     for node, is_see_through in zip(scene.nodes, facts.inventory.is_see_through, strict=True):
         shape, material = getattr(node.mesh, "shape", None), node.mesh.material
         if shape is not None and material.alpha_mode == "mask":

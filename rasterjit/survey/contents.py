@@ -15,6 +15,7 @@ from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Sp
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
+from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
@@ -149,6 +150,7 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
@@ -191,6 +193,13 @@ class Inventory:
     def casts_shadows(self) -> NDArray[np.bool_]:
         """Whether each object casts shadows, (O,): what is as large as in pixels casts none."""
         return ~(self.is_see_through | self._having("pixel_sized"))
+
+    def beyond(self, size: tuple[int, int]) -> tuple[NDArray[np.bool_], float, float] | None:
+        """Return which objects reach beyond their boxes in a picture, as `Boxes` takes it."""
+        if self.contents.pixel_sized == 0:
+            return None
+        across, down = (self._pixels / length for length in size)
+        return self._having("pixel_sized"), across, down
 
     @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
@@ -263,6 +272,14 @@ def _contents_of(mesh: Mesh) -> Contents:
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
+
+
+def _pixels_of(mesh: Mesh) -> float:
+    """Return the largest size of points, or width of lines, in pixels; 0 if they are in others."""
+    if getattr(mesh, "unit", None) != "pixel":
+        return 0.0
+    sizes = mesh.sizes if isinstance(mesh, Points) else getattr(mesh, "widths", np.zeros(1))
+    return float(sizes.max())
 
 
 def textures_read(material: Material) -> dict[str, Texture]:

@@ -38,6 +38,7 @@ from rasterjit.pipeline.visibility.points import (
     SPHERE,
     PointRows,
     Sight,
+    depth_on_sphere,
     meet_sphere,
     ndc_of,
     radius_of,
@@ -215,6 +216,45 @@ def fill_sphere_positions(
                 position[y, x, k] = centre + (
                     t[owner, k, 0] * way[0] + t[owner, k, 1] * way[1] + t[owner, k, 2] * way[2]
                 )
+
+
+@kernel
+def fill_point_depths(
+    face_id: int32[:, ::1], rows: (int64, int64), faces: int32[:, ::1], points: PointRows,
+    sight: Sight, viewport: Viewport, placement: Placement,
+    depth_coefficients: (float64, float64, float64), depth: float32[:, ::1],
+):  # fmt: skip
+    """
+    Write the stored depth of each sample of a point.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    faces : (F, 3) int32, vertex numbers
+    points, sight, viewport, placement : records
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    depth : (H, W) float32
+        Written where points are.
+    """
+    owner = np.int64(0)
+    for y in range(rows[0], rows[1]):
+        for x in range(face_id.shape[1]):
+            face = np.int64(face_id[y, x])
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            shape = points.shapes[owner, 0]
+            if shape == NOT_POINTS:
+                continue
+            v = np.uintp(faces[face, 0])
+            centre, way = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
+            if shape == SPHERE:
+                centre, way = way_on_sphere(
+                    face, v, owner, (x, y), points, sight, placement, viewport
+                )
+            depth[y, x] = depth_on_sphere(centre, way, sight, depth_coefficients)
 
 
 @kernel
