@@ -315,11 +315,16 @@ def _face_at(
     screen = (ndc[:, :2] * (1.0, -1.0) + 1.0) * (width / 2.0, height / 2.0)
     codes = [int(code) for code in geometry.codes[vertices]]
     clipped = any(code & setup.CLIPPED for code in codes)
+    if vertices[1] == vertices[2]:
+        # What its vertices are outside of says nothing of a segment or a point.
+        codes = [0, 0, 0]
     corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
     snapped = coverage.screen.xy[corners].astype(np.int64)
     point = _centre(x, y, geometry.viewport.grid_bits)
     edges, biases = _edge_functions(snapped.tolist(), point)
-    affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
+    affine, weights = _weights(
+        snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size, vertices[1] == vertices[2]
+    )
     stored = coverage.depth.dtype.type(-nearness)
     if drawn.plan.is_affine and not clipped:
         weights = affine
@@ -385,6 +390,7 @@ def _weights(
     point: tuple[int, int],
     pixel: tuple[int, int],
     size: tuple[int, int],
+    is_segment: bool,
 ) -> tuple[Weights, Weights]:
     """Return the exact weights on the triangle drawn, and those of the face's own vertices."""
     from fractions import Fraction
@@ -398,6 +404,8 @@ def _weights(
     if not clipped:
         return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)
     centre = (Fraction(2 * pixel[0] + 1, 2), Fraction(2 * pixel[1] + 1, 2))
+    if is_segment:
+        return affine, _segment_weights(clip.tolist(), centre, size)
     try:
         shares = oracle.clip_weights(clip.tolist(), centre, size)
     except ValueError:
@@ -406,6 +414,29 @@ def _weights(
     # Snapping may put a sample on a piece that lies beside the face: held as the engine does.
     held = [max(share, Fraction(0)) for share in shares]
     return affine, tuple(share / sum(held) for share in held)
+
+
+def _segment_weights(
+    clip: list[list[float]], point: tuple[Fraction, Fraction], size: tuple[int, int]
+) -> Weights:
+    """Return the weights of a segment, or of a point, at the foot of the perpendicular on it."""
+    from fractions import Fraction
+
+    # How far each end lies from the sample, pixels times twice its w.
+    (x0, y0, w0), (x1, y1, w1) = (
+        (
+            (Fraction(x) + Fraction(w)) * size[0] - 2 * point[0] * Fraction(w),
+            (Fraction(w) - Fraction(y)) * size[1] - 2 * point[1] * Fraction(w),
+            Fraction(w),
+        )
+        for x, y, _, w in clip[:2]
+    )
+    along, down = x1 * w0 - x0 * w1, y1 * w0 - y0 * w1
+    first, second = x0 * along + y0 * down, x1 * along + y1 * down
+    if first == second:
+        return Fraction(1), Fraction(0), Fraction(0)
+    share = min(max(first / (first - second), Fraction(0)), Fraction(1))
+    return 1 - share, share, Fraction(0)
 
 
 def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:

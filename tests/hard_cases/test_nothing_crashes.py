@@ -668,6 +668,11 @@ ELSEWHERE = {
     "Visibility": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
+    **dict.fromkeys(
+        ("Lines", "Axes", "BoundingBox", "Grid", "Frustum"),
+        "descriptions; tests/scene/test_lines.py refuses their bad input",
+    ),
+    "Points": "a description; tests/scene/test_points.py refuses its bad input",
     "CalibrationWarning": "a warning of the dial",
     "ViewWarning": "a warning of what is in view",
     "LoadWarning": "a warning of load; tests/hostile and tests/io hold it",

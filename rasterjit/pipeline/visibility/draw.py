@@ -549,7 +549,7 @@ def kernels_of(
         ("clipping.count_clipped_vertices", "", crossed),
         ("clipping.clip_faces", "", crossed),
         ("projection.project_clipped_vertices", "", crossed),
-        *([(f"lines.{name}", "", "") for name in lines.KERNELS] if "lines" in kinds else []),
+        *([(f"line_pieces.{name}", "", "") for name in lines.KERNELS] if "lines" in kinds else []),
         ("setup.set_up_triangles", "", ""),
     ]
     if find_faces or keep_lists:
