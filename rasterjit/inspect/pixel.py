@@ -210,12 +210,15 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         lists = draw.TileLists(starts, binned, lists.faces)
     # Colours are those of one sample of many; what is seen at the centres is that of any quality.
     if plan.pictures > 1:
-        viewport = viewport._replace(spacing=supersample.sample_spacing(int(plan.quality.samples)))
+        viewport = viewport._replace(spacing=supersample.sample_spacing(plan.facts.picture_samples))
     geometry = draw.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
-    coverage = add_reversed_depth(plan.depth_format, plan.camera, geometry, coverage, workers)
-    placement = shade.placement_to_light(plan, placement_of(arrays, views))
+    placed = placement_of(arrays, views)
+    coverage = add_reversed_depth(
+        plan.depth_format, plan.camera, geometry, coverage, workers, placed
+    )
+    placement = shade.placement_to_light(plan, placed)
     return Drawn(scene, cache, plan, arrays, geometry, placement, coverage, lists)
 
 
@@ -280,6 +283,10 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
             nearest.draw_tiles(*arguments, drawer.holes)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))
+    points = None if coverage.points is None else coverage.points.picture
+    if points is not None and points[1][y, x] >= 0:
+        # Of discs and spheres the nearest is known.
+        found.append(("", -float(points[0][y, x]), int(points[1][y, x]), points[1][y, x]))
     return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
 
 
@@ -390,6 +397,9 @@ def _weights(
 
     from rasterjit.inspect import oracle
 
+    if triangle[0] == triangle[1] == triangle[2]:
+        # A disc or a sphere is at its centre.
+        return (Fraction(1), Fraction(0), Fraction(0)), (Fraction(1), Fraction(0), Fraction(0))
     affine = oracle.affine_weights(triangle, point)
     if not clipped:
         return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)

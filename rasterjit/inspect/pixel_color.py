@@ -23,7 +23,6 @@ from rasterjit.rendering.effects import prepare_effects
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
-from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.arrays import SceneArrays
 from rasterjit.survey.cache import SceneCache
@@ -89,7 +88,10 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
     lit = Lit(plan.lighting, prepare_effects(context))
-    return shading.find_surface(plan, cache.tables), lit
+    surface = shading.find_surface(plan, cache.tables)
+    if plan.facts.shades_points:
+        surface = surface._replace(points=drawn.coverage.points.read)
+    return surface, lit
 
 
 def light_of(
@@ -288,13 +290,14 @@ def parts_of(
     x, y : int
     """
     winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
-    if quality.samples in SUPERSAMPLED and winner >= 0:
-        mean = f"what the mean of {quality.samples} samples, each shaded by itself, differs by"
+    samples = drawn.plan.facts.picture_samples
+    if samples is not None and winner >= 0:
+        mean = f"what the mean of {samples} samples, each shaded by itself, differs by"
         return (
             ColorPart(_name_of(drawn, winner), winner, 1.0, 1.0, own[:3]),
             ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
         )
-    if drawn.plan.layers is None or quality.samples in SUPERSAMPLED:
+    if drawn.plan.layers is None or samples is not None:
         return ()
     drawn = _at_samples(drawn)
     colors = {winner: own} if winner >= 0 else {}

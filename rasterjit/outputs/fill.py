@@ -9,6 +9,7 @@ format the frame's own depths were compared.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,10 @@ from rasterjit.outputs.motion import Motion
 from rasterjit.outputs.table import row_of
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface import fields
+from rasterjit.pipeline.surface import fields, point_shapes
 from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.points import SPHERE, PointsSeen
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
@@ -70,8 +72,9 @@ def fill_buffers(
     for name in plan.facts.attributes.keys() & set(plan.outputs):
         result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
     _fill_numbers(plan, shapes, face_id, result)
-    _fill_places(plan, cache, geometry, placement, face_id, result, workers)
-    _fill_normals(plan, cache, geometry, placement, face_id, result, workers)
+    points = coverage.points if plan.facts.seen.points else None
+    _fill_places(plan, cache, geometry, placement, face_id, points, result, workers)
+    _fill_normals(plan, cache, geometry, placement, face_id, points, result, workers)
     if compared is not None:
         shared = face_id, geometry, shapes.arrays.face_starts
         if "motion" in plan.outputs:
@@ -86,7 +89,12 @@ def kernels_of(plan: RenderPlan) -> Rows:
     attributes = plan.facts.attributes
     by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
     kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
-    return [(kernel, _way_of_weights(plan), "") for kernel in kernels if kernel]
+    rows = [(kernel, _way_of_weights(plan), "") for kernel in kernels if kernel]
+    if plan.facts.seen.spheres and "barycentric.fill_positions" in kernels:
+        rows.append(("point_shapes.fill_sphere_positions", "", ""))
+    if plan.facts.seen.points and "barycentric.fill_normals" in kernels:
+        rows.append(("point_shapes.fill_point_normals", "", ""))
+    return rows
 
 
 def _way_of_weights(plan: RenderPlan) -> str:
@@ -161,33 +169,65 @@ def _fill_places(
     geometry: Geometry,
     placement: Placement,
     face_id: NDArray[np.int32],
+    points: PointsSeen | None,
     result: Buffers,
     workers: Workers,
 ) -> None:
     """Fill the buffers of positions, each in the space that some matrices lead to."""
+    has_spheres = points is not None and points.has_spheres
 
-    def places(matrices: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return positions, (H, W, 3), where ``matrices``, (O, 3, 4), put them; NaN if nothing."""
+    def places(
+        matrices: NDArray[np.float64], from_world: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float32]:
+        """
+        Return positions, (H, W, 3), where ``matrices``, (O, 3, 4), put them; NaN if nothing.
+
+        Takes what brings ways in world axes there, (O, 3, 3); default: these are its own.
+        """
         position = workers.memory.empty((*face_id.shape, 3), np.float32)
         matrices = np.ascontiguousarray(matrices)
         arguments = geometry, placement, matrices, position
         fill_rows(interpolation.fill_positions, face_id, arguments, workers)
+        if has_spheres:
+            turns = np.tile(np.eye(3), (count, 1, 1)) if from_world is None else from_world
+            seen = geometry.faces, *points.read, placement, matrices, turns, position
+            fill_rows(point_shapes.fill_sphere_positions, face_id, seen, workers)
         return position
+
+    def into_models(scales: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return what takes ways in world axes to those of models, (O, 3, 3), scaled."""
+        if not has_spheres:
+            return None
+        return _model_axes(cache.places.world_from_model, points) * scales[:, None, None]
 
     count = len(cache.shapes.meshes)
     if "position" in plan.outputs:
         result["position"] = places(cache.places.world_from_model[:, :3])
     if "position_camera" in plan.outputs:
-        result["position_camera"] = places(_into_view(plan.camera, placement.relative_from_model))
+        view = np.tile(np.asarray(plan.camera.view_matrix())[:3, :3], (count, 1, 1))
+        matrices = _into_view(plan.camera, placement.relative_from_model)
+        result["position_camera"] = places(matrices, view)
     if "object_position" in plan.outputs:
-        result["object_position"] = places(np.tile(np.eye(3, 4), (count, 1, 1)))
+        own = np.tile(np.eye(3, 4), (count, 1, 1))
+        result["object_position"] = places(own, into_models(np.ones(count)))
     if "nocs" in plan.outputs:
-        nocs = places(box_matrices(cache.shapes.boxes))
+        boxes = box_matrices(cache.shapes.boxes)
+        nocs = places(boxes, into_models(boxes[:, 0, 0]))
         np.clip(nocs, 0.0, 1.0, out=nocs)
         result["nocs"] = nocs
     if "distance" in plan.outputs:
         relative = places(placement.relative_from_model)
         result["distance"] = _distances(relative, plan, placement, workers)
+
+
+def _model_axes(world_from_model: NDArray[np.float64], points: PointsSeen) -> NDArray[np.float64]:
+    """Return what takes ways in world axes to those of models, (O, 3, 3); 0 but for spheres."""
+    axes = np.zeros((len(world_from_model), 3, 3))
+    for number in np.flatnonzero(points.rows.shapes[:, 0] == SPHERE):
+        # What is flattened has no way back.
+        with suppress(ValueError):
+            axes[number] = transforms.inverse(world_from_model[number])[:3, :3]
+    return axes
 
 
 def _into_view(camera: Camera, relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -258,6 +298,7 @@ def _fill_normals(
     geometry: Geometry,
     placement: Placement,
     face_id: NDArray[np.int32],
+    points: PointsSeen | None,
     result: Buffers,
     workers: Workers,
 ) -> None:
@@ -274,6 +315,9 @@ def _fill_normals(
         fill_rows(
             interpolation.fill_normals, face_id, (geometry, placement, given, normal), workers
         )
+        if points is not None:
+            own = geometry.faces, *points.read, placement, normal
+            fill_rows(point_shapes.fill_point_normals, face_id, own, workers)
         return normal
 
     if not set(NORMAL_OUTPUTS).isdisjoint(wanted):
@@ -281,7 +325,15 @@ def _fill_normals(
     if "normal_camera" in wanted:
         result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
     if "geometric_normal" in wanted:
-        result["geometric_normal"] = normals(flat)
+        result["geometric_normal"] = normals(_normals_of_points(cache.shapes, flat))
+
+
+def _normals_of_points(
+    shapes: Shapes, flat: tuple[NDArray[np.float32], NDArray[np.uint8]]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return the normals that points were given, and the objects that have some."""
+    has_own = [mesh.primitive == "points" and mesh.normals is not None for mesh in shapes.meshes]
+    return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else flat
 
 
 def _turned_into_view(
@@ -312,7 +364,10 @@ def depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the reversed depth of what is seen, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
-    return [("depth.fill_depths", _way_of_weights(plan), "")]
+    rows = [("depth.fill_depths", _way_of_weights(plan), "")]
+    if plan.facts.contents.points:
+        rows.append(("point_shapes.fill_point_depths", "", ""))
+    return rows
 
 
 def add_reversed_depth(
@@ -321,6 +376,7 @@ def add_reversed_depth(
     geometry: Geometry,
     coverage: draw.Coverage,
     workers: Workers,
+    placement: Placement,
 ) -> draw.Coverage:
     """
     Return the coverage with the reversed depth of what is seen, and that of the vertices.
@@ -336,6 +392,7 @@ def add_reversed_depth(
     coverage : Coverage
         Its depth is kept.
     workers : Workers
+    placement : Placement
     """
     depth, vertex_depths = coverage.depth, coverage.screen.depth
     if not depth_format.is_reversed:
@@ -344,6 +401,9 @@ def add_reversed_depth(
         depth = workers.memory.empty(coverage.face_id.shape, np.float32)
         arguments = geometry, vertex_depths, coefficients, depth
         fill_rows(depths.fill_depths, coverage.face_id, arguments, workers)
+        if coverage.points is not None:
+            seen = geometry.faces, *coverage.points.read, placement, coefficients, depth
+            fill_rows(point_shapes.fill_point_depths, coverage.face_id, seen, workers)
     elif depth.dtype != np.float32:
         depth = depth.astype(np.float32)
     return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)

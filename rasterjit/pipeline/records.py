@@ -254,6 +254,9 @@ class Surface(NamedTuple):
     """Metallic-roughness materials | None -> none."""
     fields: Fields | None = None
     """Scalars of vertices | None -> none."""
+    points: Any = None
+    """The points in view, and how lines of sight run: ``points.PointsSeen.read`` | None ->
+    none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
     limits: Any = None

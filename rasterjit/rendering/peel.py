@@ -102,6 +102,11 @@ def render_layers(
         planned = plan_views(
             size, quality, as_scene(what), camera, outputs, None, cull, False, previous
         )
+        if planned.plan.facts.has_round_points:
+            raise ValueError(
+                "what must have no discs or spheres, of which several in a pixel are not found; "
+                "points may be squares"
+            )
         planned = planned._replace(plan=planned.plan.with_(surfaces=int(k)))
         with beside(partial(planning.list_tasks, planned.plan), workers.threads):
             frame = _draw_layers(planned, int(k), workers, clock)

@@ -93,7 +93,9 @@ def plan_frame(
         views = view_nodes(scene.nodes, camera, size)
     inventory, extents = known
     eye, relative_from_model = np.asarray(camera.eye_position()), views.relative_from_model
-    boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
+    boxes = Boxes(
+        extents, eye, relative_from_model, views.clip_from_relative, beyond=inventory.beyond(size)
+    )
     # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
     beside = clip_planes.look_at_planes(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
@@ -101,7 +103,10 @@ def plan_frame(
     camera = settled(camera, *beside.steps)
     if any(beside.steps):
         views = view_again(views, camera, size)
-        boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
+        boxes = Boxes(
+            extents, eye, relative_from_model, views.clip_from_relative,
+            beyond=inventory.beyond(size),
+        )  # fmt: skip
     behind = read_background(background)
     seen_behind = None if background is None else behind
     known_facts = None if last is None else last.facts
@@ -123,7 +128,11 @@ def plan_frame(
         effects=effects,
         lighting=_lighting(camera, facts, effects),
         layers=layers_of(
-            facts.transparency, facts.mixes_samples, quality.samples, scene.nodes, quality
+            facts.transparency,
+            facts.mixes_samples,
+            facts.picture_samples or quality.samples,
+            scene.nodes,
+            quality,
         ),
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
@@ -149,12 +158,33 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
         raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
+    if contents.points:
+        _refuse_points(scene, facts)
     if contents.masked_fields:
         refuse_masked_field(scene.nodes)
     if facts.colors_faces and contents.unlaid:
         refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and facts.finds_faces:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+
+
+def _refuse_points(scene: Scene, facts: Facts) -> None:
+    """Raise ``ValueError`` naming the points that are asked for what none have."""
+    if facts.diagnose and facts.has_round_points:
+        raise ValueError("diagnose must be False where points are discs or spheres, got True")
+    for node, is_see_through in zip(scene.nodes, facts.inventory.is_see_through, strict=True):
+        shape, material = getattr(node.mesh, "shape", None), node.mesh.material
+        if shape is not None and material.alpha_mode == "mask":
+            raise ValueError(
+                f"the material of {node.name!r} must have another alpha_mode than 'mask', for "
+                "points have no holes"
+            )
+        if shape in ("disc", "sphere") and is_see_through and facts.colors_faces:
+            raise ValueError(
+                f"the material of {node.name!r} must be opaque, for its points are {shape}s, of "
+                "which several in a pixel are not found; got alpha_mode 'blend' and an alpha "
+                "below 1. Squares may be blended"
+            )
 
 
 def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent]) -> Lighting | None:

@@ -342,11 +342,13 @@ def find_visible(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
         viewport, plan.is_affine,
     )  # fmt: skip
+    placement = _placement(arrays, views, kept)
     if plan.reads_depth:
-        coverage = add_reversed_depth(plan.depth_format, camera, geometry, coverage, workers)
+        coverage = add_reversed_depth(
+            plan.depth_format, camera, geometry, coverage, workers, placement
+        )
         if not plan.depth_format.is_standard:
             clock("reversed depth")
-    placement = _placement(arrays, views, kept)
     return Seen(objects, camera.depth_coefficients(), geometry, placement, coverage)
 
 

@@ -59,6 +59,8 @@ def shade_faces(context: FrameContext, kept: Kept | None = None) -> dict[str, ND
         cache.tables,
     )  # fmt: skip
     surface = light_surface(plan, surface, plan.lighting, light)
+    if plan.facts.shades_points:
+        surface = surface._replace(points=coverage.points.read)
     shader = layers.Shader(
         geometry, placement, surface, plan.lighting, plan.background, effects,
         find_alpha_tests(plan, cache),

@@ -86,6 +86,8 @@ def _steps(plan: RenderPlan) -> list[Step]:
 
     surface = shade.find_surface(plan, _tables(plan))
     surface = shade.light_surface(plan, surface, plan.lighting, light)
+    if plan.facts.shades_points:
+        surface = surface._replace(points=(None, None, None))
     own = _geometry(plan), placement, surface, plan.lighting
     shading, shown = stage_list.shading_steps(*own, effects)
     steps += [Step(list_samples, ()), *shading]

@@ -40,6 +40,7 @@ from rasterjit.pipeline.surface import (
     float32_planes,
     float32_weights,
     maps,
+    point_shapes,
     texture_gradients,
     texture_lookup,
     texture_places,
@@ -143,6 +144,8 @@ def surface_steps(
     if normals is None or smooth < len(materials):
         own = placement, materials, int(normals is not None)
         steps.append(Step(attributes.find_face_normals, own))
+    if surface.points is not None:
+        steps.append(Step(point_shapes.find_point_shapes, (*surface.points, placement)))
     if surface.lit_vertices is not None and not acting(effects, "sample"):
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))

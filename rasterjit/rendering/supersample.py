@@ -36,7 +36,6 @@ from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
-from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.transforms import Matrix
 from rasterjit.survey.effect import Active, FrameContext, Planned, Rows, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -182,7 +181,7 @@ def shade_faces(
         Called with a stage's name when it ends.
     """
     plan, workers = context.plan, context.workers
-    offsets = sample_offsets(int(plan.quality.samples))
+    offsets = sample_offsets(plan.facts.picture_samples)
     has_codes = plan.facts.mixes_codes
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     if accumulation.sums is None:
@@ -233,10 +232,9 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 def covering_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that `cover_pixels` calls, but for those of whole pictures."""
-    samples = plan.quality.samples
-    if "coverage" not in plan.outputs or samples in SUPERSAMPLED:
+    if "coverage" not in plan.outputs or plan.facts.picture_samples is not None:
         return []
-    return coverage.kernels_of(samples, plan.depth_format.kind)
+    return coverage.kernels_of(plan.quality.samples, plan.depth_format.kind)
 
 
 def cover_pixels(
@@ -249,17 +247,18 @@ def cover_pixels(
     the share of these.
     """
     plan = context.plan
-    samples = plan.quality.samples
-    if samples not in SUPERSAMPLED:
+    samples = plan.facts.picture_samples
+    if samples is None:
+        samples = plan.quality.samples
         finder = bands.Finder(context.geometry, shade.find_alpha_tests(plan, context.cache))
         return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
-    count = plan.pictures if plan.pictures > 1 else int(samples)
+    count = plan.pictures if plan.pictures > 1 else samples
     picture = plan.with_(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
     )
-    for offset in sample_offsets(int(samples))[accumulation.covering : count]:
+    for offset in sample_offsets(samples)[accumulation.covering : count]:
         accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
         accumulation.covering += 1
     return (accumulation.covered / accumulation.covering).astype(np.float32)
@@ -292,7 +291,7 @@ def sample_spacing(samples: int) -> float:
 
 def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
-    spacing = sample_spacing(int(plan.quality.samples))
+    spacing = sample_spacing(plan.facts.picture_samples)
     return plan.with_(camera=MovedCamera(plan.camera, offset, spacing))
 
 
@@ -372,7 +371,7 @@ def prepare_whole(
 
 def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
     """Return where the pictures of each step lie, whose shadow maps are drawn together."""
-    offsets = sample_offsets(int(plan.quality.samples))
+    offsets = sample_offsets(plan.facts.picture_samples)
     counts = _counts(plan.pictures)
     return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -21,6 +22,9 @@ UNITS: tuple[Unit, ...] = get_args(Unit)
 
 PointShape: TypeAlias = Literal["square", "disc", "sphere"]
 POINT_SHAPES: tuple[PointShape, ...] = get_args(PointShape)
+
+POINT_SHADINGS = ("unlit", "phong", "pbr")
+"""Ways of shading that points may have."""
 
 MOST_PIXELS = 4096.0
 """Largest size of a point, and width of a line, in pixels."""
@@ -56,7 +60,9 @@ class Points(Mesh):
     scalars, colormap, range, nan_color
         A number for each point, (N,), shown by a colour map in the place of ``colors``; see `Mesh`.
     material : Material, optional
-        Default: lit as `Material` says where there are normals or spheres, else unlit.
+        Default: lit as `Material` says where there are normals or spheres, else unlit. It is
+        shaded ``"unlit"``, ``"phong"`` or ``"pbr"``, and has no alpha mask; that of discs and
+        spheres is opaque. Points that are lit without normals face the viewer.
     on_invalid : {"raise", "drop"}
         What to do about points that are NaN or infinite: refuse them, or keep the arrays as they
         are and leave out those points.
@@ -116,6 +122,31 @@ class Points(Mesh):
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
         self._sizes = read_only(sizes_of("size", size, len(self), unit))
+        if self._field is not None:
+            # Values of points are those of faces: nothing is interpolated.
+            self._field = replace(self._field, of_faces=True)
+            self._face_colors = read_only(self._field.colors())
+
+    @property
+    def material(self) -> Material:
+        """What multiplies the colours, and says how the points are lit; another may be assigned."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material) -> None:
+        if not isinstance(value, Material):
+            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        if value.shading not in POINT_SHADINGS:
+            raise ValueError(
+                f"material must be shaded {', '.join(map(repr, POINT_SHADINGS))}, for a point has "
+                f"one normal; got {value.shading!r}"
+            )
+        self._material = value
+
+    @property
+    def colors(self) -> NDArray[np.float32] | None:
+        """(N, 4) float32, linear RGBA, read-only: the colour of each point, or ``None``."""
+        return self._face_colors
 
     @property
     def unit(self) -> Unit:
@@ -142,6 +173,55 @@ class Points(Mesh):
         """Return a face of one vertex, three times, for each point."""
         numbers = np.arange(len(self._vertices), dtype=np.int32)
         return np.ascontiguousarray(np.broadcast_to(numbers[:, np.newaxis], (len(numbers), 3)))
+
+    def _store_colors(self, colors: ArrayLike) -> None:
+        """Store colours as those of faces."""
+        super()._store_colors(colors)
+        self._face_colors, self._vertex_colors = self._vertex_colors, None
+
+    def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
+        """Store attributes as those of faces."""
+        super()._store_attributes(attributes)
+        self._face_attributes, self._vertex_attributes = self._vertex_attributes, {}
+
+    def used_vertices(self) -> NDArray[np.bool_]:
+        """Mark the points, (N,) bool, that are finite."""
+        if not self.invalid_vertices:
+            return np.ones(len(self.vertices), bool)
+        return np.isfinite(self.vertices).all(axis=1)
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the smallest axis-parallel box around the points; around their sizes, in scene units.
+
+        Returns
+        -------
+        low, high : (3,) float64
+            Model-space corners, over the finite points.
+
+        Raises
+        ------
+        ValueError
+            If no point is finite.
+        """
+        if self._bounds is None and self.unit == "world":
+            halves = np.broadcast_to(0.5 * self._sizes, len(self))[:, np.newaxis]
+            where = self.used_vertices()[:, np.newaxis]
+            if where.any():
+                low, high = self.vertices - halves, self.vertices + halves
+                self._bounds = (
+                    low.min(axis=0, where=where, initial=np.inf),
+                    high.max(axis=0, where=where, initial=-np.inf),
+                )
+        elif self._bounds is None and not self.invalid_vertices:
+            self._bounds = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return super().bounds()
+
+    def vertex_normals(self) -> NDArray[np.float32]:
+        """Return the given normals, (N, 3) float32; zero without."""
+        if self._vertex_normals is None:
+            self._vertex_normals = read_only(np.zeros((len(self), 3), np.float32))
+        return self._vertex_normals
 
     def split_creases(self, angle: float = 40.0) -> Points:
         """Return the points themselves, which have no edges."""

@@ -15,6 +15,7 @@ from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Sp
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
+from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
@@ -81,6 +82,10 @@ class Contents(NamedTuple):
     """Whose faces are segments."""
     points: int
     """Whose faces are points."""
+    spheres: int
+    """Whose points are spheres."""
+    discs: int
+    """Whose points are discs."""
     pixel_sized: int
     """Of both, those with sizes in pixels."""
     mipped: int
@@ -147,6 +152,7 @@ class Inventory:
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
         self.gloss = gloss_of(list(numbers))
+        self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
@@ -189,6 +195,13 @@ class Inventory:
     def casts_shadows(self) -> NDArray[np.bool_]:
         """Whether each object casts shadows, (O,): what is as large as in pixels casts none."""
         return ~(self.is_see_through | self._having("pixel_sized"))
+
+    def beyond(self, size: tuple[int, int]) -> tuple[NDArray[np.bool_], float, float] | None:
+        """Return which objects reach beyond their boxes in a picture, as `Boxes` takes it."""
+        if self.contents.pixel_sized == 0:
+            return None
+        across, down = (self._pixels / length for length in size)
+        return self._having("pixel_sized"), across, down
 
     @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
@@ -255,10 +268,20 @@ def _contents_of(mesh: Mesh) -> Contents:
         masked_fields=has_masked_field(mesh),
         lines=mesh.primitive == "lines",
         points=mesh.primitive == "points",
+        spheres=getattr(mesh, "shape", None) == "sphere",
+        discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
+
+
+def _pixels_of(mesh: Mesh) -> float:
+    """Return the largest size of points, or width of lines, in pixels; 0 if they are in others."""
+    if getattr(mesh, "unit", None) != "pixel":
+        return 0.0
+    sizes = mesh.sizes if isinstance(mesh, Points) else getattr(mesh, "widths", np.zeros(1))
+    return float(sizes.max())
 
 
 def textures_read(material: Material) -> dict[str, Texture]:

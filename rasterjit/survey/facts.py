@@ -120,6 +120,11 @@ class Facts:
         return self.shades and self.seen.unlit < self.seen.objects
 
     @cached_property
+    def shades_points(self) -> bool:
+        """Whether that of a point is asked for."""
+        return self.shades and self.seen.points > 0
+
+    @cached_property
     def has_headlight(self) -> bool:
         """Whether the default light shines, for there is no other."""
         return self.is_lit and not self.has_lights and self.environment is None
@@ -163,7 +168,7 @@ class Facts:
         quality, contents = self.quality, self.contents
         return (
             quality.interpolation_precision == "adaptive"
-            and quality.samples in (1, *SUPERSAMPLED)
+            and (quality.samples == 1 or self.picture_samples is not None)
             and contents.vertex_colored > 0
             and contents.unlit == contents.objects
             and contents.blended == 0
@@ -243,16 +248,36 @@ class Facts:
         return self.shades and self.seen.with_field > 0
 
     @cached_property
+    def has_round_points(self) -> bool:
+        """Whether any object is of discs or spheres, in view or not."""
+        return self.contents.discs + self.contents.spheres > 0
+
+    @cached_property
+    def picture_samples(self) -> int | None:
+        """
+        Of how many whole pictures the samples of a pixel are; ``None``: of one.
+
+        Discs and spheres have no triangles to find several samples or areas of: then there are as
+        many pictures as the next square grid of samples has.
+        """
+        samples = self.quality.samples
+        if samples in SUPERSAMPLED:
+            return int(samples)
+        if samples == 1 or not self.has_round_points:
+            return None
+        return 4 if samples in (2, 4) else 16
+
+    @cached_property
     def pictures(self) -> int:
         """How many whole pictures are averaged, of faces or of what lies behind them all."""
         has_edges = self.shades or self.shows_environment
-        samples = self.quality.samples
-        return int(samples) if has_edges and samples in SUPERSAMPLED else 1
+        samples = self.picture_samples
+        return samples if has_edges and samples is not None else 1
 
     @cached_property
     def mixes_samples(self) -> bool:
         """Whether a pixel of one picture shows several samples, or areas."""
-        return self.shades and self.quality.samples not in (1, *SUPERSAMPLED)
+        return self.shades and self.quality.samples != 1 and self.picture_samples is None
 
     @cached_property
     def antialiases(self) -> bool:
@@ -406,7 +431,10 @@ def float64_reason(facts: Facts) -> str | None:
             quality.interpolation_precision == "float64",
             "quality.interpolation_precision is 'float64'",
         ),
-        (quality.samples not in (1, *SUPERSAMPLED), f"quality.samples is {quality.samples!r}"),
+        (
+            quality.samples != 1 and facts.picture_samples is None,
+            f"quality.samples is {quality.samples!r}",
+        ),
         *smooth_reasons(facts),
         (contents.blended > 0, "an object is blended"),
         (contents.unlit < contents.objects, "an object is lit"),

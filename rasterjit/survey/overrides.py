@@ -62,7 +62,9 @@ def meshes_under(
         material = mesh.material
         if has_environment and isinstance(material, UnsaidMaterial):
             material = material.in_environment()
-        material = _material_under(material, quality, textures)
+        # A point has one normal: there is no coarser way.
+        own = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
+        material = _material_under(material, own, textures)
         same = material is mesh.material
         found[mesh] = mesh if same else cast(Mesh, Relooked(mesh, material))
     return [found[mesh] for mesh in meshes]

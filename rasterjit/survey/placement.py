@@ -228,6 +228,9 @@ class Boxes:
     clip_from_relative : (4, 4) float64
     measures : Measures, optional
         Of these boxes, if they are known.
+    beyond : ((O,) bool, float, float), optional
+        Which objects reach beyond their boxes in the picture, and by how much of half its width and
+        height.
 
     Attributes
     ----------
@@ -237,18 +240,27 @@ class Boxes:
     def __init__(
         self, extents: Extents, eye: Float64, relative_from_model: Float64,
         clip_from_relative: Float64, measures: Measures | None = None,
+        beyond: tuple[NDArray[np.bool_], float, float] | None = None,
     ) -> None:  # fmt: skip
         self.eye = eye
         self._extents, self._bounds = extents, extents.bounds
         self.relative_from_model = relative_from_model
         self._clip_from_relative, self._given = clip_from_relative, measures
+        self._beyond = beyond
 
     @cached_property
     def in_view(self) -> NDArray[np.bool_]:
         """Which objects the camera may see, (O,): those not all beyond a plane."""
         if self._given is None and self._are_middles_in_view():
             return np.ones(len(self._bounds), np.bool_)
-        return self._measures.in_view
+        if self._beyond is None:
+            return self._measures.in_view
+        reaches, across, down = self._beyond
+        wide = self._clip_from_relative.copy()
+        wide[0] /= 1.0 + across
+        wide[1] /= 1.0 + down
+        around = measure_boxes(self._extents, self.relative_from_model, wide)
+        return self._measures.in_view | (reaches & around.in_view)
 
     def _are_middles_in_view(self) -> bool:
         """Tell whether there are few boxes, and the middles of all are inside of every plane."""

@@ -199,7 +199,7 @@ class RenderPlan:
             rows.append(("lens", self.lens))
         rows += describe_planes(self.camera, self.look.cut)
         if self.pictures > 1:
-            rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
+            rows.append(("pictures", f"{self.pictures} of {self.facts.picture_samples}"))
         if self.surfaces is not None:
             rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
         seen, contents = self.facts.seen, self.facts.contents

@@ -11,6 +11,7 @@ STAGES = {
     "D": ("degenerate, sliver, huge and non-finite faces", 16),
     "C": ("clipping and cameras", 24),
     "L": ("lines", 25),
+    "O": ("points", 16),
     "Z": ("depth and visibility", 16),
     "I": ("interpolation", 10),
     "T": ("textures", 11),

@@ -34,7 +34,9 @@ class Antialiasing(Effect):
         if samples == 1:
             return "quality.samples is 1"
         if facts.pictures > 1:
-            return f"{samples} pictures, moved by parts of a pixel, each shaded by itself"
+            own = "" if samples == facts.picture_samples else f" for {samples!r}: discs, spheres"
+            count = facts.picture_samples
+            return f"{count} pictures, moved by parts of a pixel, each shaded by itself{own}"
         if not facts.shades:
             return "nothing is shaded"
         if samples == "area":

@@ -17,6 +17,7 @@ import numpy as np
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.pipeline.surface import point_shapes
 from rasterjit.pipeline.surface.samples import MOVED, POINT
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.driver import Step
@@ -210,6 +211,9 @@ class ShadowMaps(Effect):
             has_facets = int(look.surface.microfacets is not None)
             found = look.placement.positions, matrices, has_facets
             steps.append(Step(receivers.find_receivers, found))
+            if look.surface.points is not None:
+                own = *look.surface.points, look.placement
+                steps.append(Step(point_shapes.find_point_receivers, own))
         point, row = POINT, shadows.maps[n]
         # A vertex's own plane faces the light where it is lit.
         if shadows.normals is not None and not look.is_of_vertices:

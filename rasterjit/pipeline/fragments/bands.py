@@ -80,6 +80,8 @@ class Lists(NamedTuple):
     screen: ScreenVertices
     depth_type: Any
     """What depths are rounded to before they are compared."""
+    points: tuple[NDArray[Any], NDArray[np.int32]]
+    """Depth and face number, (H, W), of opaque points that are no triangles; (0, 0) without."""
 
 
 class Band(NamedTuple):
@@ -135,7 +137,11 @@ def part_lists(
     fragments.split_lists(
         starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
     )
-    return Lists(starts, middles, parted, lists.faces, coverage.screen, coverage.depth.dtype)
+    kind = coverage.depth.dtype
+    points = np.empty((0, 0), kind), np.empty((0, 0), np.int32)
+    if coverage.points is not None and coverage.points.picture is not None:
+        points = coverage.points.picture
+    return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points)
 
 
 def peeling_kernels(depth_type: Any, has_holes: bool) -> list[tuple[str, str, str]]:
@@ -198,8 +204,8 @@ def find_layers(
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
         fragments.find_layers(
-            rows, lists.starts, lists.middles, viewport, shifts, opaque, found, used, deepest,
-            *drawer[:3], alone,
+            rows, lists.starts, lists.middles, lists.points, viewport, shifts, opaque, found, used,
+            deepest, *drawer[:3], alone,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
         needed = needed if kept is None else min(needed, kept)

@@ -57,6 +57,7 @@ from rasterjit.pipeline.visibility.nearest import (
     plan_listed,
     tile_window,
 )
+from rasterjit.pipeline.visibility.points import put
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, stored, uint8
 
@@ -268,10 +269,26 @@ def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
     return drawer._replace(called=(*drawer.called, bound)), alone
 
 
+@helper
+def put_points(points, window, scratch):
+    """Put what is no triangle into a tile, where it is nearer."""
+    depth, face_id = points
+    left, top, right, bottom = window
+    if depth.shape[0] == 0:
+        return
+    for row in range(top, bottom + 1):
+        depths, faces = scratch[0][row - top], scratch[1][row - top]
+        for column in range(left, right + 1):
+            face = face_id[row, column]
+            if face >= 0:
+                put(np.uintp(column - left), depth[row, column], face, depths, faces)
+
+
 @kernel
 def find_layers(
-    rows: (int64, int64), starts: int64[::1], middles: int64[::1], viewport: Viewport,
-    shifts: int32[:, ::1], opaque: int32[:, :, ::1],
+    rows: (int64, int64), starts: int64[::1], middles: int64[::1],
+    points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
+    opaque: int32[:, :, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
     scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
 ):  # fmt: skip
@@ -284,6 +301,9 @@ def find_layers(
         The first, and one past the last, of one row of tiles.
     starts, middles : arrays
         Of the lists of the tiles, as `split_lists` takes and writes them.
+    points : (depth (H, W), face_id (H, W) int32)
+        The opaque surfaces of the picture that are no triangles, of which one sample of a pixel is
+        known; (0, 0) without any.
     viewport : Viewport
     shifts : (N, 2) int32
         Of each sample, what is added to the vertices: its way to the pixel's centre, in units of
@@ -315,6 +335,7 @@ def find_layers(
             begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
             draw_list(start, middle, scratch, drawing, holes)
+            put_points(points, window, scratch)
             used[sample, column] = 0
             if middle < stop:
                 for row in range(TILE_SIZE):

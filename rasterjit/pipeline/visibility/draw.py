@@ -8,7 +8,7 @@ result has the same bits for any number of threads and any order of completion.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,13 +27,15 @@ from rasterjit.pipeline.records import (
     Viewport,
 )
 from rasterjit.pipeline.visibility import lines, nearest
+from rasterjit.pipeline.visibility import points as painting
 from rasterjit.pipeline.visibility import primitives as expanding
+from rasterjit.pipeline.visibility.points import PointsSeen
 from rasterjit.pipeline.visibility.primitives import (
     Expand,
-    Paint,
+    Primitive,
     Primitives,
     Projected,
-    triangle_runs,
+    runs_between,
 )
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
@@ -62,11 +64,8 @@ TILES_PER_TASK = 4
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
 
-EXPANDERS: dict[str, Expand] = {"lines": lines.expand}
+EXPANDERS: dict[str, Expand] = {"lines": lines.expand, "points": painting.expand_squares}
 """What finds the pieces of segments and points, by kind of object."""
-
-PAINTERS: dict[str, Paint] = {}
-"""What draws objects that have no pieces, after all triangles, by kind."""
 
 
 class Totals(NamedTuple):
@@ -133,6 +132,8 @@ class Coverage(NamedTuple):
     ``None`` if none reads it."""
     reversed_vertex_depth: NDArray[np.float64] | None = None
     """(V+E,), that of the vertices."""
+    points: PointsSeen | None = None
+    """The points of the picture; ``None`` if no object is of points."""
 
 
 def transform(
@@ -141,6 +142,7 @@ def transform(
     relative_from_model: NDArray[np.float64],
     clip_from_relative: NDArray[np.float64],
     workers: Workers,
+    runs: Sequence[tuple[int, int]] | None = None,
 ) -> NDArray[np.float64]:
     """
     Take every object's vertices to clip space, by way of the eye.
@@ -157,6 +159,8 @@ def transform(
         To world axes with the origin at the eye.
     clip_from_relative : (4, 4) float64
     workers : Workers
+    runs : sequence of (int, int), optional
+        Of the vertices that are taken there the first, and one past the last. Default: all.
 
     Returns
     -------
@@ -173,8 +177,9 @@ def transform(
     workers.call(
         projection.transform_positions,
         [
-            ((n, min(n + per_task, count)), *own, projection.scratch_memory(kind))
-            for n in range(0, count, per_task)
+            ((n, min(n + per_task, end)), *own, projection.scratch_memory(kind))
+            for first, end in ([(0, count)] if runs is None else runs)
+            for n in range(first, end, per_task)
         ],
     )
     return clip_positions
@@ -229,6 +234,7 @@ def transform_and_project(
     viewport: Viewport,
     workers: Workers,
     kept: Kept | None = None,
+    runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[ScreenVertices, int]:
     """
     Take all vertices from model space to the screen.
@@ -243,6 +249,8 @@ def transform_and_project(
     workers : Workers
     kept : Kept, optional
         What the picture before left.
+    runs : sequence of (int, int), optional
+        Of the vertices that are taken there the first, and one past the last. Default: all.
 
     Returns
     -------
@@ -255,25 +263,27 @@ def transform_and_project(
     objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
     matrix = _rounded(vertices.clip_from_relative, kind)
     arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
-    return _to_screen(projection.transform_vertices, count, arguments, workers, kind, kept)
+    runs = [(0, count)] if runs is None else runs
+    return _to_screen(projection.transform_vertices, count, arguments, workers, kind, kept, runs)
 
 
 def _to_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
-    kept: Kept | None = None,
+    kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[ScreenVertices, int]:  # fmt: skip
-    """Call a kernel that fills the screen vertices for all of them."""
+    """Call a kernel that fills the screen vertices for all of them, or for some runs."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
     per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
 
     calls = []
-    for first in range(0, count, per_task):
-        if first == 0:
-            scratch = kept.made("projecting", projection.scratch_memory, precision)
-        else:
-            scratch = projection.scratch_memory(precision)
-        calls.append(((first, min(first + per_task, count)), *arguments, screen, scratch))
+    for start, end in [(0, count)] if runs is None else runs:
+        for first in range(start, end, per_task):
+            if not calls:
+                scratch = kept.made("projecting", projection.scratch_memory, precision)
+            else:
+                scratch = projection.scratch_memory(precision)
+            calls.append(((first, min(first + per_task, end)), *arguments, screen, scratch))
     seen = 0
     for bits in workers.call(kernel, calls):
         seen |= bits
@@ -317,7 +327,7 @@ def clip(
     if primitives is None:
         cut = _cut_faces(faces, codes, workers)
     else:
-        runs = triangle_runs(primitives.objects, len(faces))
+        runs = runs_between([one.faces for one in primitives.objects], len(faces))
         cut = np.concatenate(
             [np.empty(0, np.int32)]
             + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
@@ -459,11 +469,20 @@ def find_visible(
         The objects whose faces are segments or points. Default: all are triangles.
     """
     kept = kept or Kept(workers.memory, lasts=False)
+    painted: list[Primitive] = []
+    if primitives is not None:
+        painted = [one for one in primitives.objects if painting.is_painted(one, keep_lists)]
     if isinstance(vertices, ModelVertices):
-        screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers, kept)
+        runs = None
+        if painted and not (keep_lists or keep_clip_positions):
+            # Points are taken to the screen when they are drawn.
+            runs = list(runs_between([one.vertices for one in painted], len(vertices.positions)))
+        screen, seen = transform_and_project(
+            vertices, depth_coefficients, viewport, workers, kept, runs
+        )
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
         if keep_clip_positions or seen & setup.CLIPPED or primitives is not None:
-            clip_positions = transform(*vertices, workers)
+            clip_positions = transform(*vertices, workers, runs)
     else:
         clip_positions = vertices
         screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
@@ -479,9 +498,13 @@ def find_visible(
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
         make_room = partial(screen_arrays, memory=workers.memory)
+        own = tuple([one for one in primitives.objects if not painting.is_painted(one, keep_lists)])
         all_faces, screen = expanding.expand(
-            primitives, EXPANDERS, projected, all_faces, screen, make_room, workers
-        )
+            primitives._replace(objects=own), EXPANDERS, projected, all_faces, screen, make_room,
+            workers,
+        )  # fmt: skip
+        for one in painted:
+            screen.codes[slice(*one.vertices)] = setup.GUARD
         seen |= setup.GUARD
         clock("lines, points")
     if alpha_tests is not None:
@@ -490,26 +513,46 @@ def find_visible(
     lists = None
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen
-        )
+            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen,
+            [one.faces for one in painted],
+        )  # fmt: skip
         if keep_lists:
             lists = TileLists(starts, binned[: starts[-1]], all_faces, objects)
     else:
-        sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen).sums
+        skipped = [one.faces for one in painted]
+        sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
+    has_points = find_faces and bool(painted)
     if depth is None:
-        depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
-    face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
+        width = viewport.width * (keep_depth or has_points)
+        depth = workers.memory.empty((viewport.height, width), depth_type)
+    width = viewport.width * (keep_faces or has_points)
+    face_id = workers.memory.empty((viewport.height, width), np.int32)
+    points = None
+    if primitives is not None and "points" in primitives.kinds:
+        view = vertices.clip_from_relative, depth_coefficients, viewport
+        points = painting.points_of(primitives, objects.face_starts, vertices.vertex_starts, *view)
     if find_faces:
         frame = depth, face_id
         draw(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
             kept,
         )  # fmt: skip
-        if primitives is not None:
-            for one in primitives.objects:
-                if one.kind in PAINTERS:
-                    PAINTERS[one.kind](one, primitives, projected, frame, workers)
+        if has_points:
+            cloud = painting.Cloud(
+                vertices.positions, vertices.relative_from_model, vertices.clip_from_relative,
+                painting.only(points.rows, painted), points.sight, depth_coefficients,
+            )  # fmt: skip
+            target = frame
+            if keep_lists:
+                # What is see-through lies before it, or behind.
+                shape = viewport.height, viewport.width
+                target = np.empty(shape, depth_type), np.empty(shape, np.int32)
+                painting.clear(target)
+                points = points._replace(picture=target)
+            sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, target, workers))
+            if keep_lists:
+                painting.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
     else:
         depth.fill(nearest.empty_depth(depth_type))
         face_id.fill(nearest.NOTHING)
@@ -517,7 +560,9 @@ def find_visible(
     outside, degenerate, culled, unsampled, invalid = sums.tolist()
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
-    return Coverage(depth, face_id, screen, clip_positions, totals, lists, alpha_tests)
+    return Coverage(
+        depth, face_id, screen, clip_positions, totals, lists, alpha_tests, points=points
+    )
 
 
 def kernels_of(
@@ -559,6 +604,11 @@ def kernels_of(
             ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
             ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
+    if find_faces and "points" in kinds:
+        rows += [
+            ("points.draw_points", "; ".join(filter(None, (single, depth))), ""),
+            ("points.merge_pictures", depth, "several threads draw points"),
+        ]  # fmt: skip
     if find_faces and has_alpha_tests:
         rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
     return rows
@@ -599,17 +649,26 @@ class SetUp(NamedTuple):
 
 def set_up(
     faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers,
-    kept: Kept | None = None, seen: int = setup.ANY_CODE,
+    kept: Kept | None = None, seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
 ) -> SetUp:  # fmt: skip
-    """Cull faces, and find the tiles of those that may be seen; takes the outcode bits seen."""
+    """
+    Cull faces, and find the tiles of those that may be seen.
+
+    Takes the outcode bits seen, and the runs of faces that are not looked at.
+    """
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    edges = _edges(face_count, LEAST_FACES, FACES_PER_TASK, workers)
-    chunks = len(edges) - 1
-    piece_edges = (
-        faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
-    )
+    per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
+    edges = [
+        (first, min(first + per_task, end))
+        for start, end in runs_between(skipped, face_count)
+        for first in range(start, end, per_task)
+    ] or [(0, 0)]
+    chunks = len(edges)
+    piece_edges = [(0, 0)] * chunks
+    if piece_count:
+        piece_edges = [tuple(pair) for pair in faces.piece_faces.searchsorted(edges).tolist()]
     triangles = kept.empty("triangles", (face_count + piece_count,), np.int32)
     boxes = kept.empty("boxes", (face_count + piece_count, 4), np.uint8)
     counts = np.zeros((chunks, tiles + 1), np.int32)
@@ -620,14 +679,13 @@ def set_up(
         setup.set_up_triangles,
         [
             (
-                (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
-                screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]), batches[n],
-                seen,
+                edges[n], piece_edges[n], faces, objects, screen, viewport, (triangles, boxes),
+                (columns, counts[n], sums[n]), batches[n], seen,
             )
             for n in range(chunks)
         ],
     )  # fmt: skip
-    parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
+    parts = [slice(edges[n][0] + piece_edges[n][0], ends[n]) for n in range(chunks)]
     return SetUp(triangles, boxes, parts, counts, sums[0] if chunks == 1 else sums.sum(axis=0))
 
 
@@ -641,6 +699,7 @@ def set_up_and_bin(
     depth_type: Any = np.float32,
     kept: Kept | None = None,
     seen: int = setup.ANY_CODE,
+    skipped: Sequence[tuple[int, int]] = (),
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
     """
     Return each tile's start in the list of triangles, that list, tile depths, and totals.
@@ -649,7 +708,7 @@ def set_up_and_bin(
     """
     kept = kept or Kept(workers.memory, lasts=False)
     triangles, boxes, parts, counts, sums = set_up(
-        faces, objects, screen, viewport, workers, kept, seen
+        faces, objects, screen, viewport, workers, kept, seen, skipped
     )
     columns, tiles = _tiles_of(viewport)
     starts = kept.empty("starts", (tiles + 1,), np.int64)

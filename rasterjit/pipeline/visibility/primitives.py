@@ -74,6 +74,13 @@ class Primitives(NamedTuple):
     """Pixels of the picture that is drawn, of a world unit across the view, at w = 1."""
     positions: NDArray[np.float64] | NDArray[np.float32]
     """(V, 3), model space."""
+    lengths: tuple[float, float]
+    """Columns and rows that a world unit is long along each, at w = 1."""
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """What their faces are."""
+        return frozenset(one.kind for one in self.objects)
 
     def factor(self, one: Primitive) -> float:
         """Return what takes sizes of an object to pixels, of those in model space at w = 1."""
@@ -115,7 +122,25 @@ def primitives_of(
         )
     width, height = size
     units = 0.5 * math.sqrt(_area_across(clip_from_relative) * width * height)
-    return Primitives(objects, lengths.max(axis=1), pixels, units, positions)
+    across = lengths_across(clip_from_relative, size)
+    return Primitives(objects, lengths.max(axis=1), pixels, units, positions, across)
+
+
+def lengths_across(
+    clip_from_relative: NDArray[np.float64], size: tuple[int, int]
+) -> tuple[float, float]:
+    """Return how many columns and rows a world unit along each is long, at w = 1."""
+    right, up, _, deep = (row[:3] for row in np.asarray(clip_from_relative).tolist())
+    return _length_across(right, deep) * size[0] / 2.0, _length_across(up, deep) * size[1] / 2.0
+
+
+def _length_across(row: list[float], deep: list[float]) -> float:
+    """Return the length of what a row has across the direction in which w grows, if it does."""
+    square = dot(deep, deep)
+    if square > 0.0:
+        share = dot(row, deep) / square
+        row = [a - share * b for a, b in zip(row, deep, strict=True)]
+    return length(row)
 
 
 def _area_across(clip_from_relative: NDArray[np.float64]) -> float:
@@ -152,19 +177,14 @@ class Expansion(NamedTuple):
 Expand = Callable[[Primitive, Primitives, Projected, Workers], Expansion]
 """Counts the pieces of an object."""
 
-Paint = Callable[
-    [Primitive, Primitives, Projected, tuple[NDArray[Any], NDArray[np.int32]], Workers], None
-]
-"""Draws an object into the depth (H, W) and the face numbers (H, W) of all triangles."""
 
-
-def triangle_runs(objects: Sequence[Primitive], count: int) -> Iterator[tuple[int, int]]:
-    """Yield the runs of faces, of so many, that are triangles: first, and one past the last."""
+def runs_between(runs: Sequence[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
+    """Yield what some ascending runs of numbers, first and one past the last, leave of so many."""
     first = 0
-    for one in objects:
-        if one.faces[0] > first:
-            yield first, one.faces[0]
-        first = one.faces[1]
+    for start, end in runs:
+        if start > first:
+            yield first, start
+        first = end
     if count > first:
         yield first, count
 
