@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
+from rasterjit.io.drawings import Drawing
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.kinds import other_kind
+from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
+from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
@@ -20,6 +25,7 @@ from rasterjit.io.text.off import read_off
 from rasterjit.io.text.parts import Part, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
+from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
@@ -43,8 +49,8 @@ OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 """What to do about a damaged file: refuse it; load what there is, and warn."""
 
-TEXT_FORMATS = ("obj", "ply", "stl", "off")
-"""Formats that `rasterjit.io.text` reads."""
+OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
+"""Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
 
 FORMATS_EXTRA = ("lxml", "networkx", "collada")
 """Modules that the extra ``rasterjit[formats]`` brings."""
@@ -176,7 +182,7 @@ def _load(
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources)
-    if extension in TEXT_FORMATS:
+    if extension in OWN_FORMATS:
         damage = Damage(file, on_damage, left_out)
         parts = _read_parts(file, resources, damage, left_out)
         scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
@@ -187,8 +193,10 @@ def _load(
     return TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget).scene(loaded)
 
 
-def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
-    """Read a file of `TEXT_FORMATS`, or raise `MeshFileError`."""
+def _read_parts(
+    file: Path, resources: Resources, damage: Damage, left_out: LeftOut
+) -> Sequence[Part | Cloud | Drawing]:
+    """Read a file of `OWN_FORMATS`, or raise `MeshFileError`."""
     extension = _extension(file)
     try:
         if extension == "obj":
@@ -197,6 +205,12 @@ def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: Left
             return read_ply(file, resources, damage, left_out)
         if extension == "off":
             return read_off(file, resources, damage, left_out)
+        if extension == "pcd":
+            return read_pcd(file, resources, damage, left_out)
+        if extension in LAS_FORMATS:
+            return read_las(file, resources, damage)
+        if extension in ROW_FORMATS:
+            return read_rows(file, resources, damage, left_out)
         return read_stl(file, resources, damage)
     except (OSError, MemoryError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.drawings import Drawing, lines_of
+from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
@@ -68,16 +70,23 @@ class Part:
 
 
 def scene_of_parts(
-    parts: Iterable[Part],
+    parts: Iterable[Part | Cloud | Drawing],
     source: str,
     on_invalid: str,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget,
 ) -> Scene:
-    """Return a scene with a node for each mesh, or raise `MeshFileError`, naming it."""
+    """Return a scene with a node for each thing, or raise `MeshFileError`, naming it."""
     scene = Scene()
     for part in parts:
+        if isinstance(part, Cloud):
+            points = points_of(part, source, on_invalid, left_out, budget)
+            scene.add(points, name=part.name)
+            continue
+        if isinstance(part, Drawing):
+            scene.add(lines_of(part, source, on_invalid, left_out, budget), name=part.name)
+            continue
         each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
         needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
         own = (*part.attributes.values(), *part.face_attributes.values())
