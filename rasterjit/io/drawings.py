@@ -15,7 +15,7 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import with_face_values
+from rasterjit.scene.mesh import with_face_scalars, with_face_values
 
 _POINT_BYTES, _SEGMENT_BYTES, _VALUE_BYTES = 96, 64, 12
 """What a point and a segment take besides attributes, and what a value of these does."""
@@ -43,6 +43,8 @@ class Drawing:
         Values of one's own.
     material : Material, optional
         An unlit one.
+    scalars, segment_scalars : (V,) and (S,) array, optional
+        One of them, in the place of colours.
     """
 
     name: str
@@ -53,6 +55,8 @@ class Drawing:
     attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
     segment_attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
     material: Material | None = None
+    scalars: NDArray[Any] | None = None
+    segment_scalars: NDArray[Any] | None = None
 
 
 def lines_of(
@@ -74,10 +78,12 @@ def lines_of(
         lines = Lines(
             drawing.points, drawing.segments, material=drawing.material, on_invalid=on_invalid,
             attributes=usable_attributes(drawing.attributes, points, left_out),
-            colors=of_points,
+            colors=of_points, scalars=drawing.scalars if drawing.colors is None else None,
         )  # fmt: skip
         of_segments = usable_attributes(drawing.segment_attributes, segments, left_out)
         with_face_values(lines, drawing.colors if drawing.by_segment else None, of_segments)
+        if drawing.segment_scalars is not None:
+            with_face_scalars(lines, drawing.segment_scalars)
     except ValueError as error:
         raise MeshFileError(f"{source}: lines {name!r}: {error}") from error
     return lines

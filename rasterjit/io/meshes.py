@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, read_vtk
+from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.kinds import other_kind
-from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.resources import Resources
@@ -22,7 +22,7 @@ from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
-from rasterjit.io.text.parts import Part, scene_of_parts
+from rasterjit.io.text.parts import Thing, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
@@ -51,6 +51,9 @@ ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 
 OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
 """Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
+
+PART_FORMATS = (*OWN_FORMATS, *VTK_FORMATS, *CELL_FORMATS)
+"""Those, and the ones that `rasterjit.io.foreign` reads."""
 
 FORMATS_EXTRA = ("lxml", "networkx", "collada")
 """Modules that the extra ``rasterjit[formats]`` brings."""
@@ -140,15 +143,18 @@ def load(
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     one_of("on_invalid", on_invalid, ON_INVALID)
     one_of("on_damage", on_damage, ON_DAMAGE)
-    if _is_trimesh(path):
+    if _is_trimesh(path) or foreign_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
             ("resource_root", resource_root, None),
             ("max_bytes", max_bytes, DEFAULT_MAX_BYTES),
         ):
             if value != default:
-                raise ValueError(f"{name} must not be given for a trimesh object, got {value!r}")
-        return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
+                said = "a trimesh object" if _is_trimesh(path) else f"a {foreign_name(path)}"
+                raise ValueError(f"{name} must not be given for {said}, got {value!r}")
+        if _is_trimesh(path):
+            return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
+        return _from_foreign(path, on_invalid, crease_angle)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
@@ -182,7 +188,7 @@ def _load(
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources)
-    if extension in OWN_FORMATS:
+    if extension in PART_FORMATS:
         damage = Damage(file, on_damage, left_out)
         parts = _read_parts(file, resources, damage, left_out)
         scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
@@ -195,8 +201,8 @@ def _load(
 
 def _read_parts(
     file: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> Sequence[Part | Cloud | Drawing]:
-    """Read a file of `OWN_FORMATS`, or raise `MeshFileError`."""
+) -> Sequence[Thing]:
+    """Read a file of `PART_FORMATS`, or raise `MeshFileError`."""
     extension = _extension(file)
     try:
         if extension == "obj":
@@ -211,6 +217,10 @@ def _read_parts(
             return read_las(file, resources, damage)
         if extension in ROW_FORMATS:
             return read_rows(file, resources, damage, left_out)
+        if extension in VTK_FORMATS:
+            return read_vtk(file, resources, left_out)
+        if extension in CELL_FORMATS:
+            return read_cells(file, resources, left_out)
         return read_stl(file, resources, damage)
     except (OSError, MemoryError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
@@ -273,6 +283,14 @@ def from_trimesh(
     return scene
 
 
+def _from_foreign(what: Any, on_invalid: OnInvalid, crease_angle: float) -> Scene:
+    """Turn an object of another package into a scene; warn of what was left out."""
+    left_out = LeftOut()
+    scene = scene_of_foreign(what, on_invalid, crease_angle, left_out)
+    left_out.warn(foreign_name(what))
+    return scene
+
+
 def as_scene(what: Any, name: str = "what") -> Scene:
     """
     Return anything that can be drawn as a scene.
@@ -297,10 +315,12 @@ def as_scene(what: Any, name: str = "what") -> Scene:
         return scene
     if _is_trimesh(what):
         return from_trimesh(what)
+    if foreign_package(what) is not None:
+        return _from_foreign(what, "raise", _CREASE_ANGLE)
     hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
     raise ValueError(
-        f"{name} must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
-        f"got {type(what).__name__}{hint}"
+        f"{name} must be a Scene, a Mesh, Points, Lines, or an object of trimesh's, PyVista's, "
+        f"Open3D's or meshio's, got {type(what).__name__}{hint}"
     )
 
 
@@ -322,13 +342,15 @@ def scene_to_add(what: Any) -> Scene:
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
         scene = TrimeshAdapter(source, False, "raise", _CREASE_ANGLE, left_out).scene(what)
+    elif foreign_package(what) is not None:
+        scene = scene_of_foreign(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):
         scene = what
     else:
         hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
         raise ValueError(
-            "mesh must be a rasterjit Mesh, Node or Scene, a trimesh.Trimesh or a trimesh.Scene, "
-            f"got {type(what).__name__}{hint}"
+            "mesh must be a rasterjit Mesh, Node or Scene, or an object of trimesh's, PyVista's, "
+            f"Open3D's or meshio's, got {type(what).__name__}{hint}"
         )
     if not scene.nodes:
         raise ValueError("mesh must be a scene with at least one mesh, got an empty one")

@@ -692,6 +692,13 @@ def with_field_of(mesh: Mesh, other: Mesh) -> Mesh:
     return mesh
 
 
+def with_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
+    """Give a new mesh a scalar for each face, (F,), be there as many vertices or not; return it."""
+    mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, NAN_COLOR, None)
+    mesh._face_colors = read_only(mesh._field.colors())
+    return mesh
+
+
 def with_face_values(
     mesh: Mesh,
     colors: NDArray[np.float32] | None,

@@ -49,6 +49,8 @@ class Cloud:
     attributes : dict of str to (N,) or (N, D) array
         Values of one's own.
     material : Material, optional
+    scalars : (N,) array, optional
+        In the place of colours.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Cloud:
     normals: NDArray[Any] | None = None
     attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
     material: Material | None = None
+    scalars: NDArray[Any] | None = None
 
 
 def default_size(count: int) -> float:
@@ -108,8 +111,8 @@ def points_of(
         attributes = {key: _held(values, sound) for key, values in attributes.items()}
         normals = None if normals is None else _held(normals, sound)
     usable = usable_attributes(attributes, count, left_out)
-    scalars = None
-    if cloud.colors is None and normals is None and cloud.material is None:
+    scalars = cloud.scalars if cloud.colors is None else None
+    if scalars is None and cloud.colors is None and normals is None and cloud.material is None:
         scalars = _shown_intensity(usable)
     try:
         return Points(

@@ -33,6 +33,7 @@ from rasterjit.io.text.parts import (
     COLORS_BESIDE,
     Names,
     Part,
+    Thing,
     joined,
     linear_rgba,
     srgb_bytes,
@@ -70,9 +71,7 @@ _EXPECTED = {
 }
 
 
-def read_obj(
-    path: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> list[Part | Cloud | Drawing]:
+def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Thing]:
     """Return the meshes, lines and points of an OBJ file, or raise `MeshFileError`."""
     # A backslash joins lines; blanks in its place keep every byte where it was.
     data = original = resources.read_itself(path)
@@ -294,7 +293,7 @@ class _ObjFile:
         self._counts = self._counts[~bad_faces]
         self._lines_of_faces = self._lines_of_faces[~bad_faces]
 
-    def parts(self) -> Iterator[Part | Cloud | Drawing]:
+    def parts(self) -> Iterator[Thing]:
         """
         Yield meshes, lines and points, or raise `MeshFileError`.
 

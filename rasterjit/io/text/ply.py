@@ -27,6 +27,7 @@ from rasterjit.io.text.parts import (
     COLORS_BESIDE,
     POLYGON_CORNER_BYTES,
     Part,
+    Thing,
     joined,
     linear_rgba,
     sound_polygons,
@@ -116,9 +117,7 @@ class _Element:
         return np.column_stack([self.columns[name] for name in names])
 
 
-def read_ply(
-    path: Path, resources: Resources, damage: Damage, left_out: LeftOut
-) -> list[Part | Cloud | Drawing]:
+def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Thing]:
     """Return the mesh of a PLY file, else its edges, else its points, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     try:
