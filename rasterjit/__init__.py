@@ -13,6 +13,7 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
     what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
     `SaveWarning` names what that has no word for.
+    `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -102,6 +103,7 @@ from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.hooks import set_hooks
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
@@ -136,7 +138,9 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Axes",
     "Batch",
+    "BoundingBox",
     "CalibrationWarning",
     "Choice",
     "Colormap",
@@ -149,6 +153,8 @@ __all__ = [
     "Fog",
     "Frame",
     "Framebuffer",
+    "Frustum",
+    "Grid",
     "LayeredFrame",
     "Lines",
     "LoadWarning",

@@ -31,6 +31,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
+from rasterjit.pipeline.visibility.primitives import primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.plan import Cull
@@ -183,7 +184,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
         plan.cull, views.screen_turn, views.mirrored, arrays.face_starts,
-        cache.tables.is_single_sided,
+        cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
     vertices = draw.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
@@ -194,6 +195,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, alpha_tests=alpha_tests,
         depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
+        primitives=primitives_of(
+            arrays.primitives, views.relative_from_model, vertices.positions,
+            views.clip_from_relative, plan.size,
+        ),
     )  # fmt: skip
     lists = coverage.lists
     if objects.culled_turns.any():
@@ -303,11 +308,16 @@ def _face_at(
     screen = (ndc[:, :2] * (1.0, -1.0) + 1.0) * (width / 2.0, height / 2.0)
     codes = [int(code) for code in geometry.codes[vertices]]
     clipped = any(code & setup.CLIPPED for code in codes)
+    if vertices[1] == vertices[2]:
+        # What its vertices are outside of says nothing of a segment or a point.
+        codes = [0, 0, 0]
     corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
     snapped = coverage.screen.xy[corners].astype(np.int64)
     point = _centre(x, y, geometry.viewport.grid_bits)
     edges, biases = _edge_functions(snapped.tolist(), point)
-    affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
+    affine, weights = _weights(
+        snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size, vertices[1] == vertices[2]
+    )
     stored = coverage.depth.dtype.type(-nearness)
     if drawn.plan.is_affine and not clipped:
         weights = affine
@@ -373,6 +383,7 @@ def _weights(
     point: tuple[int, int],
     pixel: tuple[int, int],
     size: tuple[int, int],
+    is_segment: bool,
 ) -> tuple[Weights, Weights]:
     """Return the exact weights on the triangle drawn, and those of the face's own vertices."""
     from fractions import Fraction
@@ -383,6 +394,8 @@ def _weights(
     if not clipped:
         return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)
     centre = (Fraction(2 * pixel[0] + 1, 2), Fraction(2 * pixel[1] + 1, 2))
+    if is_segment:
+        return affine, _segment_weights(clip.tolist(), centre, size)
     try:
         shares = oracle.clip_weights(clip.tolist(), centre, size)
     except ValueError:
@@ -391,6 +404,29 @@ def _weights(
     # Snapping may put a sample on a piece that lies beside the face: held as the engine does.
     held = [max(share, Fraction(0)) for share in shares]
     return affine, tuple(share / sum(held) for share in held)
+
+
+def _segment_weights(
+    clip: list[list[float]], point: tuple[Fraction, Fraction], size: tuple[int, int]
+) -> Weights:
+    """Return the weights of a segment, or of a point, at the foot of the perpendicular on it."""
+    from fractions import Fraction
+
+    # How far each end lies from the sample, pixels times twice its w.
+    (x0, y0, w0), (x1, y1, w1) = (
+        (
+            (Fraction(x) + Fraction(w)) * size[0] - 2 * point[0] * Fraction(w),
+            (Fraction(w) - Fraction(y)) * size[1] - 2 * point[1] * Fraction(w),
+            Fraction(w),
+        )
+        for x, y, _, w in clip[:2]
+    )
+    along, down = x1 * w0 - x0 * w1, y1 * w0 - y0 * w1
+    first, second = x0 * along + y0 * down, x1 * along + y1 * down
+    if first == second:
+        return Fraction(1), Fraction(0), Fraction(0)
+    share = min(max(first / (first - second), Fraction(0)), Fraction(1))
+    return 1 - share, share, Fraction(0)
 
 
 def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:

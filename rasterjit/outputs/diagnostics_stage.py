@@ -63,6 +63,7 @@ from rasterjit.pipeline.geometry.setup import (
     TILE_SIZE,
     corners_of,
     edge,
+    whole_size,
 )
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
@@ -271,8 +272,45 @@ def cross_error(p1, u1, q1, v1, p2, u2, q2, v2):
 
 
 @helper
+def segment_error(a, b, column, row, geometry):
+    """
+    Return the error bound at a sample of a segment or a point.
+
+    Each of the two products that a weight is found from has terms of at most ``most``, and is off
+    by at most 16 units of rounding of them.
+    """
+    clip = geometry.clip_positions
+    width, height = whole_size(geometry.viewport)
+    (u0, u1, _), (v0, v1, _) = seen_from_sample(
+        a, b, b, column, row, clip, geometry.viewport
+    )  # fmt: skip
+    w0, w1 = abs(clip[a, 3]), abs(clip[b, 3])
+    x = width * (clip[b, 0] * clip[a, 3] - clip[a, 0] * clip[b, 3])
+    y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
+    most_x = width * (abs(clip[b, 0]) * w0 + abs(clip[a, 0]) * w1)
+    most_y = height * (abs(clip[b, 1]) * w0 + abs(clip[a, 1]) * w1)
+    first = width * u0 * x + height * v0 * y
+    length = first - (width * u1 * x + height * v1 * y)
+    if length == 0.0:
+        return CLIPPED_SUM
+    off = 16.0 * ROUNDING * (
+        width * (abs(clip[a, 0]) + w0) * most_x + height * (abs(clip[a, 1]) + w0) * most_y
+    )  # fmt: skip
+    other = 16.0 * ROUNDING * (
+        width * (abs(clip[b, 0]) + w1) * most_x + height * (abs(clip[b, 1]) + w1) * most_y
+    )  # fmt: skip
+    if not abs(length) > 2.0 * (off + other):
+        return np.inf
+    t = min(max(first / length, 0.0), 1.0)
+    error = 2.0 * (off + t * (off + other)) / (abs(length) - (off + other)) + CLIPPED_SUM
+    return error if error == error else np.inf
+
+
+@helper
 def clipped_error(a, b, c, column, row, geometry):
     """Return the error bound at a sample of a face that was clipped."""
+    if b == c:
+        return segment_error(a, b, column, row, geometry)
     clip = geometry.clip_positions
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2

@@ -98,11 +98,17 @@ def plane_at(corners, owner, positions, matrices, x, y):
     Return the stored depth of a face's plane at a place on the screen, and which way it turns.
 
     The depth is not a number where the plane is seen edge on. The turn is positive if the corners
-    run clockwise.
+    run clockwise. That of a segment is 0, its depth that of the foot of the perpendicular, and a
+    point's its own.
     """
     u0, v0, w0, d0 = beside_place(corners[0], owner, positions, matrices, x, y)
     u1, v1, w1, d1 = beside_place(corners[1], owner, positions, matrices, x, y)
     u2, v2, w2, d2 = beside_place(corners[2], owner, positions, matrices, x, y)
+    if corners[1] == corners[2]:
+        dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
+        first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
+        t = 0.0 if first == second else min(max(first / (first - second), 0.0), 1.0)
+        return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     turn = b0 * w0 + b1 * w1 + b2 * w2
     if turn == 0.0:

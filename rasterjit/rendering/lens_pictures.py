@@ -104,6 +104,8 @@ class PictureCamera:
 
     camera: Camera
     clip_from_view: Matrix
+    pixels: float = 1.0
+    """How many of its pixels a pixel in the middle of the lens's picture has, along each side."""
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world`` of the camera."""
@@ -428,7 +430,8 @@ def camera_of(
         found[2:] = clip[2:]
     else:
         found[2] = _turned_depth(clip, found[3])
-    return PictureCamera(camera, found)
+    across, down, _ = sight.focal
+    return PictureCamera(camera, found, density / math.sqrt(abs(across * down)))
 
 
 def _turned_depth(clip: Matrix, w_row: Float64) -> Float64:

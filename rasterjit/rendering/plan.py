@@ -254,7 +254,7 @@ def _finding_kernels(plan: RenderPlan) -> Rows:
         find_faces=plan.facts.finds_faces, keep_lists=plan.keeps_lists,
         keep_clip_positions=plan.keeps_clip_positions,
         has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
-        precision=plan.quality.precision,
+        precision=plan.quality.precision, kinds=plan.facts.contents.primitives,
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.pipeline.visibility.primitives import primitives_of
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import notices, shade, supersample
@@ -313,7 +314,7 @@ def find_visible(
     )  # fmt: skip
     objects = kept.made(
         "objects", placing.cull_objects, plan.cull, views.screen_turn, views.mirrored,
-        arrays.face_starts, cache.tables.is_single_sided,
+        arrays.face_starts, cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
     clock("plan")
     vertices = drawing.ModelVertices(
@@ -329,7 +330,13 @@ def find_visible(
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
         alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
-        is_affine=plan.is_affine, kept=kept, **(wanted | options),
+        is_affine=plan.is_affine, kept=kept,
+        primitives=primitives_of(
+            arrays.primitives, views.relative_from_model, vertices.positions,
+            views.clip_from_relative, plan.size,
+            supersample.pixels_of(camera),
+        ),
+        **(wanted | options),
     )  # fmt: skip
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,

@@ -32,6 +32,7 @@ from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import coverage, layers, shade
+from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
@@ -275,6 +276,13 @@ def _draw_picture(
 def spacing_of(camera: Camera) -> float:
     """Return how far apart the samples lie that a camera shows, pixels."""
     return camera.spacing if isinstance(camera, MovedCamera) else 1.0
+
+
+def pixels_of(camera: Camera) -> float:
+    """Return how many pixels of what a camera shows a pixel of the finished picture has, across."""
+    while isinstance(camera, MovedCamera):
+        camera = camera.camera
+    return camera.pixels if isinstance(camera, PictureCamera) else 1.0
 
 
 def sample_spacing(samples: int) -> float:

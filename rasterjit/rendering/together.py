@@ -129,6 +129,8 @@ def shared_lights(scene: Scene) -> list[Light]:
 def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
     facts = plan.facts
+    if facts.contents.primitives:
+        return False
     if plan.layers is not None or plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False
     if facts.needs_alpha_tests or facts.contents.see_through or facts.contents.blended:

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.color import ColorLike
+from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
 from rasterjit.scene.points import UNITS, Unit, sizes_of
-from rasterjit.scene.validation import in_short, one_of, read_only
+from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of, read_only
+
+INK = 0.0, 0.0, 0.0
+"""Colour of lines that are given none."""
+
+AXIS_COLORS = (0.8, 0.02, 0.02), (0.02, 0.5, 0.02), (0.02, 0.1, 0.9)
+"""Colours of x, y and z, linear light."""
+
+Cap: TypeAlias = Literal["round", "butt"]
+CAPS: tuple[Cap, ...] = get_args(Cap)
+"""What ends of strips may be."""
 
 
 class Lines(Mesh):
@@ -44,6 +54,9 @@ class Lines(Mesh):
     unit : {"pixel", "world"}
         What widths are in: pixels of the picture (at most 4096), or scene units, which shrink with
         distance and which the node's transform scales.
+    caps : {"round", "butt"}
+        Ends of strips: rounded, half the width beyond the last point, or cut off there. Dashes are
+        always cut off.
     dashes : sequence of float, optional
         Lengths of dash, gap, dash, gap ... in the unit of the width, an even number of them; they
         begin anew with each strip. Default: solid.
@@ -53,7 +66,8 @@ class Lines(Mesh):
         A number for each point or segment, shown by a colour map in the place of ``colors``; see
         `Mesh`.
     material : Material, optional
-        Default: unlit. Lines have no normals, so it has to be unlit.
+        Default: unlit, and black where there are neither colours nor scalars. Lines have no
+        normals, so it has to be unlit.
     on_invalid : {"raise", "drop"}
         What to do about points that are NaN or infinite: refuse them, or keep the arrays as they
         are and leave out the segments that touch one.
@@ -84,6 +98,7 @@ class Lines(Mesh):
         colors: ArrayLike | None = None,
         width: ArrayLike = 1.5,
         unit: Unit = "pixel",
+        caps: Cap = "round",
         dashes: Sequence[float] | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         scalars: ArrayLike | None = None,
@@ -95,11 +110,10 @@ class Lines(Mesh):
     ) -> None:
         if segments is not None and strips is not None:
             raise ValueError("strips must be None where segments are given")
-        if material is not None and material.shading != "unlit":
-            raise ValueError(
-                f"material must be unlit, for lines have no normals; got {material.shading!r}"
-            )
+        if material is None and colors is None and scalars is None:
+            material = Material("unlit", base_color=INK)
         self._unit: Unit = one_of("unit", unit, UNITS)
+        self._caps: Cap = one_of("caps", caps, CAPS)
         super().__init__(
             points, segments if strips is None else _Strips(strips), colors=colors,
             attributes=attributes, scalars=scalars, colormap=colormap, range=range,
@@ -108,6 +122,83 @@ class Lines(Mesh):
         )  # fmt: skip
         self._widths = read_only(sizes_of("width", width, len(self), unit))
         self._dashes = read_only(_dash_array(dashes, unit))
+        self._links: NDArray[np.int32] | None = None
+
+    @staticmethod
+    def from_poses(
+        poses: ArrayLike,
+        *,
+        axes: float | None = None,
+        color: ColorLike = INK,
+        width: float = 2.0,
+        unit: Unit = "pixel",
+    ) -> Lines:
+        """
+        Return the way that something has gone, and its axes at each pose.
+
+        Parameters
+        ----------
+        poses : (N, 4, 4) array_like
+            ``world_from_body``, or ``world_from_camera``: transforms that take the origin to where
+            it was; two or more.
+        axes : float, optional
+            Length of the axes, scene units: red, green and blue as those of `Axes`. 0: none.
+            Default: a twentieth of the largest side of the box around the way.
+        color : colour
+            Of the way.
+        width, unit
+            As `Lines` takes them.
+
+        Raises
+        ------
+        ValueError
+            If poses have the wrong shape, are fewer than two or are not finite.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import rasterjit as rj
+        >>> poses = [rj.transforms.translate((n, 0, 0)) for n in range(3)]
+        >>> rj.Lines.from_poses(poses)
+        Lines(11 segments)
+        """
+        matrices = finite_array("poses", poses, (None, 4, 4))
+        count = len(matrices)
+        if count < 2:
+            raise ValueError(f"poses must be two or more, got {count}")
+        way = matrices[:, :3, 3]
+        if axes is None:
+            size = 0.05 * float((way.max(axis=0) - way.min(axis=0)).max())
+        else:
+            size = bounded_number("axes", axes, 0.0, np.inf)
+        numbers = np.arange(count)
+        points, segments = [way], [np.stack([numbers[:-1], numbers[1:]], axis=1)]
+        colors = [np.tile(linear_color("color", color), (count - 1, 1))]
+        if size > 0.0:
+            tips = way[:, np.newaxis] + size * matrices[:, :3, :3].transpose(0, 2, 1)
+            points.append(tips.reshape(-1, 3))
+            segments.append(np.stack([np.repeat(numbers, 3), count + np.arange(3 * count)], axis=1))
+            colors.append(np.tile(np.append(AXIS_COLORS, np.ones((3, 1)), 1), (count, 1)))
+        # There is one point more than there are segments, so these are colours of segments.
+        return Lines(
+            np.concatenate(points), np.concatenate(segments),
+            colors=np.concatenate(colors), width=width, unit=unit,
+        )  # fmt: skip
+
+    @property
+    def material(self) -> Material:
+        """What multiplies the colours; another unlit one may be assigned."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material) -> None:
+        if not isinstance(value, Material):
+            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        if value.shading != "unlit":
+            raise ValueError(
+                f"material must be unlit, for lines have no normals; got {value.shading!r}"
+            )
+        self._material = value
 
     @property
     def segments(self) -> NDArray[np.int32]:
@@ -129,11 +220,27 @@ class Lines(Mesh):
         """(D,) float64, read-only: lengths of dash, gap, dash, gap ...; (0,) where solid."""
         return self._dashes
 
+    @property
+    def caps(self) -> Cap:
+        """What the ends of strips are."""
+        return self._caps
+
+    @property
+    def links(self) -> NDArray[np.int32]:
+        """
+        (S, 2) int32: the segments that each is joined to, the one before and the one behind it.
+
+        -1 where there is none. The first and the last segment of a closed strip are joined, too.
+        """
+        if self._links is None:
+            self._links = _links_of(self.faces)
+        return self._links
+
     def __len__(self) -> int:
         return len(self.faces)
 
     def __repr__(self) -> str:
-        return f"Lines({len(self)} segments)"
+        return f"{type(self).__name__}({len(self)} segments)"
 
     def _face_array(self, faces: Any) -> NDArray[np.int32]:
         """Return a face for each segment, with its second point twice."""
@@ -152,6 +259,18 @@ class Lines(Mesh):
     def split_creases(self, angle: float = 40.0) -> Lines:
         """Return the lines themselves, which have no faces that meet."""
         return self
+
+
+def _links_of(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the segments that each is joined to, (S, 2) int32."""
+    count, numbers = len(faces), np.arange(len(faces), dtype=np.int32)
+    is_first = np.append(True, faces[1:, 0] != faces[:-1, 1])
+    is_last = np.append(is_first[1:], True)
+    links = np.stack([np.where(is_first, -1, numbers - 1), np.where(is_last, -1, numbers + 1)], 1)
+    firsts, lasts = np.flatnonzero(is_first), np.flatnonzero(is_last)
+    is_closed = (faces[firsts, 0] == faces[lasts, 1]) & (firsts < lasts)
+    links[firsts[is_closed], 0], links[lasts[is_closed], 1] = lasts[is_closed], firsts[is_closed]
+    return np.ascontiguousarray(links, np.int32).reshape(count, 2)
 
 
 class _Strips:

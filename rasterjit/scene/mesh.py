@@ -390,6 +390,8 @@ class Mesh(Guarded, Previewed):
         UserWarning
             If the averages round off the sharp edges of a mesh that has many, as a box.
         """
+        if self._vertex_normals is None and self.primitive != "triangles":
+            self._vertex_normals = read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
             normals = smooth_normals(self.vertices, self.faces, self._scale())
             self._vertex_normals = read_only(normals)

@@ -25,9 +25,12 @@ from rasterjit.pipeline.records import (
     Textures,
 )
 from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.pipeline.visibility.primitives import LineRule, PointRule, Primitive
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
+from rasterjit.scene.points import Points
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 from rasterjit.survey.contents import (
     Attribute,
@@ -76,6 +79,13 @@ class SceneArrays(NamedTuple):
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     face_starts: NDArray[np.int64]
     """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    primitives: tuple[Primitive, ...] = ()
+    """The objects whose faces are segments or points."""
+
+    @property
+    def sideless(self) -> tuple[int, ...]:
+        """The numbers of those objects."""
+        return tuple([one.number for one in self.primitives])
 
 
 def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
@@ -91,7 +101,8 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         )
     if len(meshes) == 1:
         positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
-        return SceneArrays(positions, faces, vertex_starts, face_starts)
+        primitives = _join_primitives(meshes, vertex_starts, face_starts)
+        return SceneArrays(positions, faces, vertex_starts, face_starts, primitives)
     positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
     faces = np.empty((face_starts[-1], 3), np.int32)
     place = 0
@@ -100,7 +111,32 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         rows = faces[face_starts[place] : face_starts[place + count]]
         np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
         place += count
-    return SceneArrays(positions, faces, vertex_starts, face_starts)
+    primitives = _join_primitives(meshes, vertex_starts, face_starts)
+    return SceneArrays(positions, faces, vertex_starts, face_starts, primitives)
+
+
+def _join_primitives(
+    meshes: Sequence[Mesh], vertex_starts: NDArray[np.int64], face_starts: NDArray[np.int64]
+) -> tuple[Primitive, ...]:
+    """Return what draws the objects whose faces are not triangles."""
+    found = []
+    for number, mesh in enumerate(meshes):
+        rule: LineRule | PointRule
+        if isinstance(mesh, Lines):
+            sizes, rule = mesh.widths, LineRule(mesh.links, mesh.dashes, mesh.caps == "round")
+        elif isinstance(mesh, Points):
+            sizes, rule = mesh.sizes, PointRule(mesh.shape)
+        else:
+            continue
+        vertices, faces = (
+            (int(starts[number]), int(starts[number + 1]))
+            for starts in (vertex_starts, face_starts)
+        )
+        is_world = mesh.unit == "world"
+        found.append(
+            Primitive(mesh.primitive, number, vertices, faces, writable(sizes), is_world, rule)
+        )
+    return tuple(found)
 
 
 def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:

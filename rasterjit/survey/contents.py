@@ -76,6 +76,12 @@ class Contents(NamedTuple):
     """Of those, with iso-lines."""
     masked_fields: int
     """Of those, with an alpha mask, while the map has colours that are not opaque."""
+    lines: int
+    """Whose faces are segments."""
+    points: int
+    """Whose faces are points."""
+    pixel_sized: int
+    """Of both, those with sizes in pixels."""
     mipped: int
     """With a texture that is read between mip levels."""
     textured: dict[str, int]
@@ -96,6 +102,11 @@ class Contents(NamedTuple):
     def shadings(self) -> frozenset[str]:
         """The ways of shading that any object has."""
         return frozenset(name for name in SHADINGS if getattr(self, name))
+
+    @property
+    def primitives(self) -> tuple[str, ...]:
+        """What the faces of any object are that are not triangles."""
+        return tuple([name for name in ("lines", "points") if getattr(self, name)])
 
     @property
     def has_textures(self) -> bool:
@@ -162,7 +173,20 @@ class Inventory:
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
         """Whether each object hides all that lies behind it, seen from either side, (O,)."""
-        return ~(self.is_see_through | self._having("cut_out") | self._having("single_sided"))
+        return ~(
+            self.is_see_through | self._having("cut_out") | self._having("single_sided")
+            | self.is_primitive
+        )  # fmt: skip
+
+    @cached_property
+    def is_primitive(self) -> NDArray[np.bool_]:
+        """Whether the faces of each object are segments or points, (O,)."""
+        return self._having("lines") | self._having("points")
+
+    @cached_property
+    def casts_shadows(self) -> NDArray[np.bool_]:
+        """Whether each object casts shadows, (O,): what is as large as in pixels casts none."""
+        return ~(self.is_see_through | self._having("pixel_sized"))
 
     @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
@@ -227,6 +251,9 @@ def _contents_of(mesh: Mesh) -> Contents:
         with_field=field is not None,
         contoured=contours_of(mesh) is not None,
         masked_fields=has_masked_field(mesh),
+        lines=mesh.primitive == "lines",
+        points=mesh.primitive == "points",
+        pixel_sized=getattr(mesh, "unit", None) == "pixel",
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )

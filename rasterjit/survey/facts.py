@@ -324,7 +324,7 @@ def look(
     if facts.is_lit and scene.lights and facts.lights.are_all_of(scene.lights):
         lights = facts.lights
     elif facts.is_lit and scene.lights:
-        casts = ~inventory.is_see_through
+        casts = inventory.casts_shadows
         is_wall = inventory.is_wall & (cull == "none")
         meshes = [node.mesh for node in scene.nodes]
         enclosures = Enclosures(

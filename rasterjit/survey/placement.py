@@ -624,10 +624,16 @@ def _turn(rows: Sequence[Sequence[float]]) -> float:
 
 def cull_objects(
     cull: str, screen_turn: int, mirrored: Float64, face_starts: NDArray[np.int64],
-    is_single_sided: NDArray[np.bool_],
+    is_single_sided: NDArray[np.bool_], sideless: tuple[int, ...] = (),
 ) -> Objects:  # fmt: skip
-    """Return which faces of each object are dropped; see `culled_turns`."""
-    return Objects(face_starts, culled_turns(cull, screen_turn, mirrored, is_single_sided))
+    """
+    Return which faces of each object are dropped; see `culled_turns`.
+
+    Takes the numbers of the objects that have no sides, of which none is.
+    """
+    turns = culled_turns(cull, screen_turn, mirrored, is_single_sided)
+    turns[list(sideless)] = 0
+    return Objects(face_starts, turns)
 
 
 def culled_turns(

@@ -17,6 +17,7 @@ from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
+from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
@@ -199,6 +200,11 @@ class RenderPlan:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         if self.surfaces is not None:
             rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
+        seen, contents = self.facts.seen, self.facts.contents
+        rows += [
+            (kind, in_words(getattr(seen, kind), getattr(contents, kind)))
+            for kind in contents.primitives
+        ]
         if self.previous is not None:
             rows.append(("previous view", self._describe_previous(self.previous)))
         changed = differences(self.quality, Quality.standard())

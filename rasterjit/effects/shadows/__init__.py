@@ -124,8 +124,8 @@ class ShadowMaps(Effect):
         cells = [visible_depth.seen_cells(*one) for one in seen]
         scenery = maps.scenery_of(
             vertices, arrays.faces, placement, cache.shapes.boxes,
-            ~facts.inventory.is_see_through, is_whole, is_open, np.concatenate(cells), plan.camera,
-            plan.size, alpha_tests,
+            facts.inventory.casts_shadows, is_whole, is_open, np.concatenate(cells), plan.camera,
+            plan.size, alpha_tests, arrays.primitives,
         )  # fmt: skip
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
         normals = cache.tables.normals if plan.facts.shades_smoothly else None
@@ -138,6 +138,7 @@ class ShadowMaps(Effect):
         drawn = draw.kernels_of(
             find_faces=True, keep_lists=False, keep_clip_positions=False,
             has_alpha_tests=plan.facts.shades_through_holes,
+            kinds=plan.facts.contents.primitives,
         )  # fmt: skip
         rows = [(*row[:2], f"{cast}, {row[2]}" if row[2] else cast) for row in drawn]
         return {"prepare": [("receivers.find_depth_ranges", "", ""), *rows]}

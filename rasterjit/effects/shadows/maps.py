@@ -34,6 +34,7 @@ from rasterjit.effects.shadows.visible_depth import view_cells
 from rasterjit.pipeline.records import AlphaTests, Objects, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility.primitives import Primitive, primitives_of
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
@@ -86,6 +87,8 @@ class Scenery(NamedTuple):
     """(N, 8, 3): corners of the cells that hold all that is seen."""
     alpha_tests: AlphaTests | None
     """Of what casts shadows."""
+    primitives: tuple[Primitive, ...]
+    """Of what casts shadows, the objects whose faces are segments or points."""
     right: tuple[float, ...]
     """The camera's x axis. Maps run along it as far as they can: they fit the view more closely,
     and neighbouring pixels read neighbouring texels."""
@@ -214,7 +217,11 @@ def _draw(
         alpha_tests=scenery.alpha_tests,
         keep_faces=False,
         depth=texels,
-    )
+        primitives=primitives_of(
+            scenery.primitives, scenery.vertices.relative_from_model, scenery.vertices.positions,
+            matrix, (size, size),
+        ),
+    )  # fmt: skip
 
 
 def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
@@ -454,6 +461,7 @@ def scenery_of(
     camera: Camera,
     size: tuple[int, int],
     alpha_tests: AlphaTests | None,
+    primitives: tuple[Primitive, ...] = (),
 ) -> Scenery:
     """
     Return what casts shadows and what they fall on.
@@ -478,6 +486,8 @@ def scenery_of(
         Width and height of the picture, pixels.
     alpha_tests : AlphaTests or None
         The objects that have holes.
+    primitives : tuple of Primitive
+        The objects whose faces are segments or points.
     """
     boxes = place_boxes(bounds, placement.relative_from_model)
     finite = np.isfinite(boxes).all(axis=(1, 2))
@@ -491,6 +501,11 @@ def scenery_of(
             colors = alpha_tests.face_colors
             colors = np.ascontiguousarray(colors[kept]) if len(colors) else colors
             alpha_tests = alpha_tests._replace(face_starts=starts, face_colors=colors)
+        primitives = tuple(
+            one._replace(faces=(int(starts[one.number]), int(starts[one.number + 1])))
+            for one in primitives
+            if casts[one.number]
+        )
     return Scenery(
         vertices, faces, starts, boxes[finite & casts],
         np.concatenate(
@@ -500,7 +515,7 @@ def scenery_of(
                 view_cells(camera, size, boxes[finite & is_open & ~is_whole]),
             ]
         ),
-        alpha_tests, _right_of(camera),
+        alpha_tests, primitives, _right_of(camera),
     )  # fmt: skip
 
 

@@ -178,8 +178,34 @@ def seen_from_sample(a, b, c, column, row, clip, viewport):
 
 
 @helper
+def segment_weights(a, b, from_sample, clip, viewport):
+    """
+    Return the weights of the ends of a segment at the foot of the perpendicular from a sample.
+
+    Takes what `seen_from_sample` returns. The perpendicular is one of the picture; in homogeneous
+    coordinates its foot is found even if an end lies behind the eye. A segment without a length in
+    the picture is at its first end everywhere, and so is a point.
+    """
+    (u0, u1, _), (v0, v1, _) = from_sample
+    width, height = whole_size(viewport)
+    x = width * (clip[b, 0] * clip[a, 3] - clip[a, 0] * clip[b, 3])
+    y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
+    first = width * u0 * x + height * v0 * y
+    second = width * u1 * x + height * v1 * y
+    length = first - second
+    t = first / (length if length != 0.0 else 1.0)
+    # NaN is at the first end, too.
+    t = t if (t > 0.0) & (length != 0.0) else 0.0
+    t = t if t < 1.0 else 1.0
+    return 1.0 - t, t, 0.0
+
+
+@helper
 def clipped_weights(a, b, c, column, row, clip, viewport):
-    """Return the weights on a clipped face, not yet normalized."""
+    """Return the weights on a clipped face, a segment or a point, not yet normalized."""
+    if b == c:
+        seen = seen_from_sample(a, b, c, column, row, clip, viewport)
+        return segment_weights(a, b, seen, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, viewport)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
@@ -293,9 +319,33 @@ def matrix_of(matrices, owner):
 
 
 @helper
+def way_to_viewer(point, placement):
+    """Return the unit vector from a point, relative to the eye, toward the viewer; or zero."""
+    viewer = placement.toward_viewer
+    x, y, z = (
+        viewer[0] - viewer[3] * point[0],
+        viewer[1] - viewer[3] * point[1],
+        viewer[2] - viewer[3] * point[2],
+    )
+    # Scale it first: squares of very long or very short ones overflow or vanish.
+    size = max(abs(x), max(abs(y), abs(z)))
+    shrink = 1.0 / size if size > 0.0 else 0.0
+    x, y, z = x * shrink, y * shrink, z * shrink
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / length if length > 0.0 else 0.0
+    return scale * x, scale * y, scale * z
+
+
+@helper
 def face_normal(a, b, c, owner, placement):
-    """Return the unit normal on the counter-clockwise side of a face, world axes, or zero."""
+    """
+    Return the unit normal on the counter-clockwise side of a face, world axes, or zero.
+
+    That of a segment or a point is the way from its first vertex to the viewer.
+    """
     pa = place_vertex(a, owner, placement)
+    if b == c:
+        return way_to_viewer(pa, placement)
     pb = place_vertex(b, owner, placement)
     pc = place_vertex(c, owner, placement)
     return normal_of_points(pa, pb, pc, placement.mirrored[owner])
@@ -390,7 +440,7 @@ def fill_barycentric(
         First row, and one past the last.
     geometry : Geometry
     barycentric : (H, W, 3) float32
-        Written; zero where nothing is.
+        Written; zero where nothing is, or a segment or a point.
     """
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
@@ -400,6 +450,8 @@ def fill_barycentric(
             if face < 0:
                 continue
             a, b, c = lowest_first(geometry.faces, face)
+            if b == c:
+                continue
             weights = sample_weights(a, b, c, column, row, geometry)
             first = 0
             if a != geometry.faces[face, 0]:
@@ -500,7 +552,8 @@ def fill_normals(
         Vertex normals in model space, and the objects that are shaded with them; the others have
         the normals of their faces.
     normal : (H, W, 3) float32
-        Written; zero where nothing is, and where a face or its vertex normals have none.
+        Written; zero where nothing is, and where a face or its vertex normals have none. Segments
+        and points without vertex normals turn toward the viewer.
     """
     normals, is_smooth = smooth
     owner = np.int64(0)
@@ -519,6 +572,10 @@ def fill_normals(
             else:
                 shown = face_normal(a, b, c, owner, placement)
             length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
+            if b == c and not (length > 0.0 and is_smooth[owner]):
+                weights = sample_weights(a, b, c, column, row, geometry)
+                shown = way_to_viewer(place_sample(weights, a, b, c, owner, placement), placement)
+                length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
             if not length > 0.0:
                 continue
             side = -1.0 if seen_from_behind(a, b, c, owner, geometry, placement) else 1.0

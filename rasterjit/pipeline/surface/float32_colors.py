@@ -150,7 +150,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         part(samples, row.RED, start, end), part(samples, row.GREEN, start, end),
         part(samples, row.BLUE, start, end),
     )  # fmt: skip
-    if is_clipped:
+    if is_clipped and b != c:
         real = block.real
         memory = (
             part(real, 0, start, end), part(real, 1, start, end), part(real, 2, start, end),
@@ -158,7 +158,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         )  # fmt: skip
         if blend_clipped_row(corner, rows, memory, place, geometry, shown, base) == 0:
             return
-    elif not (has_wide and is_wide(a, b, c, xy)):
+    elif not (is_clipped or (has_wide and is_wide(a, b, c, xy))):
         edges, steps = edges_along_row(a, b, c, column, line, geometry.viewport.grid_bits, xy)
         one = np.float32(1.0)
         ratio_b, ratio_c = one, one

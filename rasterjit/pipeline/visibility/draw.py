@@ -7,7 +7,8 @@ result has the same bits for any number of threads and any order of completion.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,15 @@ from rasterjit.pipeline.records import (
     ScreenVertices,
     Viewport,
 )
-from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility import lines, nearest
+from rasterjit.pipeline.visibility import primitives as expanding
+from rasterjit.pipeline.visibility.primitives import (
+    Expand,
+    Paint,
+    Primitives,
+    Projected,
+    triangle_runs,
+)
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 
@@ -48,6 +57,12 @@ TILES_PER_TASK = 4
 
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
+
+EXPANDERS: dict[str, Expand] = {"lines": lines.expand}
+"""What finds the pieces of segments and points, by kind of object."""
+
+PAINTERS: dict[str, Paint] = {}
+"""What draws objects that have no pieces, after all triangles, by kind."""
 
 
 class Totals(NamedTuple):
@@ -268,6 +283,7 @@ def clip(
     viewport: Viewport,
     screen: ScreenVertices,
     memory: Memory,
+    primitives: Primitives | None = None,
 ) -> tuple[Faces, ScreenVertices, int]:
     """
     Cut the faces that cross the near or far plane or the guard band.
@@ -281,6 +297,8 @@ def clip(
     screen : ScreenVertices
         The V vertices snapped, as `project` returns them.
     memory : Memory
+    primitives : Primitives, optional
+        The objects whose faces are not triangles: none of theirs is cut.
 
     Returns
     -------
@@ -292,12 +310,13 @@ def clip(
         How many faces were cut.
     """
     codes = screen.codes[: clip_positions.shape[0]]
-    found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
-    count = clipping.find_clipped_faces(faces, codes, found)
-    if count > len(found):
-        found = np.empty(count, np.int32)
-        clipping.find_clipped_faces(faces, codes, found)
-    cut = found[:count]
+    if primitives is None:
+        cut = _find_clipped(faces, codes)
+    else:
+        runs = triangle_runs(primitives.objects, len(faces))
+        parts = [_find_clipped(faces[a:b], codes) + np.int32(a) for a, b in runs]
+        cut = np.concatenate([np.empty(0, np.int32), *parts])
+    count = len(cut)
     counts = np.zeros(count, np.int64)
     scratch = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
     clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts, scratch)
@@ -323,6 +342,16 @@ def clip(
     return Faces(faces, pieces, piece_faces), screen, count
 
 
+def _find_clipped(faces: NDArray[np.int32], codes: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Return the numbers of the faces that are to be cut, ascending."""
+    found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
+    count = clipping.find_clipped_faces(faces, codes, found)
+    if count > len(found):
+        found = np.empty(count, np.int32)
+        clipping.find_clipped_faces(faces, codes, found)
+    return found[:count]
+
+
 def find_visible(
     vertices: ModelVertices | NDArray[np.float64],
     faces: NDArray[np.int32],
@@ -343,6 +372,7 @@ def find_visible(
     precision: Any = np.float64,
     is_affine: bool = False,
     kept: Kept | None = None,
+    primitives: Primitives | None = None,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -383,12 +413,14 @@ def find_visible(
     kept : Kept, optional
         What the picture before left: all that is returned, but for depth and face, lies there.
         Default: nothing.
+    primitives : Primitives, optional
+        The objects whose faces are segments or points. Default: all are triangles.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     if isinstance(vertices, ModelVertices):
         screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers, kept)
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
-        if keep_clip_positions or seen & setup.CLIPPED:
+        if keep_clip_positions or seen & setup.CLIPPED or primitives is not None:
             clip_positions = transform(*vertices, workers)
     else:
         clip_positions = vertices
@@ -398,9 +430,18 @@ def find_visible(
     all_faces = kept.made("faces", whole_faces, faces)
     if seen & setup.CLIPPED:
         all_faces, screen, clipped = clip(
-            clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
+            clip_positions, faces, depth_coefficients, viewport, screen, workers.memory, primitives
         )
     clock("clip")
+    if primitives is not None:
+        codes = screen.codes[: len(clip_positions)]
+        projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
+        make_room = partial(screen_arrays, memory=workers.memory)
+        all_faces, screen = expanding.expand(
+            primitives, EXPANDERS, projected, all_faces, screen, make_room, workers
+        )
+        seen |= setup.GUARD
+        clock("lines, points")
     if alpha_tests is not None:
         geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
@@ -423,6 +464,10 @@ def find_visible(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
             kept,
         )  # fmt: skip
+        if primitives is not None:
+            for one in primitives.objects:
+                if one.kind in PAINTERS:
+                    PAINTERS[one.kind](one, primitives, projected, frame, workers)
     else:
         depth.fill(nearest.empty_depth(depth_type))
         face_id.fill(nearest.NOTHING)
@@ -441,22 +486,25 @@ def kernels_of(
     has_alpha_tests: bool,
     depth_type: Any = np.float32,
     precision: Any = np.float64,
+    kinds: Collection[str] = (),
 ) -> list[tuple[str, str, str]]:
     """
     Return the kernels that `find_visible` calls, each with its variant and when it is called.
 
-    Takes what `find_visible` takes; precision is that of model positions as well.
+    Takes what `find_visible` takes; precision is that of model positions as well; and the kinds of
+    objects whose faces are not triangles.
     """
     crossed = "a face crosses the near or far plane or the guard band"
     depth = depth_variant(depth_type)
     single = "float32 vertices" if np.dtype(precision) == np.float32 else ""
     rows = [
         ("projection.transform_vertices", single, ""),
-        ("projection.transform_positions", single, "" if keep_clip_positions else crossed),
+        ("projection.transform_positions", single, "" if keep_clip_positions or kinds else crossed),
         ("clipping.find_clipped_faces", "", crossed),
         ("clipping.count_clipped_vertices", "", crossed),
         ("clipping.clip_faces", "", crossed),
         ("projection.project_clipped_vertices", "", crossed),
+        *([(f"lines.{name}", "", "") for name in lines.KERNELS] if "lines" in kinds else []),
         ("setup.set_up_triangles", "", ""),
     ]
     if find_faces or keep_lists:

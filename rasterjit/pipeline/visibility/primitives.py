@@ -1,0 +1,248 @@
+"""
+Draw lines and points as a triangle is drawn: find the pieces that stand in for each of them.
+
+A segment is a face (a, b, b), a point a face (i, i, i), which has no area of its own. Behind the
+pieces of faces that were clipped come those of segments and points, triangles on the screen with
+vertices of their own; so all that follows, from coverage to transparency, knows nothing of them.
+Vertices of segments and points get an outcode of those that are ``CLIPPED``: the pieces are drawn
+in the face's place, and where a sample lies on it is found from its clip positions (see
+``barycentric``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.setup import GUARD, INVALID
+from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.vectors import cross, dot, length
+
+
+class LineRule(NamedTuple):
+    """How the segments of an object are drawn."""
+
+    links: NDArray[np.int32]
+    """(S, 2): the segments of the object that each is joined to, the one before and the one
+    behind it; -1 where there is none."""
+    dashes: NDArray[np.float64]
+    """(D,): lengths of dash, gap, dash, gap ..., in the unit of the widths; (0,) where solid."""
+    is_round: bool
+    """Whether ends are; else they are cut off."""
+
+
+class PointRule(NamedTuple):
+    """How the points of an object are drawn."""
+
+    shape: str
+    """``square``, ``disc`` or ``sphere``."""
+
+
+class Primitive(NamedTuple):
+    """An object whose faces are segments or points."""
+
+    kind: str
+    """``lines`` or ``points``."""
+    number: int
+    """Which object of the scene it is."""
+    vertices: tuple[int, int]
+    """Its first vertex, and one past the last."""
+    faces: tuple[int, int]
+    """Its first face, and one past the last."""
+    sizes: NDArray[np.float64]
+    """(1,) or (N,): widths of segments, sizes of points, of all or of each."""
+    is_world: bool
+    """Whether they are in model space, else in pixels."""
+    rule: LineRule | PointRule
+
+
+class Primitives(NamedTuple):
+    """The objects of a picture whose faces are segments or points, and how large they are in it."""
+
+    objects: tuple[Primitive, ...]
+    """In the order of their faces."""
+    scales: NDArray[np.float64]
+    """(O,): how much the transform of each object of the scene scales, where it does most."""
+    pixels: float
+    """Pixels of the picture that is drawn, of a pixel that sizes are in."""
+    units: float
+    """Pixels of the picture that is drawn, of a world unit across the view, at w = 1."""
+    positions: NDArray[np.float64] | NDArray[np.float32]
+    """(V, 3), model space."""
+
+    def factor(self, one: Primitive) -> float:
+        """Return what takes sizes of an object to pixels, of those in model space at w = 1."""
+        return self.units * float(self.scales[one.number]) if one.is_world else self.pixels
+
+
+def primitives_of(
+    objects: tuple[Primitive, ...],
+    relative_from_model: NDArray[np.float64],
+    positions: NDArray[Any],
+    clip_from_relative: NDArray[np.float64],
+    size: tuple[int, int],
+    pixels: float = 1.0,
+) -> Primitives | None:
+    """
+    Return the lines and points of a picture, and how large they are in it; None without any.
+
+    Parameters
+    ----------
+    objects : tuple of Primitive
+        Those whose faces are segments or points.
+    relative_from_model : (O, 3 or 4, 4) float64
+    positions : (V, 3) float64 or float32, model space
+        Those that are taken to the screen.
+    clip_from_relative : (4, 4) float64
+        From world axes with the origin at the eye.
+    size : (int, int)
+        Width and height of the whole picture, pixels.
+    pixels : float
+        Pixels of the picture that is drawn, of a pixel that sizes are in.
+    """
+    if not objects:
+        return None
+    m = relative_from_model
+    with np.errstate(over="ignore"):
+        # In one order on every CPU.
+        lengths = np.sqrt(
+            (m[:, 0, :3] * m[:, 0, :3] + m[:, 1, :3] * m[:, 1, :3]) + m[:, 2, :3] * m[:, 2, :3]
+        )
+    width, height = size
+    units = 0.5 * math.sqrt(_area_across(clip_from_relative) * width * height)
+    return Primitives(objects, lengths.max(axis=1), pixels, units, positions)
+
+
+def _area_across(clip_from_relative: NDArray[np.float64]) -> float:
+    """Return the area that a square of side 1 across the view has in x and y, at w = 1."""
+    columns, rows, _, deep = (row[:3].tolist() for row in np.asarray(clip_from_relative))
+    normal = cross(columns, rows)
+    size = length(deep)
+    return abs(dot(normal, deep)) / size if size > 0.0 else length(normal)
+
+
+class Projected(NamedTuple):
+    """What is known of a picture's vertices before its pieces are found."""
+
+    faces: NDArray[np.int32]
+    """(F, 3)."""
+    clip_positions: NDArray[np.float64]
+    """(V, 4), clip space."""
+    codes: NDArray[np.uint8]
+    """(V,), outcodes."""
+    depth_coefficients: tuple[float, float, float]
+    viewport: Viewport
+
+
+class Expansion(NamedTuple):
+    """The pieces of an object, counted and about to be written."""
+
+    vertices: int
+    pieces: int
+    write: Callable[[int, ScreenVertices, NDArray[np.int32], NDArray[np.int32]], None]
+    """Takes the number of the first vertex, the screen's vertices, and where the pieces (P, 3) and
+    their faces (P,) go."""
+
+
+Expand = Callable[[Primitive, Primitives, Projected, Workers], Expansion]
+"""Counts the pieces of an object."""
+
+Paint = Callable[
+    [Primitive, Primitives, Projected, tuple[NDArray[Any], NDArray[np.int32]], Workers], None
+]
+"""Draws an object into the depth (H, W) and the face numbers (H, W) of all triangles."""
+
+
+def triangle_runs(objects: Sequence[Primitive], count: int) -> Iterator[tuple[int, int]]:
+    """Yield the runs of faces, of so many, that are triangles: first, and one past the last."""
+    first = 0
+    for one in objects:
+        if one.faces[0] > first:
+            yield first, one.faces[0]
+        first = one.faces[1]
+    if count > first:
+        yield first, count
+
+
+def expand(
+    primitives: Primitives,
+    expanders: dict[str, Expand],
+    projected: Projected,
+    cut: Faces,
+    screen: ScreenVertices,
+    make_room: Callable[[int], ScreenVertices],
+    workers: Workers,
+) -> tuple[Faces, ScreenVertices]:
+    """
+    Find the pieces of all segments and points.
+
+    Parameters
+    ----------
+    primitives : Primitives
+    expanders : dict
+        By kind, what counts the pieces of an object. One that has none is not drawn by pieces.
+    projected : Projected
+    cut : Faces
+        All faces, and the pieces of triangles that were clipped.
+    screen : ScreenVertices
+        Of the vertices and of those that clipping made; the outcodes of the vertices of segments
+        and points are changed.
+    make_room : callable
+        Returns memory for so many vertices.
+    workers : Workers
+
+    Returns
+    -------
+    Faces
+        With the pieces of segments and points among the others, in the order of the faces.
+    ScreenVertices
+        With their vertices behind the others.
+    """
+    found = [
+        (one, expanders[one.kind](one, primitives, projected, workers))
+        for one in primitives.objects
+        if one.kind in expanders
+    ]
+    used = int(cut.pieces.max()) + 1 if len(cut.pieces) else len(projected.clip_positions)
+    total = used + sum(expansion.vertices for _, expansion in found)
+    if total > len(screen.codes):
+        roomy = make_room(total)
+        for old, new in zip(screen, roomy, strict=True):
+            new[:used] = old[:used]
+        screen = roomy
+    count = len(cut.pieces) + sum(expansion.pieces for _, expansion in found)
+    pieces, piece_faces = np.empty((count, 3), np.int32), np.empty(count, np.int32)
+    copied = place = 0
+    for one, expansion in found:
+        stop = int(cut.piece_faces.searchsorted(one.faces[0]))
+        place = _copy_pieces(cut, copied, stop, pieces, piece_faces, place)
+        copied, own = stop, slice(place, place + expansion.pieces)
+        screen.codes[used : used + expansion.vertices] = 0
+        expansion.write(used, screen, pieces[own], piece_faces[own])
+        used, place = used + expansion.vertices, own.stop
+    _copy_pieces(cut, copied, len(cut.pieces), pieces, piece_faces, place)
+    for one in primitives.objects:
+        codes = screen.codes[slice(*one.vertices)]
+        # Not outside, for they reach farther than their vertices.
+        codes[:] = np.where(codes & INVALID, INVALID, GUARD)
+    return Faces(cut.faces, pieces, piece_faces), screen
+
+
+def _copy_pieces(
+    cut: Faces,
+    first: int,
+    stop: int,
+    pieces: NDArray[np.int32],
+    piece_faces: NDArray[np.int32],
+    place: int,
+) -> int:
+    """Copy some pieces of triangles to a place among all; return where the next go."""
+    end = place + stop - first
+    pieces[place:end] = cut.pieces[first:stop]
+    piece_faces[place:end] = cut.piece_faces[first:stop]
+    return end
