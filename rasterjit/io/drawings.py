@@ -73,10 +73,14 @@ def lines_of(
         own = (*drawing.attributes.values(), *drawing.segment_attributes.values())
         needed = _POINT_BYTES * points + _SEGMENT_BYTES * segments
         budget.take(f"the lines {name!r}", needed + _VALUE_BYTES * sum(one.size for one in own))
-    of_points = None if drawing.by_segment else drawing.colors
+    of_points, material = None if drawing.by_segment else drawing.colors, drawing.material
+    is_colored = drawing.colors is not None or drawing.segment_scalars is not None
+    if material is None and is_colored:
+        # Those without colours are drawn in ink.
+        material = Material("unlit")
     try:
         lines = Lines(
-            drawing.points, drawing.segments, material=drawing.material, on_invalid=on_invalid,
+            drawing.points, drawing.segments, material=material, on_invalid=on_invalid,
             attributes=usable_attributes(drawing.attributes, points, left_out),
             colors=of_points, scalars=drawing.scalars if drawing.colors is None else None,
         )  # fmt: skip

@@ -499,6 +499,8 @@ class Mesh(Guarded, Previewed):
         """
         Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
 
+        `Points` become a ``trimesh.PointCloud`` and `Lines` a ``trimesh.path.Path3D``.
+
         It has the normals that are in force, colours as bytes in sRGB, ``uv`` and attributes. A
         material becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of
         8 bits.

@@ -52,7 +52,7 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             mesh: Any = meshio.read(path)
     except (Exception, SystemExit) as error:
-        if form in (".vtk", ".vtu") and find_spec("pyvista") is not None:
+        if form == ".vtk" and find_spec("pyvista") is not None:
             return _by_pyvista(path, left_out)
         text = said.getvalue() if isinstance(error, SystemExit) else reason_of(error)
         reason = " ".join(text.split())[:200] or "it is damaged or something else"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.drawings import Drawing
-from rasterjit.io.foreign.tables import rgba_of
+from rasterjit.io.foreign.tables import own_normals, rgba_of
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.parts import Part, Thing
@@ -43,10 +43,9 @@ def _of_vectors(kind: str, what: Any, left_out: LeftOut) -> Thing:
     vertices = np.asarray(what.vertices)
     if what.has_textures():
         left_out.note("textures of a TriangleMesh")
-    return Part(
-        "", vertices, np.asarray(what.triangles).reshape(-1, 3),
-        _fitting(what.vertex_normals, vertices), None, _colors(what.vertex_colors, vertices),
-    )  # fmt: skip
+    faces = np.asarray(what.triangles).reshape(-1, 3)
+    normals = own_normals(vertices, faces, _fitting(what.vertex_normals, vertices))
+    return Part("", vertices, faces, normals, None, _colors(what.vertex_colors, vertices))
 
 
 def _of_tensors(kind: str, what: Any, left_out: LeftOut) -> Thing:
@@ -69,7 +68,8 @@ def _of_tensors(kind: str, what: Any, left_out: LeftOut) -> Thing:
         return Drawing("", points, rows, rgba, by_cell, own, of_cells)
     if "texture_uvs" in cells:
         left_out.note("textures of a TriangleMesh")
-    return Part("", points, rows, _fitting(normals, points), None, rgba, None, own, of_cells)
+    normals = own_normals(points, rows, _fitting(normals, points))
+    return Part("", points, rows, normals, None, rgba, None, own, of_cells)
 
 
 def _arrays(tensors: Any) -> dict[str, NDArray[Any]]:

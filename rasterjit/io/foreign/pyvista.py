@@ -18,6 +18,7 @@ from rasterjit.io.drawings import Drawing
 from rasterjit.io.foreign.tables import (
     is_colors,
     is_scalar,
+    own_normals,
     padded_cells,
     rgba_of,
     rows_of,
@@ -144,9 +145,8 @@ def _part(
     numbers: NDArray[np.int64], of_points: _Values, of_cells: _Values,
 ) -> Part:  # fmt: skip
     """Return the faces of a surface."""
-    normals, uv = _rows(what, "active_normals", 3), _rows(what, "active_texture_coordinates", 2)
-    if normals is not None and not normals.any(axis=1).all():
-        normals = None
+    normals = own_normals(points, faces, _rows(what, "active_normals", 3))
+    uv = _rows(what, "active_texture_coordinates", 2)
     colors, scalars = of_points.colors, of_points.scalars
     if of_cells.colors is not None:
         colors = of_cells.colors[numbers]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.text.parts import linear_rgba, srgb_bytes
+from rasterjit.scene.normals import is_creased, safe_scale
 
 NONE = np.zeros(0, np.int64)
 
@@ -62,6 +63,19 @@ def is_scalar(values: NDArray[Any]) -> bool:
 def rgba_of(values: NDArray[Any]) -> NDArray[np.float32]:
     """Return colours, which are sRGB, as linear RGBA."""
     return linear_rgba(srgb_bytes(values), False)
+
+
+def own_normals(
+    points: NDArray[Any], faces: NDArray[np.int64], normals: NDArray[Any] | None
+) -> NDArray[Any] | None:
+    """Return normals, or None if one is not there, or they are averages that round off edges."""
+    if normals is None or not len(faces) or not np.isfinite(normals).all():
+        return None
+    if not normals.any(axis=1).all() or not np.isfinite(points).all():
+        return None
+    places = np.asarray(points, np.float64)
+    scale = safe_scale(places.min(axis=0), places.max(axis=0))
+    return None if is_creased(places, faces.astype(np.int32), scale) else normals
 
 
 def rows_of(
