@@ -1,4 +1,4 @@
-"""Mesh files, trimesh objects and meshes become scenes; trimesh is imported only when needed."""
+"""Files, objects of other packages and meshes become scenes; packages are imported when needed."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
@@ -32,6 +35,7 @@ from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.transforms import compose
 from rasterjit.scene.validation import (
     bounded_number,
     existing_file,
@@ -55,26 +59,35 @@ OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
 PART_FORMATS = (*OWN_FORMATS, *VTK_FORMATS, *CELL_FORMATS)
 """Those, and the ones that `rasterjit.io.foreign` reads."""
 
-FORMATS_EXTRA = ("lxml", "networkx", "collada")
+FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
 """Modules that trimesh asks for when a file is not the text it should be."""
 
-_XML_FORMATS = ("3mf", "3dxml", "dae", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
+_NEEDED = {"svg": ("svg.path", "lxml")}
+"""Modules without which trimesh takes a format for one that it does not know."""
+
+_XML_FORMATS = ("3mf", "3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
 """Formats that are XML or may hold it, packed or not."""
 
 _XML_BYTES, _OTHER_BYTES = 24, 4
 """What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
 
+_UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
+"""Turns a page over, whose y points down."""
+
 _CREASE_ANGLE = 40.0
 """Degrees between faces that an edge is seen from, of meshes without normals."""
 
-_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
+_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
+
+_SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
+"""Others that messages name."""
 
 
 def load(
-    path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene,
+    path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene | Any,
     *,
     on_invalid: OnInvalid = "raise",
     on_damage: OnDamage = "error",
@@ -83,9 +96,13 @@ def load(
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Scene:
     """
-    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads.
+    Read a file of a mesh, a point cloud or a drawing, or take an object of another package.
 
-    A trimesh object is taken as its file would be.
+    Meshes: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads. Point clouds, as
+    `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of OBJ and
+    glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
+    simulations, solids by their outer faces: VTK, VTU, VTP, MSH and whatever else meshio reads.
+    Objects of trimesh, PyVista, Open3D and meshio are taken as their files would be.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
@@ -94,6 +111,13 @@ def load(
     vertices and faces become attributes of the meshes: other properties of a PLY file by their
     names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
+    Points keep the file's order too. Those whose position is NaN, as depth cameras write them where
+    they measured nothing, are not drawn and are counted in the warning. Points have a size of 3
+    pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1; without
+    colours and normals they are shown by their intensity, if they have one. Cells are shown by the
+    active scalars, or by the first that are one number for each point or cell, and the others
+    become attributes.
+
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white
     metal, which shows little without. One without normals has smooth ones; ``crease_angle=0`` gives
@@ -101,12 +125,12 @@ def load(
 
     Parameters
     ----------
-    path : str, path-like, trimesh.Trimesh or trimesh.Scene
-        An object of trimesh's takes ``on_invalid`` and ``crease_angle`` alone.
+    path : str, path-like, or an object of trimesh, PyVista, Open3D or meshio
+        An object takes ``on_invalid`` and ``crease_angle`` alone.
     on_invalid : {"raise", "drop"}
-        What to do about NaN or infinite vertices, as in `Mesh`.
+        What to do about NaN or infinite vertices, as in `Mesh`; of clouds, about infinite ones.
     on_damage : {"error", "warn"}
-        What to do about an OBJ, PLY, STL or OFF file that is cut short, or has lines that cannot be
+        What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short, or has lines that cannot be
         read or faces among vertices that are not there: refuse it, naming the line and what was
         expected there, or load the rest and warn.
     crease_angle : float
@@ -128,7 +152,7 @@ def load(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if the file is missing, cannot be read or holds no faces. The message
+        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw. The message
         names the file and what it holds.
     ValueError
         If ``resource_root`` is no folder, an option for files is given for an object, or more than
@@ -196,7 +220,13 @@ def _load(
         return scene
     loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget)
     note_what_is_not_read(file, extension, left_out)
-    return TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget).scene(loaded)
+    adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget)
+    scene = adapter.scene(loaded)
+    if extension == "svg":
+        # Its y points down.
+        for node in scene.nodes:
+            node.transform = compose(_UPWARDS, node.transform)
+    return scene
 
 
 def _read_parts(
@@ -247,7 +277,7 @@ def from_trimesh(
 
     Parameters
     ----------
-    what : trimesh.Trimesh or trimesh.Scene
+    what : trimesh.Trimesh, trimesh.PointCloud, trimesh.path.Path or trimesh.Scene
         Its arrays are shared where their type allows.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
@@ -263,7 +293,7 @@ def from_trimesh(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if it holds no faces or an invalid mesh.
+        A ``ValueError``: if it holds nothing to draw or an invalid mesh.
     ValueError
         If it is no object of trimesh's.
 
@@ -297,7 +327,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, or an object of trimesh, PyVista, Open3D or meshio
         A scene is returned as it is.
     name : str
         What errors call it.
@@ -305,7 +335,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
     Raises
     ------
     ValueError
-        If it is none of these, or a trimesh object without faces.
+        If it is none of these, or holds nothing to draw.
     """
     if isinstance(what, Scene):
         return what
@@ -326,12 +356,12 @@ def as_scene(what: Any, name: str = "what") -> Scene:
 
 def scene_to_add(what: Any) -> Scene:
     """
-    Return a scene, or a trimesh object as one, whose nodes are to be added to another.
+    Return a scene, or an object of another package as one, whose nodes are to be added to another.
 
     Raises
     ------
     ValueError
-        If it is none of these, or has no faces.
+        If it is none of these, or holds nothing to draw.
 
     Warns
     -----
@@ -392,12 +422,15 @@ def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
     loaders = trimesh.exchange.load
     known = loaders.available_formats() | set(loaders.voxel_loaders)
     if extension not in known and extension not in loaders.mesh_loaders:
-        shown = ", ".join(f".{name}" for name in _SHOWN_FORMATS if name in known)
+        named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
+        shown = ", ".join(f".{name}" for name in named)
         kind = f"the extension .{extension}" if extension else "no extension"
         raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
     factor = _XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
     budget.take("the file", file.stat().st_size * factor)
     try:
+        for module in _NEEDED.get(extension, ()):
+            import_module(module)
         take_members(file, extension, factor, budget)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
