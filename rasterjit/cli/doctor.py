@@ -29,6 +29,8 @@ PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
 EXTRAS = {
     "formats": FORMATS_EXTRA,
+    "clouds": ("laspy", "lazrs"),
+    "vtk": ("meshio",),
     "video": ("imageio_ffmpeg",),
     "animation": ("scipy",),
     "exr": ("OpenEXR",),

@@ -45,6 +45,10 @@ def tell(file: Path, as_json: bool, **reading: Any) -> None:
         click.echo(f"{name:<{widest}}  {text}".rstrip())
 
 
+PRIMITIVE_NAMES = {"triangles": "faces", "lines": "segments", "points": "points"}
+"""What the faces of each kind of mesh are called."""
+
+
 def describe(scene: Scene) -> dict[str, Any]:
     """
     Return what a scene holds, as JSON can write it.
@@ -52,11 +56,12 @@ def describe(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     dict
-        Counts of objects (meshes at their places), meshes (each once), vertices and faces of both
-        kinds; the nodes, tree by tree, with their names, the numbers of their parents in this list
-        and of their objects, as ``object_id`` has them; outputs of attributes, with their columns
-        and the number of meshes; bounds and bounding sphere, scene units; materials with the number
-        of their objects, colours linear RGBA; distinct textures; lights; the camera or None.
+        Counts of objects (meshes at their places), meshes (each once), vertices, and faces,
+        segments of lines and points of both kinds; the nodes, tree by tree, with their names, the
+        numbers of their parents in this list and of their objects, as ``object_id`` has them;
+        outputs of attributes, with their columns and the number of meshes; bounds and bounding
+        sphere, scene units; materials with the number of their objects, colours linear RGBA;
+        distinct textures; lights; the camera or None.
     """
     meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
     low, high = (corner.tolist() for corner in scene.bounds())
@@ -68,13 +73,12 @@ def describe(scene: Scene) -> dict[str, Any]:
         "objects": len(scene.nodes),
         "meshes": len(meshes),
         "vertices": sum(len(mesh.vertices) for mesh in meshes),
-        "faces": sum(len(mesh.faces) for mesh in meshes),
-        "faces_drawn": sum(len(node.mesh.faces) for node in scene.nodes),
+        **_counts(meshes, [node.mesh for node in scene.nodes]),
         "invalid_vertices": sum(mesh.invalid_vertices for mesh in meshes),
         "attributes": _attributes(meshes),
         "attribute_outputs": _attribute_outputs(meshes),
         "nodes": _nodes(scene),
-        "closed": sum(mesh.is_closed() for mesh in meshes),
+        "closed": sum(mesh.is_closed() for mesh in meshes if mesh.primitive == "triangles"),
         "bounds": {"min": low, "max": high},
         "center": [float(part) for part in center],
         "radius": float(radius),
@@ -85,6 +89,15 @@ def describe(scene: Scene) -> dict[str, Any]:
         "lights": [_fields(light) for light in scene.lights],
         "camera": None if scene.camera is None else _fields(scene.camera),
     }
+
+
+def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
+    """Return how many faces, segments and points there are, each once and in all objects."""
+    found = {}
+    for primitive, name in PRIMITIVE_NAMES.items():
+        for of, key in ((meshes, name), (drawn, f"{name}_drawn")):
+            found[key] = sum(len(mesh.faces) for mesh in of if mesh.primitive == primitive)
+    return found
 
 
 def _attributes(meshes: list[Mesh]) -> dict[str, int]:
@@ -118,7 +131,12 @@ def _nodes(scene: Scene) -> list[dict[str, Any]]:
             "name": str(node.name),
             "parent": None if node.parent is None else numbers[id(node.parent)],
             "object": objects.get(id(node)),
-            "faces": 0 if node.mesh is None else len(node.mesh.faces),
+            **{
+                name: 0
+                if node.mesh is None or node.mesh.primitive != primitive
+                else len(node.mesh.faces)
+                for primitive, name in PRIMITIVE_NAMES.items()
+            },
         }
         for node in every
     ]
@@ -182,9 +200,11 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "file", f"{held['file']} ({held['bytes']:,} bytes)"
     yield "objects", f"{held['objects']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
     yield "vertices", f"{held['vertices']:,}"
-    instances = held["faces_drawn"] != held["faces"]
-    drawn = f", {held['faces_drawn']:,} in all objects" if instances else ""
-    yield "faces", f"{held['faces']:,}{drawn}"
+    for name in PRIMITIVE_NAMES.values():
+        count, in_all = held[name], held[f"{name}_drawn"]
+        if count or (name == "faces" and not held["segments"] and not held["points"]):
+            drawn = f", {in_all:,} in all objects" if in_all != count else ""
+            yield name, f"{count:,}{drawn}"
     if held["invalid_vertices"]:
         yield "invalid vertices", f"{held['invalid_vertices']:,}, NaN or infinite"
     of_all = f"of {held['meshes']:,}" if held["meshes"] > 1 else ""
@@ -195,7 +215,8 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if own:
         told = (_told_attribute(one, of_all) for one in own)
         yield from _listed("own attribute", told, len(own))
-    yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    if held["faces"]:
+        yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
     yield from _listed("node", _told_nodes(held["nodes"]), len(held["nodes"]))
     low, high = held["bounds"]["min"], held["bounds"]["max"]
     yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
@@ -239,7 +260,8 @@ def _told_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
         depths.append(0 if one["parent"] is None else depths[one["parent"]] + 1)
         held = "group"
         if one["object"] is not None:
-            held = f"object {one['object']}, {_count(one['faces'], 'face', 'faces')}"
+            name = next((n for n in PRIMITIVE_NAMES.values() if one[n]), "faces")
+            held = f"object {one['object']}, {_count(one[name], name.removesuffix('s'), name)}"
         yield f"{'  ' * depths[-1]}{one['name']!r}: {held}"
 
 

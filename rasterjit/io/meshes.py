@@ -1,31 +1,41 @@
-"""Mesh files, trimesh objects and meshes become scenes; trimesh is imported only when needed."""
+"""Files, objects of other packages and meshes become scenes; packages are imported when needed."""
 
 from __future__ import annotations
 
 import os
 import sys
 import warnings
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
+import numpy as np
+
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
+from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, read_vtk
+from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.kinds import other_kind
+from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
+from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
-from rasterjit.io.text.parts import Part, scene_of_parts
+from rasterjit.io.text.parts import Thing, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
+from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.transforms import compose
 from rasterjit.scene.validation import (
     bounded_number,
     existing_file,
@@ -43,29 +53,41 @@ OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 """What to do about a damaged file: refuse it; load what there is, and warn."""
 
-TEXT_FORMATS = ("obj", "ply", "stl", "off")
-"""Formats that `rasterjit.io.text` reads."""
+OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
+"""Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
 
-FORMATS_EXTRA = ("lxml", "networkx", "collada")
+PART_FORMATS = (*OWN_FORMATS, *VTK_FORMATS, *CELL_FORMATS)
+"""Those, and the ones that `rasterjit.io.foreign` reads."""
+
+FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
 """Modules that trimesh asks for when a file is not the text it should be."""
 
-_XML_FORMATS = ("3mf", "3dxml", "dae", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
+_NEEDED = {"svg": ("svg.path", "lxml")}
+"""Modules without which trimesh takes a format for one that it does not know."""
+
+_XML_FORMATS = ("3mf", "3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
 """Formats that are XML or may hold it, packed or not."""
 
 _XML_BYTES, _OTHER_BYTES = 24, 4
 """What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
 
+_UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
+"""Turns a page over, whose y points down."""
+
 _CREASE_ANGLE = 40.0
 """Degrees between faces that an edge is seen from, of meshes without normals."""
 
-_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
+_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
+
+_SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
+"""Others that messages name."""
 
 
 def load(
-    path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene,
+    path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene | Any,
     *,
     on_invalid: OnInvalid = "raise",
     on_damage: OnDamage = "error",
@@ -74,9 +96,13 @@ def load(
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Scene:
     """
-    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads.
+    Read a file of a mesh, a point cloud or a drawing, or take an object of another package.
 
-    A trimesh object is taken as its file would be.
+    Meshes: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads. Point clouds, as
+    `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of OBJ and
+    glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
+    simulations, solids by their outer faces: VTK, VTU, VTP, MSH and whatever else meshio reads.
+    Objects of trimesh, PyVista, Open3D and meshio are taken as their files would be.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
@@ -85,6 +111,13 @@ def load(
     vertices and faces become attributes of the meshes: other properties of a PLY file by their
     names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
+    Points keep the file's order too. Those whose position is NaN, as depth cameras write them where
+    they measured nothing, are not drawn and are counted in the warning. Points have a size of 3
+    pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1; without
+    colours and normals they are shown by their intensity, if they have one. Cells are shown by the
+    active scalars, or by the first that are one number for each point or cell, and the others
+    become attributes.
+
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white
     metal, which shows little without. One without normals has smooth ones; ``crease_angle=0`` gives
@@ -92,12 +125,12 @@ def load(
 
     Parameters
     ----------
-    path : str, path-like, trimesh.Trimesh or trimesh.Scene
-        An object of trimesh's takes ``on_invalid`` and ``crease_angle`` alone.
+    path : str, path-like, or an object of trimesh, PyVista, Open3D or meshio
+        An object takes ``on_invalid`` and ``crease_angle`` alone.
     on_invalid : {"raise", "drop"}
-        What to do about NaN or infinite vertices, as in `Mesh`.
+        What to do about NaN or infinite vertices, as in `Mesh`; of clouds, about infinite ones.
     on_damage : {"error", "warn"}
-        What to do about an OBJ, PLY, STL or OFF file that is cut short, or has lines that cannot be
+        What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short, or has lines that cannot be
         read or faces among vertices that are not there: refuse it, naming the line and what was
         expected there, or load the rest and warn.
     crease_angle : float
@@ -119,7 +152,7 @@ def load(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if the file is missing, cannot be read or holds no faces. The message
+        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw. The message
         names the file and what it holds.
     ValueError
         If ``resource_root`` is no folder, an option for files is given for an object, or more than
@@ -134,15 +167,18 @@ def load(
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     one_of("on_invalid", on_invalid, ON_INVALID)
     one_of("on_damage", on_damage, ON_DAMAGE)
-    if _is_trimesh(path):
+    if _is_trimesh(path) or foreign_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
             ("resource_root", resource_root, None),
             ("max_bytes", max_bytes, DEFAULT_MAX_BYTES),
         ):
             if value != default:
-                raise ValueError(f"{name} must not be given for a trimesh object, got {value!r}")
-        return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
+                said = "a trimesh object" if _is_trimesh(path) else f"a {foreign_name(path)}"
+                raise ValueError(f"{name} must not be given for {said}, got {value!r}")
+        if _is_trimesh(path):
+            return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
+        return _from_foreign(path, on_invalid, crease_angle)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
@@ -176,7 +212,7 @@ def _load(
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources)
-    if extension in TEXT_FORMATS:
+    if extension in PART_FORMATS:
         damage = Damage(file, on_damage, left_out)
         parts = _read_parts(file, resources, damage, left_out)
         scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
@@ -184,11 +220,19 @@ def _load(
         return scene
     loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget)
     note_what_is_not_read(file, extension, left_out)
-    return TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget).scene(loaded)
+    adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget)
+    scene = adapter.scene(loaded)
+    if extension == "svg":
+        # Its y points down.
+        for node in scene.nodes:
+            node.transform = compose(_UPWARDS, node.transform)
+    return scene
 
 
-def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
-    """Read a file of `TEXT_FORMATS`, or raise `MeshFileError`."""
+def _read_parts(
+    file: Path, resources: Resources, damage: Damage, left_out: LeftOut
+) -> Sequence[Thing]:
+    """Read a file of `PART_FORMATS`, or raise `MeshFileError`."""
     extension = _extension(file)
     try:
         if extension == "obj":
@@ -197,6 +241,16 @@ def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: Left
             return read_ply(file, resources, damage, left_out)
         if extension == "off":
             return read_off(file, resources, damage, left_out)
+        if extension == "pcd":
+            return read_pcd(file, resources, damage, left_out)
+        if extension in LAS_FORMATS:
+            return read_las(file, resources, damage)
+        if extension in ROW_FORMATS:
+            return read_rows(file, resources, damage, left_out)
+        if extension in VTK_FORMATS:
+            return read_vtk(file, resources, left_out)
+        if extension in CELL_FORMATS:
+            return read_cells(file, resources, left_out)
         return read_stl(file, resources, damage)
     except (OSError, MemoryError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
@@ -223,7 +277,7 @@ def from_trimesh(
 
     Parameters
     ----------
-    what : trimesh.Trimesh or trimesh.Scene
+    what : trimesh.Trimesh, trimesh.PointCloud, trimesh.path.Path or trimesh.Scene
         Its arrays are shared where their type allows.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
@@ -239,7 +293,7 @@ def from_trimesh(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if it holds no faces or an invalid mesh.
+        A ``ValueError``: if it holds nothing to draw or an invalid mesh.
     ValueError
         If it is no object of trimesh's.
 
@@ -259,13 +313,21 @@ def from_trimesh(
     return scene
 
 
+def _from_foreign(what: Any, on_invalid: OnInvalid, crease_angle: float) -> Scene:
+    """Turn an object of another package into a scene; warn of what was left out."""
+    left_out = LeftOut()
+    scene = scene_of_foreign(what, on_invalid, crease_angle, left_out)
+    left_out.warn(foreign_name(what))
+    return scene
+
+
 def as_scene(what: Any, name: str = "what") -> Scene:
     """
     Return anything that can be drawn as a scene.
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, or an object of trimesh, PyVista, Open3D or meshio
         A scene is returned as it is.
     name : str
         What errors call it.
@@ -273,7 +335,7 @@ def as_scene(what: Any, name: str = "what") -> Scene:
     Raises
     ------
     ValueError
-        If it is none of these, or a trimesh object without faces.
+        If it is none of these, or holds nothing to draw.
     """
     if isinstance(what, Scene):
         return what
@@ -283,21 +345,23 @@ def as_scene(what: Any, name: str = "what") -> Scene:
         return scene
     if _is_trimesh(what):
         return from_trimesh(what)
+    if foreign_package(what) is not None:
+        return _from_foreign(what, "raise", _CREASE_ANGLE)
     hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
     raise ValueError(
-        f"{name} must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
-        f"got {type(what).__name__}{hint}"
+        f"{name} must be a Scene, a Mesh, Points, Lines, or an object of trimesh's, PyVista's, "
+        f"Open3D's or meshio's, got {type(what).__name__}{hint}"
     )
 
 
 def scene_to_add(what: Any) -> Scene:
     """
-    Return a scene, or a trimesh object as one, whose nodes are to be added to another.
+    Return a scene, or an object of another package as one, whose nodes are to be added to another.
 
     Raises
     ------
     ValueError
-        If it is none of these, or has no faces.
+        If it is none of these, or holds nothing to draw.
 
     Warns
     -----
@@ -308,13 +372,15 @@ def scene_to_add(what: Any) -> Scene:
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
         scene = TrimeshAdapter(source, False, "raise", _CREASE_ANGLE, left_out).scene(what)
+    elif foreign_package(what) is not None:
+        scene = scene_of_foreign(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):
         scene = what
     else:
         hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
         raise ValueError(
-            "mesh must be a rasterjit Mesh, Node or Scene, a trimesh.Trimesh or a trimesh.Scene, "
-            f"got {type(what).__name__}{hint}"
+            "mesh must be a rasterjit Mesh, Node or Scene, or an object of trimesh's, PyVista's, "
+            f"Open3D's or meshio's, got {type(what).__name__}{hint}"
         )
     if not scene.nodes:
         raise ValueError("mesh must be a scene with at least one mesh, got an empty one")
@@ -356,12 +422,15 @@ def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
     loaders = trimesh.exchange.load
     known = loaders.available_formats() | set(loaders.voxel_loaders)
     if extension not in known and extension not in loaders.mesh_loaders:
-        shown = ", ".join(f".{name}" for name in _SHOWN_FORMATS if name in known)
+        named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
+        shown = ", ".join(f".{name}" for name in named)
         kind = f"the extension .{extension}" if extension else "no extension"
         raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
     factor = _XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
     budget.take("the file", file.stat().st_size * factor)
     try:
+        for module in _NEEDED.get(extension, ()):
+            import_module(module)
         take_members(file, extension, factor, budget)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

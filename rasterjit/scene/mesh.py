@@ -499,6 +499,8 @@ class Mesh(Guarded, Previewed):
         """
         Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
 
+        `Points` become a ``trimesh.PointCloud`` and `Lines` a ``trimesh.path.Path3D``.
+
         It has the normals that are in force, colours as bytes in sRGB, ``uv`` and attributes. A
         material becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of
         8 bits.
@@ -691,6 +693,13 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
 def with_field_of(mesh: Mesh, other: Mesh) -> Mesh:
     """Give a new mesh the scalars of another one of as many vertices and faces; return it."""
     mesh._field = other.field
+    return mesh
+
+
+def with_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
+    """Give a new mesh a scalar for each face, (F,), be there as many vertices or not; return it."""
+    mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, NAN_COLOR, None)
+    mesh._face_colors = read_only(mesh._field.colors())
     return mesh
 
 

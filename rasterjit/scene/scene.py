@@ -130,8 +130,16 @@ class Scene(Guarded, Previewed):
             top._scene = weakref.ref(self)
 
     def __repr__(self) -> str:
-        faces = sum(len(node.mesh.faces) for node in self.nodes if node.mesh is not None)
-        return f"Scene({len(self.nodes)} objects, {faces} faces, {len(self.lights)} lights)"
+        counts = {"triangles": 0, "lines": 0, "points": 0}
+        for mesh in (node.mesh for node in self.nodes if node.mesh is not None):
+            counts[mesh.primitive] += len(mesh.faces)
+        others = "".join(
+            f"{counts[primitive]} {name}, "
+            for primitive, name in (("lines", "segments"), ("points", "points"))
+            if counts[primitive]
+        )
+        faces = counts["triangles"]
+        return f"Scene({len(self.nodes)} objects, {faces} faces, {others}{len(self.lights)} lights)"
 
     def add(
         self,
@@ -146,11 +154,11 @@ class Scene(Guarded, Previewed):
 
         Parameters
         ----------
-        mesh : Mesh, Label, Node, Scene, trimesh.Trimesh or trimesh.Scene
+        mesh : Mesh, Points, Lines, Label, Node, Scene, or an object of another package
             A `Label` is carried by a node without a mesh. A `Node` brings all that hangs below it.
             Of a scene, all nodes are copied, sharing their meshes, below the new node; lights,
-            camera and effects are left out. trimesh's objects bring what `load` takes of a file:
-            colours, materials and textures.
+            camera and effects are left out. Objects of trimesh, PyVista, Open3D and meshio bring
+            what `load` takes of them.
         transform : (4, 4) array_like, optional
             Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
             Default: the identity, or that of the `Node`.
@@ -296,7 +304,8 @@ class Scene(Guarded, Previewed):
         are kept, so that `load` draws the same again. Blinn-Phong materials become
         metallic-roughness ones with highlights of the same width; faces with colours of their own
         get vertices of their own. A ``base_color`` of None becomes what it is drawn as: white where
-        the mesh has colours or the material a texture, else the light grey.
+        the mesh has colours or the material a texture, else the light grey. Points and lines stay
+        such, without their sizes, widths and dashes; points that are NaN or infinite are left out.
 
         glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
         counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have

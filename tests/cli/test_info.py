@@ -153,16 +153,30 @@ def test_cameras_of_every_kind_can_be_told_as_json():
 
 def test_what_is_left_out_and_invalid_is_told(tmp_path):
     mesh = tmp_path / "lost.obj"
-    lines = ("v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 nan 0", "l 1 2", "f 1 2 3", "f 1 2 4", "")
+    lines = ("v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 nan 0", "surf 0", "f 1 2 3", "f 1 2 4", "")
     mesh.write_text("\n".join(lines))
     result = run(mesh)
     assert result.exit_code == 1
     assert "--on-invalid drop" in result.stderr
     held = told(mesh, "--on-invalid", "drop")
     (said,) = held["warnings"]
-    assert said == "left out lines (1); the rest is there"
+    assert said == "left out surface (1); the rest is there"
     assert held["invalid_vertices"] == 1
     assert said in run(mesh, "--on-invalid", "drop").stdout
+
+
+def test_points_and_segments_are_counted_apart_from_faces(tmp_path):
+    mesh = tmp_path / "mixed.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2 3 1\np 1 2\n")
+    held = told(mesh)
+    assert [held[name] for name in ("faces", "segments", "points")] == [1, 3, 2]
+    assert [node["segments"] for node in held["nodes"]] == [0, 3, 0]
+    printed = run(mesh).stdout.splitlines()
+    assert [line.split()[1] for line in printed if line.split()[0] in ("segments", "points")] == [
+        "3",
+        "2",
+    ]
+    assert any("'lines': object 1, 3 segments" in line for line in printed)
 
 
 def test_many_materials_are_counted_and_all_in_json(tmp_path):

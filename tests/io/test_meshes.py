@@ -172,10 +172,11 @@ def test_a_transparent_mtl_is_blended(tmp_path):
     assert material.alpha_mode == "blend"
 
 
-def test_a_point_cloud_beside_meshes_is_left_out_by_name(tmp_path):
-    scene = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(np.random.rand(7, 3))])
-    with pytest.warns(LoadWarning, match="a point cloud of 7 points"):
-        assert len(from_trimesh(scene).nodes) == 1
+def test_a_point_cloud_beside_meshes_is_there():
+    cloud = trimesh.PointCloud(np.random.default_rng(1).random((7, 3)))
+    scene = from_trimesh(trimesh.Scene([trimesh.creation.box(), cloud]))
+    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "points"]
+    assert np.array_equal(scene.nodes[1].mesh.vertices, cloud.vertices)
 
 
 # glTF
@@ -385,18 +386,12 @@ def scene_or_error(path):
         return error
 
 
-def test_a_file_without_faces_says_what_it_holds(tmp_path):
+def test_a_file_without_faces_is_a_point_cloud(tmp_path):
     trimesh.PointCloud(np.random.rand(35, 3)).export(tmp_path / "points.ply")
-    with pytest.raises(MeshFileError, match="holds a point cloud of 35 points, no faces"):
-        load(tmp_path / "points.ply")
-    with pytest.raises(MeshFileError, match=r"lone\.obj holds a point cloud of 4 points"):
-        load(write(tmp_path / "lone.obj", OBJ_SQUARE))
-
-
-def test_a_2d_drawing_says_that_it_is_one():
-    drawing = trimesh.load_path(SQUARE[:, :2])
-    with pytest.raises(MeshFileError, match="trimesh Path2D holds a 2-D drawing of 1 curves"):
-        from_trimesh(drawing)
+    assert len(load(tmp_path / "points.ply").nodes[0].mesh) == 35
+    scene = load(write(tmp_path / "lone.obj", OBJ_SQUARE))
+    assert scene.nodes[0].mesh.primitive == "points"
+    assert len(scene.nodes[0].mesh) == 4
 
 
 def test_a_format_whose_reader_is_not_installed_names_the_way_out(tmp_path, monkeypatch):
@@ -544,13 +539,11 @@ def test_lights_and_cameras_that_trimesh_makes_up_are_not_the_scenes():
     assert not source.has_camera
 
 
-def test_a_trimesh_without_faces_says_what_it_holds():
-    with pytest.raises(MeshFileError, match="trimesh PointCloud holds a point cloud of 3 points"):
-        from_trimesh(trimesh.PointCloud(np.eye(3)))
-    with pytest.raises(MeshFileError, match="trimesh Scene holds no faces"):
+def test_an_empty_trimesh_says_what_it_holds():
+    with pytest.raises(MeshFileError, match="trimesh Scene holds no faces, lines or points"):
         from_trimesh(trimesh.Scene())
-    with pytest.raises(MeshFileError, match="holds a 3-D path of 1 curves, no faces"):
-        from_trimesh(trimesh.load_path(SQUARE))
+    with pytest.raises(MeshFileError, match="a mesh of 0 vertices, no faces, lines or points"):
+        from_trimesh(trimesh.Scene(trimesh.Trimesh()))
 
 
 def test_bad_faces_of_a_trimesh_are_named():
@@ -636,10 +629,11 @@ def test_a_mesh_with_the_name_of_another_kind_is_said_to_be_it(tmp_path):
 
 @pytest.mark.parametrize("way", ["load", "render", "renderer", "explain", "add", "file"])
 def test_what_is_left_out_is_told_at_the_line_that_asks(tmp_path, way):
-    cloud = trimesh.PointCloud(np.random.default_rng(1).random((7, 3)))
-    given = trimesh.Scene([trimesh.creation.icosphere(1), cloud])
-    path = tmp_path / "given.glb"
-    given.export(path)
+    ball = trimesh.creation.icosphere(1)
+    ball.vertex_attributes["word"] = np.full(len(ball.vertices), "odd")
+    given = trimesh.Scene(ball)
+    path = tmp_path / "given.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\nsurf 0 1 0 1 1\n")
     ways = {
         "load": lambda: rj.load(given),
         "render": lambda: rj.render(given, size=(8, 8), threads=1),

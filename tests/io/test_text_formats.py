@@ -466,7 +466,6 @@ def test_damage_is_an_error_that_names_the_line_or_a_warning(tmp_path, name):
     [
         ("obj", f"{SQUARE}f 1 2 3\nff 1 3 4\nf1 3 4\nusemtk red\n",
          r"lines of no known kind, first line 6: 'ff 1 3 4' \(3\)"),
-        ("obj", f"{SQUARE}f 1 2 3\nl 1 2\nl 2 3\np 1\n", r"points \(1\), lines \(2\)"),
         ("obj", f"{SQUARE}f 1 2 3\ncstype bezier\nsurf 0 1 0 1 1\nend\n", r"surface \(1\)"),
         ("off", "OFF\n3 2 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n2 0 1\n",
          r"polygon of fewer than 3 corners \(1\)"),

@@ -2,7 +2,8 @@
 Convert the materials and meshes of glTF files to `Material` and `Mesh`.
 
 Materials keep their five textures; core properties follow [1]_, extensions [2]_. Each primitive of
-triangles becomes one `Mesh`.
+triangles becomes one `Mesh`, of lines `Lines` and of points `Points`; those without normals are
+unlit, as section 3.7.2.1 has it.
 
 References
 ----------
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.drawings import Drawing, lines_of
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
@@ -34,7 +36,9 @@ from rasterjit.io.gltf.values import (
     whole_of,
 )
 from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
@@ -65,7 +69,7 @@ TEXTURES = {
 """What a field of `Material` is called in glTF and by trimesh, and what its numbers are."""
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
-OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
+POINTS, LINES, LINE_LOOP, LINE_STRIP = 0, 1, 2, 3
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
 _FACE_BYTES, _SPLIT_FACE_BYTES = 64, 512
@@ -316,7 +320,7 @@ class MeshReader:
         return self._known[number]
 
     def _primitive(self, primitive: dict[str, Any], label: str) -> Mesh | None:
-        """Return a primitive of triangles as a mesh; None, with a note, for any other."""
+        """Return a primitive as a mesh, lines or points; None, with a note, if it is no use."""
         try:
             arrays = self._arrays(primitive, label)
         except (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError) as error:
@@ -325,20 +329,21 @@ class MeshReader:
             return None
         if arrays is None:
             return None
+        if isinstance(arrays, Cloud):
+            return points_of(arrays, self._source, self._on_invalid, self._left_out)
+        if isinstance(arrays, Drawing):
+            return lines_of(arrays, self._source, self._on_invalid, self._left_out)
         try:
             mesh = Mesh(**arrays, on_invalid=self._on_invalid)
             return mesh if mesh.normals is not None else mesh.split_creases(self._crease_angle)
         except ValueError as error:
             raise MeshFileError(f"{self._source}: {label}: {error}") from error
 
-    def _arrays(self, primitive: Any, label: str) -> dict[str, Any] | None:
-        """Return what `Mesh` takes; None, with a note, if the primitive has no triangles."""
+    def _arrays(self, primitive: Any, label: str) -> dict[str, Any] | Cloud | Drawing | None:
+        """Return what `Mesh` takes, lines or points; None, with a note, if it has none of them."""
         if not isinstance(primitive, dict):
             raise ValueError(f"a primitive must be an object, got {shown(primitive)}")
         mode = whole_of(primitive, "mode", TRIANGLES)
-        if mode in OTHER_MODES:
-            self._left_out.note(f"{OTHER_MODES[mode]} of {label}")
-            return None
         attributes = object_of(primitive, "attributes")
         is_compressed = COMPRESSED in object_of(primitive, "extensions")
         if is_compressed and not self._is_plain(primitive):
@@ -349,6 +354,8 @@ class MeshReader:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corners = np.arange(len(vertices))
+        if mode in (POINTS, LINES, LINE_LOOP, LINE_STRIP):
+            return self._without_faces(primitive, attributes, vertices, corners, mode, label)
         face_count = len(corners) if mode != TRIANGLES else len(corners) // 3
         each = _FACE_BYTES if "NORMAL" in attributes else _SPLIT_FACE_BYTES
         self._file.budget.take(f"the faces of {label}", face_count * each)
@@ -382,6 +389,42 @@ class MeshReader:
             "attributes": self._own_attributes(attributes, count, label),
             "material": material,
         }
+
+    def _without_faces(
+        self, primitive: dict[str, Any], attributes: dict[str, Any], vertices: NDArray[Any],
+        corners: NDArray[np.int64], mode: int, label: str,
+    ) -> Cloud | Drawing | None:  # fmt: skip
+        """Return the points or lines of a primitive, or None, with a note."""
+        count = len(vertices)
+        if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+            raise ValueError(f"indices must be below {count}, got {int(corners.max())}")
+        if len(corners) < (1 if mode == POINTS else 2):
+            what = "points" if mode == POINTS else "lines"
+            self._left_out.note(f"{label}, which has no {what}")
+            return None
+        if list_of(primitive, "targets"):
+            self._left_out.note("morph target", len(primitive["targets"]))
+        self._file.budget.take(f"the points of {label}", count * _SPLIT_FACE_BYTES)
+        colors = self._colors(attributes, count, label)
+        rgba = None if colors is None else linear_rows("COLOR_0", colors)
+        own = self._own_attributes(attributes, count, label)
+        normals = None
+        if mode == POINTS:
+            normals = self._rows(attributes, "NORMAL", count, (3,), label)
+        material = self._material(primitive)[0]
+        if material is not None:
+            if any(texture is not None for texture in material.textures_read()):
+                self._left_out.note(f"textures of {label}, which are those of faces")
+            material = without_light(material) if normals is None else _untextured(material)
+        if mode != POINTS:
+            return Drawing(
+                label, vertices, join_ends(corners, mode), rgba, False, own, {}, material
+            )
+        if "indices" in primitive:
+            vertices = vertices[corners]
+            rgba, normals = (None if one is None else one[corners] for one in (rgba, normals))
+            own = {name: values[corners] for name, values in own.items()}
+        return Cloud(label, vertices, rgba, normals, own, material)
 
     def _is_plain(self, primitive: dict[str, Any]) -> bool:
         """Tell whether the accessors of a compressed primitive hold it uncompressed as well."""
@@ -453,6 +496,43 @@ class MeshReader:
         if (material, fields) not in self._plain:
             self._plain[material, fields] = replace(material, **dict.fromkeys(fields))
         return self._plain[material, fields]
+
+
+def _untextured(material: Material) -> Material:
+    """Return a material without textures."""
+    return replace(material, **dict.fromkeys(TEXTURE_FIELDS))
+
+
+def without_light(material: Material) -> Material:
+    """Return what points and lines without normals are drawn as: base colour and emission."""
+    *rgb, alpha = material.base_color_over(False)
+    shown = [min(1.0, part + add) for part, add in zip(rgb, material.emissive, strict=True)]
+    if material.shading == "unlit":
+        shown = rgb
+    return Material(
+        shading="unlit", base_color=(*shown, alpha), name=material.name,
+        alpha_mode=material.alpha_mode, alpha_cutoff=material.alpha_cutoff,
+        double_sided=material.double_sided,
+    )  # fmt: skip
+
+
+def join_ends(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """
+    Return the segments, (S, 2), that a list of corners stands for.
+
+    Parameters
+    ----------
+    corners : (N,) int
+        Vertex numbers, two or more. The last one of an odd number of ``LINES`` has no part.
+    mode : int
+        ``LINES``, ``LINE_LOOP`` or ``LINE_STRIP``.
+    """
+    if mode == LINES:
+        return corners[: len(corners) // 2 * 2].reshape(-1, 2)
+    strip = np.column_stack([corners[:-1], corners[1:]])
+    if mode == LINE_STRIP:
+        return strip
+    return np.concatenate([strip, [[corners[-1], corners[0]]]])
 
 
 def join_corners(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:

@@ -81,7 +81,7 @@ def load_gltf(
     Raises
     ------
     MeshFileError
-        If the file cannot be read or shows no faces.
+        If the file cannot be read or shows nothing.
     """
     try:
         file = GltfFile(path, resources)
@@ -119,7 +119,11 @@ class _GltfScene:
             except ValueError as error:
                 raise ValueError(f"node {place.number}: {error}") from error
         if not self.scene.nodes:
-            held = "no faces" if self._meshes.is_empty else "meshes but places none in its scene"
+            held = (
+                "no faces, lines or points"
+                if self._meshes.is_empty
+                else "meshes but places none in its scene"
+            )
             named = f" ({left_out})" if str(left_out) else ""
             raise MeshFileError(f"{source} holds {held}{named}")
 

@@ -27,8 +27,10 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.content import (
     LINEAR,
+    LINES,
     MODE_NAMES,
     NEAREST,
+    POINTS,
     STRENGTH,
     TEXTURES,
     UNLIT,
@@ -38,13 +40,17 @@ from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.scene import LIGHTS
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes
+from rasterjit.io.point_clouds.cloud import LARGEST_SIZE
 from rasterjit.io.skipped import NotSaved
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material, UnsaidMaterial
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
+from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import Texture, turned_over
 
@@ -70,6 +76,9 @@ _LENGTHS, _LENGTH_STEP = 1024, 2.0**-20
 
 _SEEN_ROUNDING = 1e-5
 """Share of a mesh's extent by which its positions may be rounded without a warning."""
+
+_USUAL_WIDTH = 1.5
+"""Width of lines, pixels, that nobody said, as `Lines` has it."""
 
 _TRANSFORM = "KHR_texture_transform"
 _WRAP_NUMBERS = {name: number for number, name in WRAPS.items()}
@@ -224,11 +233,15 @@ class _Writer:
         key = "mesh", id(mesh)
         if key in self._known:
             return self._known[key]
+        if isinstance(mesh, Points):
+            return self._once(key, "meshes", {"primitives": [self._points(node, mesh)]})
         if mesh.invalid_vertices:
             raise ValueError(
                 f"the mesh of {node.name!r} must have finite vertices to be saved, got "
                 f"{mesh.invalid_vertices} with NaN or infinity"
             )
+        if isinstance(mesh, Lines):
+            return self._once(key, "meshes", {"primitives": [self._lines(node, mesh)]})
         corners = mesh.faces.ravel()
         # glTF colours vertices alone: with colours by face, each face gets its own.
         rows: Any = slice(None) if mesh.face_colors is None else corners
@@ -251,6 +264,17 @@ class _Writer:
                 attributes[f"TEXCOORD_{number}"] = self._accessor(values, "VEC2", _FLOAT)
         if colors is not None:
             attributes["COLOR_0"] = self._accessor(colors, "VEC4", _FLOAT)
+        self._add_own(mesh, rows, attributes)
+        primitive = {
+            "attributes": attributes,
+            "indices": self._accessor(corners, "SCALAR", _WHOLE),
+        }
+        if mesh.material != UnsaidMaterial():
+            primitive["material"] = self._material(mesh.material, colors is not None)
+        return self._once(key, "meshes", {"primitives": [primitive]})
+
+    def _add_own(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
+        """Add the attributes of vertices, of some rows."""
         for name, values in mesh.vertex_attributes.items():
             if values.shape[1] in _KINDS:
                 kind = _KINDS[values.shape[1]]
@@ -259,13 +283,49 @@ class _Writer:
                 self.left_out.note(f"attribute {name!r} of more than 4 numbers")
         for name in mesh.face_attributes:
             self.left_out.note(f"attribute {name!r} of faces")
-        primitive = {
-            "attributes": attributes,
-            "indices": self._accessor(corners, "SCALAR", _WHOLE),
-        }
+
+    def _points(self, node: Node, mesh: Points) -> dict[str, Any]:
+        """Add points, those that are finite, and return their primitive."""
+        rows = np.isfinite(mesh.vertices).all(axis=1)
+        if mesh.invalid_vertices:
+            self.left_out.note("points that are NaN or infinite")
+        if mesh.shape != "square" or mesh.unit != "pixel" or (mesh.sizes > LARGEST_SIZE).any():
+            self.left_out.note("sizes and shapes of points")
+        attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
+        if mesh.normals is not None:
+            attributes["NORMAL"] = self._accessor(self._units(mesh.normals[rows]), "VEC3", _FLOAT)
+        return self._without_faces(mesh, POINTS, rows, mesh.shown_vertex_colors(), attributes)
+
+    def _lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
+        """Add segments, whose points are their own if they have colours; return their primitive."""
+        ends, rows, colors = mesh.segments.ravel(), slice(None), mesh.shown_vertex_colors()
+        if mesh.unit != "pixel" or (mesh.widths != _USUAL_WIDTH).any() or len(mesh.dashes):
+            self.left_out.note("widths and dashes of lines")
+        if mesh.face_colors is not None:
+            rows, colors = ends, np.repeat(mesh.face_colors, 2, axis=0)
+            ends = np.arange(len(ends), dtype=ends.dtype)
+        attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
+        if mesh.face_colors is None and colors is not None:
+            colors = colors[rows]
+        primitive = self._without_faces(mesh, LINES, rows, colors, attributes)
+        primitive["indices"] = self._accessor(ends, "SCALAR", _WHOLE)
+        return primitive
+
+    def _without_faces(
+        self, mesh: Mesh, mode: int, rows: Any, colors: NDArray[np.float32] | None,
+        attributes: dict[str, int],
+    ) -> dict[str, Any]:  # fmt: skip
+        """Add what points and lines have besides their places, and return their primitive."""
+        if mesh.field is not None:
+            self.left_out.note("scalars, but for their colours")
+        if colors is not None:
+            shown = colors[rows] if mode == POINTS else colors
+            attributes["COLOR_0"] = self._accessor(shown, "VEC4", _FLOAT)
+        self._add_own(mesh, rows, attributes)
+        primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
         if mesh.material != UnsaidMaterial():
             primitive["material"] = self._material(mesh.material, colors is not None)
-        return self._once(key, "meshes", {"primitives": [primitive]})
+        return primitive
 
     def _units(self, normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return normals or tangents as they are stored."""

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.drawings import Drawing
+from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import (
@@ -31,6 +33,7 @@ from rasterjit.io.text.parts import (
     COLORS_BESIDE,
     Names,
     Part,
+    Thing,
     joined,
     linear_rgba,
     srgb_bytes,
@@ -53,17 +56,23 @@ _SHAPELESS = frozenset(
 )  # fmt: skip
 """Statements of a whole word that are read, or have nothing to show without another one."""
 
-_ELEMENTS = {"p": "points", "l": "lines"}
+_ELEMENTS = {"p": 1, "l": 2}
+"""Statements of points and lines, and how many vertices they have at least."""
+
 _NOT_SHOWN = {
     "curv": "curve", "curv2": "curve", "surf": "surface", "call": "call of another file",
 }  # fmt: skip
 """Statements that show something, which is left out."""
 
-_A_FACE = "a face of 3 corners or more, counted from 1, such as 'f 1/1 2/2 3/3'"
+_EXPECTED = {
+    "f": "a face of 3 corners or more, counted from 1, such as 'f 1/1 2/2 3/3'",
+    "l": "a line of 2 vertices or more, counted from 1, such as 'l 1 2 3'",
+    "p": "points counted from 1, such as 'p 1 2 3'",
+}
 
 
-def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
-    """Return the meshes of an OBJ file, or raise `MeshFileError`."""
+def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Thing]:
+    """Return the meshes, lines and points of an OBJ file, or raise `MeshFileError`."""
     # A backslash joins lines; blanks in its place keep every byte where it was.
     data = original = resources.read_itself(path)
     if b"\\" in data:
@@ -90,6 +99,7 @@ class _ObjFile:
         self._used = [None, *used]
         self._library = MtlLibrary(names, used, resources, left_out)
         self._read_faces(at)
+        self._materials_at = at
 
     def _sort_lines(self) -> None:
         """Find the lines of each kind of statement by their first letters."""
@@ -112,16 +122,16 @@ class _ObjFile:
         self._others = self._unread_lines(first, blank)
 
     def _unread_lines(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> list[int]:
-        """Return lines of no kind that is read, and note those of points and lines."""
+        """Return lines of no kind that is read, and keep those of points and lines."""
         lines = self._lines
         rest = (lines.starts < lines.ends) & (first != ord("#"))
         for which in (*self._which.values(), self._starters, self._named_lines):
             rest[which] = False
-        for letter, what in _ELEMENTS.items():
+        self._element_lines = {}
+        for letter in _ELEMENTS:
             found = rest & blank & (first == ord(letter))
-            if found.any():
-                self._left_out.note(what, int(found.sum()))
-                rest &= ~found
+            self._element_lines[letter] = np.flatnonzero(found)
+            rest &= ~found
         return np.flatnonzero(rest).tolist()
 
     def _note_others(self) -> None:
@@ -171,11 +181,19 @@ class _ObjFile:
 
     def _read_faces(self, materials_at: NDArray[np.int64]) -> None:
         """Read what the corners of all faces refer to, from 0; -1 where a corner refers to none."""
+        self._refs, self._counts, self._lines_of_faces = self._rows_of("f", self._face_lines, 3)
+        self._drop_damaged_faces()
+        self._material_of_faces = np.searchsorted(materials_at, self._lines_of_faces)
+
+    def _rows_of(
+        self, letter: str, which: NDArray[np.int64], least: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return references, corners of each statement, and their lines."""
         refs, counts, good = [np.zeros((0, 3), np.int64)], [], []
-        for batch in self._lines.batches(self._face_lines):
-            found = self._face_batch(batch)
+        for batch in self._lines.batches(which):
+            found = self._batch(batch, least)
             if found is None:
-                found = self._careful_faces(batch)
+                found = self._careful_batch(letter, batch, least)
             self._budget.take(
                 "the corners of its faces",
                 len(batch) * ROW_BYTES + len(found[0]) * CORNER_BYTES,
@@ -183,20 +201,17 @@ class _ObjFile:
             refs.append(found[0])
             counts.append(found[1])
             good.append(found[2])
-        self._refs = np.concatenate(refs)
-        self._counts = np.concatenate([np.zeros(0, np.int64), *counts])
-        self._lines_of_faces = np.concatenate([np.zeros(0, np.int64), *good])
-        self._drop_damaged_faces()
-        self._material_of_faces = np.searchsorted(materials_at, self._lines_of_faces)
+        none = np.zeros(0, np.int64)
+        return np.concatenate(refs), np.concatenate([none, *counts]), np.concatenate([none, *good])
 
-    def _face_batch(
-        self, which: NDArray[np.int64]
+    def _batch(
+        self, which: NDArray[np.int64], least: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
         """Return references, corners of each face, and their lines; None if a line is damaged."""
         content, offsets = self._lines.content(which, 1)
         corner_starts = word_starts(content)
         counts = np.add.reduceat(corner_starts, offsets, dtype=np.int64)
-        if (counts < 3).any():
+        if (counts < least).any():
             return None
         slashes = content == ord("/")
         plain = np.where(slashes, ord(" "), content).astype(np.uint8)
@@ -229,10 +244,10 @@ class _ObjFile:
                 refs[where, place] = np.where(back < 0, np.iinfo(np.int64).max, back)
         return refs
 
-    def _careful_faces(
-        self, which: NDArray[np.int64]
+    def _careful_batch(
+        self, letter: str, which: NDArray[np.int64], least: int
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Read what `_face_batch` cannot read at once, line by line."""
+        """Read what `_batch` cannot read at once, line by line."""
         rows: list[list[int]] = []
         counts, good = [], []
         for line in which.tolist():
@@ -241,8 +256,8 @@ class _ObjFile:
                 corners = [_corner(word) for word in words]
             except ValueError:
                 corners = []
-            if len(corners) < 3:
-                self._damage.line(self._lines, line, _A_FACE)
+            if len(corners) < least:
+                self._damage.line(self._lines, line, _EXPECTED[letter])
                 continue
             rows += corners
             counts.append(len(corners))
@@ -278,12 +293,83 @@ class _ObjFile:
         self._counts = self._counts[~bad_faces]
         self._lines_of_faces = self._lines_of_faces[~bad_faces]
 
-    def parts(self) -> Iterator[Part]:
-        """Yield a mesh for each material, the last one first, or raise `MeshFileError`."""
-        if not len(self._counts):
-            points = int(self._there["v"].sum())
-            held = f"a point cloud of {points} points, no faces" if points else "no faces"
+    def parts(self) -> Iterator[Thing]:
+        """
+        Yield meshes, lines and points, or raise `MeshFileError`.
+
+        There is a mesh for each material, the last one first, then lines for each, then points. A
+        file of vertices alone is a cloud of them.
+        """
+        names, count = Names(), 0
+        for part in self._meshes(names) if len(self._counts) else ():
+            count += 1
+            yield part
+        for element in (*self._drawings(names), *self._clouds(names)):
+            count += 1
+            yield element
+        if count:
+            return
+        there = self._there["v"]
+        if len(self._face_lines) or not there.any():
+            points = int(there.sum())
+            held = f"{points} vertices, no faces" if points else "no faces"
             raise MeshFileError(f"{self._path} holds {held}")
+        table = self._tables["v"][there]
+        normals = self._tables["vn"] if len(self._tables["vn"]) == len(there) else None
+        normals = None if normals is None else normals[there]
+        yield Cloud(self._object_name() or self._path.name, table[:, :3], _colors(table), normals)
+
+    def _elements(
+        self, letter: str
+    ) -> Iterator[tuple[str | None, NDArray[np.int64], NDArray[np.int64]]]:
+        """Yield, for each material, its name, numbers of vertices, and how many a statement has."""
+        refs, counts, lines = self._rows_of(letter, self._element_lines[letter], _ELEMENTS[letter])
+        numbers, there = refs[:, 0], self._there["v"]
+        sound = numbers < len(there)
+        sound[sound] = there[numbers[sound]]
+        statements = np.repeat(np.arange(len(counts)), counts)
+        kept = np.ones(len(counts), bool)
+        kept[statements[~sound]] = False
+        for row in np.flatnonzero(~kept).tolist():
+            expected = f"vertices among {len(there)} v"
+            self._damage.line(self._lines, int(lines[row]), expected)
+        used = np.searchsorted(self._materials_at, lines)
+        for number in np.unique(used[kept]).tolist():
+            rows = kept & (used == number)
+            yield self._used[number], numbers[rows[statements]], counts[rows]
+
+    def _drawings(self, names: Names) -> Iterator[Drawing]:
+        """Yield the lines of each material."""
+        for name, numbers, counts in self._elements("l"):
+            used, places = np.unique(numbers, return_inverse=True)
+            inner = np.ones(len(numbers), bool)
+            inner[np.cumsum(counts) - 1] = False
+            begins = np.flatnonzero(inner)
+            places = places.reshape(-1)
+            table = self._tables["v"][used]
+            yield Drawing(
+                names.unique("lines"), table[:, :3],
+                np.column_stack([places[begins], places[begins + 1]]), _colors(table),
+                material=self._plain(name),
+            )  # fmt: skip
+
+    def _clouds(self, names: Names) -> Iterator[Cloud]:
+        """Yield the points of each material."""
+        for name, numbers, _ in self._elements("p"):
+            table = self._tables["v"][numbers]
+            yield Cloud(
+                names.unique("points"), table[:, :3], _colors(table), material=self._plain(name)
+            )
+
+    def _plain(self, name: str | None) -> Material | None:
+        """Return a material's base colour alone, unlit."""
+        material = self._library.material(name)
+        if material is None or material.base_color is None:
+            return None
+        return Material(shading="unlit", base_color=material.base_color, name=material.name)
+
+    def _meshes(self, names: Names) -> Iterator[Part]:
+        """Yield a mesh for each material, the last one first."""
         numbers: dict[str | None, int] = {}
         same = [numbers.setdefault(name, len(numbers)) for name in self._used]
         of_faces = np.array(same, np.int64)[self._material_of_faces]
@@ -294,7 +380,7 @@ class _ObjFile:
         groups.sort(key=lambda group: int(group[0]), reverse=True)
         begins = np.cumsum(self._counts) - self._counts
         by_number = list(numbers)
-        object_name, names = self._object_name(), Names()
+        object_name = self._object_name()
         several = len(self._library.said) > 1
         for group in groups:
             material = by_number[int(of_faces[group[0]])]
@@ -344,11 +430,16 @@ class _ObjFile:
         colors = None
         if table.shape[1] == 6 and material is not None:
             self._left_out.note(COLORS_BESIDE)
-        elif table.shape[1] == 6:
-            colors = linear_rgba(srgb_bytes(table[:, 3:]), False)
+        else:
+            colors = _colors(table)
         is_even = bool((counts == counts[0]).all())
         corners, _ = triangles(counts, by_size=is_even)
         return Part(name, table[:, :3], which[corners], normals, uv, colors, material)
+
+
+def _colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:
+    """Return the colours behind positions, linear RGBA, or None."""
+    return linear_rgba(srgb_bytes(table[:, 3:]), False) if table.shape[1] == 6 else None
 
 
 def _corner(word: str) -> list[int]:

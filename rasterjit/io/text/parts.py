@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.drawings import Drawing, lines_of
+from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh, with_face_values
+from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
 from rasterjit.scene.scene import Scene
 
 COLORS_BESIDE = "colours beside a material or texture coordinates"
@@ -54,6 +56,8 @@ class Part:
     material : Material, optional
     attributes, face_attributes : dict of str to (V, D) and (F, D) array
         Values of one's own.
+    scalars, face_scalars : (V,) and (F,) array, optional
+        One of them, in the place of colours.
     """
 
     name: str
@@ -65,19 +69,32 @@ class Part:
     material: Material | None = None
     attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
     face_attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+    scalars: NDArray[Any] | None = None
+    face_scalars: NDArray[Any] | None = None
+
+
+Thing: TypeAlias = Part | Cloud | Drawing
+"""What a reader finds."""
 
 
 def scene_of_parts(
-    parts: Iterable[Part],
+    parts: Iterable[Thing],
     source: str,
     on_invalid: str,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget,
 ) -> Scene:
-    """Return a scene with a node for each mesh, or raise `MeshFileError`, naming it."""
+    """Return a scene with a node for each thing, or raise `MeshFileError`, naming it."""
     scene = Scene()
     for part in parts:
+        if isinstance(part, Cloud):
+            points = points_of(part, source, on_invalid, left_out, budget)
+            scene.add(points, name=part.name or None)
+            continue
+        if isinstance(part, Drawing):
+            scene.add(lines_of(part, source, on_invalid, left_out, budget), name=part.name or None)
+            continue
         each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
         needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
         own = (*part.attributes.values(), *part.face_attributes.values())
@@ -90,15 +107,18 @@ def scene_of_parts(
         try:
             mesh = Mesh(
                 part.vertices, part.faces, normals=normals, uv=uv, material=material,
-                colors=part.colors, on_invalid=on_invalid,
+                colors=part.colors if part.face_scalars is None else None, on_invalid=on_invalid,
+                scalars=part.scalars if part.colors is None else None,
                 attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
             )  # fmt: skip
             of_faces = usable_attributes(part.face_attributes, len(part.faces), left_out)
             with_face_values(mesh, mesh.face_colors, of_faces)
+            if part.face_scalars is not None:
+                with_face_scalars(mesh, part.face_scalars)
             mesh = _with_all_normals(mesh, crease_angle, on_invalid)
         except ValueError as error:
             raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
-        scene.add(mesh, name=part.name)
+        scene.add(mesh, name=part.name or None)
     return scene
 
 

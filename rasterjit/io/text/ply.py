@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.drawings import Drawing
 from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, number_rows
@@ -25,6 +27,7 @@ from rasterjit.io.text.parts import (
     COLORS_BESIDE,
     POLYGON_CORNER_BYTES,
     Part,
+    Thing,
     joined,
     linear_rgba,
     sound_polygons,
@@ -50,6 +53,9 @@ _KNOWN = {*("x", "y", "z", "nx", "ny", "nz"), *("red", "green", "blue", "alpha")
 """Properties that have a meaning; the others are attributes."""
 
 _CORNERS = ("vertex_index", "vertex_indices")
+
+_ENDS = ("vertex1", "vertex2")
+"""Names of the ends of an edge."""
 
 _TEXTURE_FILE = "texturefile"
 
@@ -111,8 +117,8 @@ class _Element:
         return np.column_stack([self.columns[name] for name in names])
 
 
-def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
-    """Return the mesh of a PLY file, or raise `MeshFileError`."""
+def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Thing]:
+    """Return the mesh of a PLY file, else its edges, else its points, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     try:
         order, elements, picture, at = _head(data)
@@ -129,14 +135,59 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     vertex = by_name.get("vertex")
     positions = vertex.table(("x", "y", "z")) if vertex is not None else None
     if vertex is None or positions is None or not len(positions):
-        raise MeshFileError(f"{path} holds no faces")
-    face = by_name.get("face")
+        raise MeshFileError(f"{path} holds no faces and no points")
+    face, edge = by_name.get("face"), by_name.get("edge")
+    ends = None if edge is None else edge.table(_ENDS)
     polygons = None
     if face is not None:
         polygons = _polygons(face, vertex.there, lines, damage, left_out, resources.budget)
     if face is None or polygons is None or not len(polygons[1]):
-        raise MeshFileError(f"{path} holds a point cloud of {len(positions)} points, no faces")
+        if edge is not None and ends is not None and len(ends):
+            return [_drawing(path, vertex, edge, ends, damage, left_out)]
+        return [_cloud(path, vertex, left_out)]
+    if ends is not None and len(ends):
+        left_out.note("edges beside faces", len(ends))
     return [_part(path.name, vertex, positions, face, polygons, picture, resources, left_out)]
+
+
+def _cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
+    """Return the points of a file without faces; damaged rows are no points."""
+    there = vertex.there
+    positions, normals = vertex.table(("x", "y", "z")), vertex.table(("nx", "ny", "nz"))
+    if positions is None or not there.any():
+        raise MeshFileError(f"{path} holds a point cloud of no points")
+    colors = _colors(vertex)
+    return Cloud(
+        path.name, positions[there].astype(np.float64),
+        None if colors is None else linear_rgba(srgb_bytes(colors[there]), False),
+        None if normals is None else normals[there],
+        {name: values[there] for name, values in vertex.attributes(left_out, set()).items()},
+    )  # fmt: skip
+
+
+def _drawing(
+    path: Path, vertex: _Element, edge: _Element, ends: NDArray[Any], damage: Damage,
+    left_out: LeftOut,
+) -> Drawing:  # fmt: skip
+    """Return the edges of a file without faces."""
+    there, positions = vertex.there, vertex.table(("x", "y", "z"))
+    sound = edge.there & ((ends >= 0) & (ends < len(there)) & (ends == np.floor(ends))).all(axis=1)
+    sound[sound] = there[ends[sound].astype(np.int64)].all(axis=1)
+    for row in np.flatnonzero(edge.there & ~sound).tolist():
+        expected = f"numbers of vertices below {len(there)} in an edge"
+        damage.end(expected, f"{ends[row].tolist()} in edge {row}")
+    if positions is None or not sound.any():
+        raise MeshFileError(f"{path} holds edges, none of which joins two of its vertices")
+    of_vertices, of_edges = _colors(vertex), _colors(edge)
+    colors = of_vertices if of_edges is None else of_edges[sound]
+    attributes = edge.attributes(left_out, set())
+    return Drawing(
+        path.name, np.where(there[:, np.newaxis], positions, 0.0).astype(np.float64),
+        ends[sound].astype(np.int64),
+        None if colors is None else linear_rgba(srgb_bytes(colors), False),
+        of_edges is not None, vertex.attributes(left_out, set()),
+        {name: values[sound] for name, values in attributes.items() if name not in _ENDS},
+    )  # fmt: skip
 
 
 def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.drawings import drawing_of_path, lines_of
 from rasterjit.io.gltf.scene import GLTF_FORMATS
+from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.parts import without_textures
+from rasterjit.io.text.parts import linear_rgba, srgb_bytes, without_textures
 from rasterjit.io.trimesh.materials import (
     TextureReader,
     colors_from_trimesh,
@@ -72,6 +74,7 @@ class TrimeshAdapter:
         self.on_invalid = on_invalid
         self.crease_angle = crease_angle
         self.left_out = left_out
+        self.budget = budget
         self.textures = TextureReader(left_out, budget)
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
@@ -85,13 +88,14 @@ class TrimeshAdapter:
         meshes: dict[str, Mesh] = {}
         left: Counter[str] = Counter()
         for name, geometry in loaded.geometry.items():
-            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-                meshes[name] = self._mesh(name, geometry)
-            else:
+            made = self._thing(name, geometry)
+            if made is None:
                 left[_describe(geometry)] += 1
+            else:
+                meshes[name] = made
         if not meshes:
-            held = f"{' and '.join(left)}, no faces" if left else "no faces"
-            raise MeshFileError(f"{self.source} holds {held}")
+            held = f"{' and '.join(left)}, " if left else ""
+            raise MeshFileError(f"{self.source} holds {held}no faces, lines or points")
         for what, count in left.items():
             self.left_out.note(what, count)
         scene = Scene()
@@ -105,6 +109,30 @@ class TrimeshAdapter:
         self._take_camera(loaded, scene)
         self._take_lights(loaded, scene)
         return scene
+
+    def _thing(self, name: str, geometry: Any) -> Mesh | None:
+        """Return a geometry as a mesh, lines or points; None if there is nothing in it."""
+        import trimesh
+
+        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            return self._mesh(name, geometry)
+        if isinstance(geometry, (trimesh.Trimesh, trimesh.PointCloud)) and len(geometry.vertices):
+            return points_of(self._cloud(name, geometry), self.source, self.on_invalid,
+                             self.left_out, self.budget)  # fmt: skip
+        if isinstance(geometry, trimesh.path.path.Path):
+            drawing = drawing_of_path(name, geometry, self.left_out)
+            if drawing is not None:
+                return lines_of(drawing, self.source, self.on_invalid, self.left_out, self.budget)
+        return None
+
+    def _cloud(self, name: str, geometry: Any) -> Cloud:
+        """Return the points of a geometry without faces."""
+        colors = getattr(geometry, "colors", None)
+        rgba = None
+        if colors is not None and np.shape(colors) == (len(geometry.vertices), 4):
+            rgba = linear_rgba(srgb_bytes(np.asarray(colors)), False)
+        attributes = getattr(geometry, "vertex_attributes", None) or {}
+        return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
     def _drawn_nodes(self, graph: Any, meshes: dict[str, Mesh]) -> list[Node]:
         """Return a node for each place of a mesh, in trimesh's order, below what it hangs below."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from rasterjit.io.pictures import nearest_codes
 from rasterjit.io.skipped import NotSaved
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import Texture
 
@@ -33,7 +36,7 @@ def to_trimesh(what: Mesh | Scene) -> Any:
 
     Returns
     -------
-    trimesh.Trimesh or trimesh.Scene
+    trimesh.Trimesh, trimesh.PointCloud, trimesh.path.Path3D or trimesh.Scene
 
     Warns
     -----
@@ -97,10 +100,14 @@ class _Converter:
         self._names[found] = 1
         return found
 
-    def mesh(self, mesh: Mesh) -> trimesh.Trimesh:
+    def mesh(self, mesh: Mesh) -> Any:
         """Return a mesh with its normals, colours, texture coordinates and material."""
         import trimesh
 
+        if isinstance(mesh, Points):
+            return self._points(mesh)
+        if isinstance(mesh, Lines):
+            return self._lines(mesh)
         normals, _ = lasting_units(mesh.vertex_normals())
         for name in ("uv1", "tangents"):
             if getattr(mesh, name) is not None:
@@ -113,6 +120,55 @@ class _Converter:
             face_attributes=dict(mesh.face_attributes),
             process=False, validate=False,
         )  # fmt: skip
+
+    def _points(self, mesh: Points) -> trimesh.PointCloud:
+        """Return points with their colours, those that are finite."""
+        import trimesh
+
+        rows = np.isfinite(mesh.vertices).all(axis=1)
+        if mesh.invalid_vertices:
+            self.left_out.note("points that are NaN or infinite")
+        self._note_without_faces(mesh)
+        colors = mesh.shown_vertex_colors()
+        codes = None if colors is None else self._bytes(colors[rows], "srgb", "colours")
+        return trimesh.PointCloud(mesh.vertices[rows], colors=codes)
+
+    def _lines(self, mesh: Lines) -> trimesh.path.Path3D:
+        """Return lines, a curve for each run of segments that join and have one colour."""
+        import trimesh
+        from trimesh.path.entities import Line
+
+        self._note_without_faces(mesh)
+        if mesh.shown_vertex_colors() is not None:
+            self.left_out.note("colours of points of lines")
+        segments = mesh.segments
+        breaks = segments[1:, 0] != segments[:-1, 1]
+        codes = None
+        if mesh.face_colors is not None:
+            codes = self._bytes(mesh.face_colors, "srgb", "colours")
+            breaks |= (codes[1:] != codes[:-1]).any(axis=1)
+        begins = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(segments)]]).tolist()
+        entities = [
+            Line(
+                np.append(segments[begin:end, 0], segments[end - 1, 1]),
+                color=None if codes is None else codes[begin],
+            )
+            for begin, end in pairwise(begins)
+        ]
+        return trimesh.path.Path3D(entities=entities, vertices=mesh.vertices, process=False)
+
+    def _note_without_faces(self, mesh: Points | Lines) -> None:
+        """Note what trimesh has no place for beside places and colours."""
+        what = "points" if isinstance(mesh, Points) else "lines"
+        self.left_out.note(f"sizes of {what}" if what == "points" else "widths of lines")
+        if mesh.normals is not None:
+            self.left_out.note(f"normals of {what}")
+        if mesh.vertex_attributes or mesh.face_attributes:
+            self.left_out.note(f"attributes of {what}")
+        if mesh.field is not None:
+            self.left_out.note("scalars, but for their colours")
+        if mesh.material.base_color is not None:
+            self.left_out.note(f"base colour of {what}")
 
     def _visual(self, mesh: Mesh) -> Any:
         """Return colours, or a material and its texture coordinates."""

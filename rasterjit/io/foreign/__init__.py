@@ -1,0 +1,1 @@
+"""Objects of other packages, and files that only these read, become what our own readers find."""

@@ -1,0 +1,190 @@
+"""
+Meshes of meshio, and files that it reads: cells of simulations.
+
+Solids are shown by their outer faces, cells of higher order by their corners.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.drawings import Drawing
+from rasterjit.io.foreign.tables import NONE, is_scalar, rows_of
+from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.text.parts import Part, Thing, triangles
+
+_FLAT = {
+    "triangle": 3, "triangle6": 3, "triangle7": 3, "triangle10": 3,
+    "quad": 4, "quad8": 4, "quad9": 4, "quad16": 4,
+}  # fmt: skip
+"""Cells that are faces, and how many corners they have."""
+
+_HEXAHEDRON = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7))
+_SIDES = {
+    "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
+    "hexahedron": _HEXAHEDRON,
+    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+"""Corners of the faces of solids, counter-clockwise seen from outside, as VTK numbers them."""
+
+_STRIPS = {"line": (0, 1), "line3": (0, 2, 1), "line4": (0, 2, 3, 1)}
+"""Cells that are lines, and in which order they pass their points."""
+
+_TAG = ":"
+"""What names have that readers make up, such as ``gmsh:physical``."""
+
+
+def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
+    """Return the faces, lines and points of a ``meshio.Mesh``, or raise `MeshFileError`."""
+    points = np.asarray(what.points)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    if not len(points):
+        raise MeshFileError(f"{source} holds no points")
+    blocks = [(str(block.type), np.asarray(block.data)) for block in what.cells]
+    begins = np.cumsum([0, *(len(data) for _, data in blocks)]).tolist()
+    of_points = {str(name): np.asarray(values) for name, values in what.point_data.items()}
+    of_cells = {
+        str(name): _joined([np.asarray(one) for one in values])
+        for name, values in what.cell_data.items()
+    }
+    polygons, strips, lone = _Rows(), _Rows(), _Rows()
+    solids = _Rows()
+    for (kind, data), begin in zip(blocks, begins, strict=False):
+        numbers = np.arange(begin, begin + len(data))
+        stem = kind.rstrip("0123456789")
+        if kind in _FLAT or kind.startswith("polygon"):
+            polygons.add(data[:, : _FLAT.get(kind, data.shape[1])], numbers)
+        elif stem in _SIDES and data.ndim == 2:
+            for side in _SIDES[stem]:
+                solids.add(data[:, side], numbers)
+        elif kind in _STRIPS:
+            order = _STRIPS[kind]
+            for first, last in pairwise(order):
+                strips.add(data[:, [first, last]], numbers)
+        elif kind == "vertex":
+            lone.add(data, numbers)
+        else:
+            left_out.note(f"{kind} cell", len(data))
+    polygons.add_all(solids.outer())
+    return _things(points, of_points, of_cells, (polygons, strips, lone), source)
+
+
+class _Rows:
+    """Corners of polygons, and the numbers of the cells that they are of."""
+
+    def __init__(self) -> None:
+        self.blocks: list[tuple[NDArray[Any], NDArray[np.int64]]] = []
+
+    def add(self, corners: NDArray[Any], numbers: NDArray[np.int64]) -> None:
+        """Add polygons of as many corners."""
+        if len(corners):
+            self.blocks.append((corners.astype(np.int64), numbers))
+
+    def add_all(self, other: _Rows) -> None:
+        """Add all polygons of others."""
+        self.blocks += other.blocks
+
+    def outer(self) -> _Rows:
+        """Return the polygons whose corners no second one has."""
+        if not self.blocks:
+            return self
+        found, keys = _Rows(), []
+        for corners, _ in self.blocks:
+            key = np.full((len(corners), 4), -1, np.int64)
+            key[:, : corners.shape[1]] = np.sort(corners, axis=1)
+            keys.append(key)
+        _, which, counts = np.unique(
+            np.concatenate(keys), axis=0, return_inverse=True, return_counts=True
+        )
+        alone, at = counts[which.reshape(-1)] == 1, 0
+        for corners, numbers in self.blocks:
+            kept = alone[at : at + len(corners)]
+            at += len(corners)
+            found.add(corners[kept], numbers[kept])
+        return found
+
+    def numbers(self) -> NDArray[np.int64]:
+        """Return the numbers of all cells, block by block."""
+        return np.concatenate([NONE, *(numbers for _, numbers in self.blocks)])
+
+
+def _joined(blocks: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return values of all blocks of cells; none if they do not fit each other."""
+    if not blocks or len({one.shape[1:] for one in blocks}) != 1:
+        return np.zeros(0)
+    return np.concatenate(blocks)
+
+
+def _things(
+    points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
+    rows: tuple[_Rows, _Rows, _Rows], source: str,
+) -> list[Thing]:  # fmt: skip
+    """Return meshes, lines and points; a file without cells is a cloud of its points."""
+    polygons, strips, lone = rows
+    shown = _first_scalar(of_points, len(points))
+    scalars = None if shown is None else of_points[shown].reshape(-1)
+    own = {name: values for name, values in of_points.items() if name != shown}
+    of_cell = None if scalars is not None else _first_scalar(of_cells, None)
+    cell_scalars = None if of_cell is None else of_cells[of_cell].reshape(-1)
+    cell_own = {
+        name: values for name, values in of_cells.items() if name != of_cell and len(values)
+    }
+    found: list[Thing] = []
+    if polygons.blocks:
+        counts = np.concatenate(
+            [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
+        )
+        corners = np.concatenate([one.reshape(-1) for one, _ in polygons.blocks])
+        places, which = triangles(counts, by_size=False)
+        _check(corners, len(points), source)
+        cells = polygons.numbers()[which]
+        found.append(
+            Part(
+                "", points, corners[places], None, None, None, None, own,
+                rows_of(cell_own, cells), scalars,
+                None if cell_scalars is None else cell_scalars[cells],
+            )
+        )  # fmt: skip
+    if strips.blocks:
+        segments, cells = np.concatenate([one for one, _ in strips.blocks]), strips.numbers()
+        _check(segments, len(points), source)
+        found.append(
+            Drawing(
+                "", points, segments, None, False, own, rows_of(cell_own, cells), None, scalars,
+                None if cell_scalars is None else cell_scalars[cells],
+            )
+        )  # fmt: skip
+    if not found:
+        picked = np.concatenate([NONE, *(one.reshape(-1) for one, _ in lone.blocks)])
+        _check(picked, len(points), source)
+        places = picked if len(picked) else np.arange(len(points))
+        found.append(
+            Cloud("", points[places], None, None, rows_of(own, places), None,
+                  None if scalars is None else scalars[places])
+        )  # fmt: skip
+    return found
+
+
+def _check(corners: NDArray[np.int64], count: int, source: str) -> None:
+    """Raise `MeshFileError` if cells refer to points that are not there."""
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        raise MeshFileError(
+            f"{source} must have cells of points below {count}, got {int(corners.max())}"
+        )
+
+
+def _first_scalar(values: dict[str, NDArray[Any]], count: int | None) -> str | None:
+    """Return the name of the first values that are a number for each and differ, or None."""
+    for name, one in values.items():
+        if _TAG in name or not is_scalar(one) or not len(one) or len(one) != (count or len(one)):
+            continue
+        if (one != one[0]).any():
+            return name
+    return None

@@ -1,0 +1,200 @@
+"""
+Objects of PyVista: surfaces, lines, points, grids and blocks of them.
+
+Grids are shown by their surface, which VTK extracts. Active scalars are shown by a colour map, as
+PyVista shows them; colours in bytes as they are.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.drawings import Drawing
+from rasterjit.io.foreign.tables import (
+    is_colors,
+    is_scalar,
+    own_normals,
+    padded_cells,
+    rgba_of,
+    rows_of,
+    strip_segments,
+)
+from rasterjit.io.gltf.content import STRIP, join_corners
+from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.text.parts import Part, Thing, triangles
+
+_INTERNAL = "vtk"
+"""What names of values begin with that VTK keeps for itself."""
+
+
+def things_of_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
+    """Return what a data set of PyVista's, or blocks of them, hold, or raise `MeshFileError`."""
+    things = _things(what, "", left_out)
+    if not things:
+        raise MeshFileError(f"{source} holds no faces, lines or points")
+    return things
+
+
+def _things(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
+    """Return what a data set holds, or all blocks of one."""
+    if hasattr(what, "keys") and not hasattr(what, "points"):
+        found: list[Thing] = []
+        for key in what.keys():  # noqa: SIM118 - it is no mapping
+            block = what[key]
+            if block is not None:
+                found += _things(block, str(key), left_out)
+        return found
+    if not hasattr(what, "faces") and what.n_cells:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            what = what.extract_surface(pass_pointid=False, pass_cellid=False)
+    return _of_surface(what, name, left_out) if what.n_points else []
+
+
+@dataclass
+class _Values:
+    """Values of points or cells: what shows them, and the others by name."""
+
+    colors: NDArray[np.float32] | None
+    scalars: NDArray[Any] | None
+    others: dict[str, NDArray[Any]]
+
+
+def _values(data: Any, active: str | None, known: set[str]) -> _Values:
+    """Sort the values of points or cells."""
+    found = _Values(None, None, {})
+    for name in data.keys():  # noqa: SIM118 - it is no mapping
+        values = np.asarray(data[name])
+        if name == active and is_colors(values):
+            found.colors = rgba_of(values)
+        elif name == active and is_scalar(values):
+            found.scalars = values.reshape(-1)
+        elif name not in known and not name.startswith(_INTERNAL):
+            found.others[name] = values
+    return found
+
+
+def _of_surface(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
+    """Return the faces, lines and points of a ``PolyData``, or a ``PointSet``."""
+    points = np.asarray(what.points)
+    active, is_of_cells = what.active_scalars_name, False
+    if active is not None:
+        is_of_cells = active not in what.point_data or (
+            int(getattr(what.active_scalars_info.association, "value", 0)) == 1
+        )
+    known = set()
+    for kind in ("normals", "texture_coordinates"):
+        said = getattr(what.point_data, f"active_{kind}_name", None)
+        known |= {said} if said is not None else set()
+    of_points = _values(what.point_data, None if is_of_cells else active, known)
+    of_cells = _values(what.cell_data, active if is_of_cells else None, {"Normals"})
+    cells = {
+        kind: padded_cells(getattr(what, kind, ()))
+        for kind in ("verts", "lines", "faces", "strips")
+    }
+    begins, first = {}, 0
+    for kind, (_, counts) in cells.items():
+        begins[kind] = first
+        first += len(counts)
+    found: list[Thing] = []
+    faces, numbers = _faces(cells, begins)
+    if len(faces):
+        found.append(_part(what, name, points, faces, numbers, of_points, of_cells))
+    corners, counts = cells["lines"]
+    if len(counts):
+        segments, lines = strip_segments(corners, counts)
+        found.append(_drawing(name, points, segments, lines + begins["lines"], of_points, of_cells))
+    corners, counts = cells["verts"]
+    if len(counts) or not found:
+        rows = corners if len(counts) and len(corners) != len(points) else None
+        cells_of_points = np.repeat(np.arange(len(counts)), counts)
+        found.append(_cloud(what, name, points, rows, cells_of_points, of_points, of_cells))
+    return found
+
+
+def _faces(
+    cells: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]], begins: dict[str, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles of polygons and strips, and the numbers of their cells."""
+    corners, counts = cells["faces"]
+    kept = counts >= 3
+    corners = corners[np.repeat(kept, counts)]
+    numbers = np.flatnonzero(kept) + begins["faces"]
+    faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    if len(numbers):
+        places, polygons = triangles(counts[kept], by_size=False)
+        faces, polygons = corners[places], numbers[polygons]
+    corners, counts = cells["strips"]
+    ends = np.cumsum(counts)
+    for number, (end, count) in enumerate(zip(ends.tolist(), counts.tolist(), strict=True)):
+        strip = join_corners(corners[end - count : end], STRIP)
+        faces = np.concatenate([faces, strip])
+        of_strip = np.full(len(strip), number + begins["strips"])
+        polygons = np.concatenate([polygons, of_strip])
+    return faces, polygons
+
+
+def _part(
+    what: Any, name: str, points: NDArray[Any], faces: NDArray[np.int64],
+    numbers: NDArray[np.int64], of_points: _Values, of_cells: _Values,
+) -> Part:  # fmt: skip
+    """Return the faces of a surface."""
+    normals = own_normals(points, faces, _rows(what, "active_normals", 3))
+    uv = _rows(what, "active_texture_coordinates", 2)
+    colors, scalars = of_points.colors, of_points.scalars
+    if of_cells.colors is not None:
+        colors = of_cells.colors[numbers]
+    return Part(
+        name, points, faces, normals, uv, colors, None, of_points.others,
+        rows_of(of_cells.others, numbers), scalars,
+        None if of_cells.scalars is None else of_cells.scalars[numbers],
+    )  # fmt: skip
+
+
+def _drawing(
+    name: str, points: NDArray[Any], segments: NDArray[np.int64], lines: NDArray[np.int64],
+    of_points: _Values, of_cells: _Values,
+) -> Drawing:  # fmt: skip
+    """Return the lines of a surface."""
+    colors = of_points.colors if of_cells.colors is None else of_cells.colors[lines]
+    return Drawing(
+        name, points, segments, colors, of_cells.colors is not None, of_points.others,
+        rows_of(of_cells.others, lines), None, of_points.scalars,
+        None if of_cells.scalars is None else of_cells.scalars[lines],
+    )  # fmt: skip
+
+
+def _cloud(
+    what: Any, name: str, points: NDArray[Any], rows: NDArray[np.int64] | None,
+    cells: NDArray[np.int64], of_points: _Values, of_cells: _Values,
+) -> Cloud:  # fmt: skip
+    """Return the points of a surface, all or some, with what their cells have, if they have any."""
+    normals = _rows(what, "active_normals", 3)
+
+    def picked(values: NDArray[Any] | None, of_cell: NDArray[Any] | None) -> NDArray[Any] | None:
+        """Return values of the points that are shown."""
+        if values is None:
+            return None if of_cell is None or not len(cells) else of_cell[cells]
+        return values if rows is None else values[rows]
+
+    positions = picked(points, None)
+    assert positions is not None
+    return Cloud(
+        name, positions, picked(of_points.colors, of_cells.colors), picked(normals, None),
+        rows_of(of_points.others, rows), None, picked(of_points.scalars, of_cells.scalars),
+    )  # fmt: skip
+
+
+def _rows(what: Any, name: str, width: int) -> NDArray[Any] | None:
+    """Return rows of numbers for the points that fit them, or None."""
+    values = getattr(what, name, None)
+    if values is None or np.shape(values) != (what.n_points, width):
+        return None
+    array = np.asarray(values)
+    return array if np.isfinite(array).all() else None

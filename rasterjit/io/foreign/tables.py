@@ -1,0 +1,85 @@
+"""Polygons, values and scalars as packages for simulations have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.text.parts import linear_rgba, srgb_bytes
+from rasterjit.scene.normals import is_creased, safe_scale
+
+NONE = np.zeros(0, np.int64)
+
+
+def padded_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Take apart cells that stand one behind the other, each behind the number of its corners.
+
+    Returns
+    -------
+    corners : (N,) int64
+    counts : (C,) int64
+        How many of them each cell has.
+    """
+    cells = np.asarray(padded, np.int64).reshape(-1)
+    if not len(cells):
+        return NONE, NONE
+    width = int(cells[0]) + 1
+    if len(cells) % width == 0 and (cells[::width] == cells[0]).all():
+        rows = cells.reshape(-1, width)
+        return rows[:, 1:].reshape(-1), rows[:, 0].copy()
+    begins, at = [], 0
+    while at < len(cells):
+        begins.append(at)
+        at += int(cells[at]) + 1
+    inner = np.ones(len(cells), bool)
+    inner[begins] = False
+    return cells[inner], cells[begins]
+
+
+def strip_segments(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Return the segments, (S, 2), of strips of so many points, and the strip of each, (S,)."""
+    inner = np.ones(len(corners), bool)
+    inner[np.cumsum(counts)[counts > 0] - 1] = False
+    begins = np.flatnonzero(inner)
+    strips = np.repeat(np.arange(len(counts)), counts)
+    return np.column_stack([corners[begins], corners[begins + 1]]), strips[begins]
+
+
+def is_colors(values: NDArray[Any]) -> bool:
+    """Tell colours in bytes."""
+    return values.dtype == np.uint8 and values.ndim == 2 and values.shape[1] in (3, 4)
+
+
+def is_scalar(values: NDArray[Any]) -> bool:
+    """Tell a number for each of something."""
+    single = values.ndim == 1 or (values.ndim == 2 and values.shape[1] == 1)
+    return single and values.dtype.kind in "buif"
+
+
+def rgba_of(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return colours, which are sRGB, as linear RGBA."""
+    return linear_rgba(srgb_bytes(values), False)
+
+
+def own_normals(
+    points: NDArray[Any], faces: NDArray[np.int64], normals: NDArray[Any] | None
+) -> NDArray[Any] | None:
+    """Return normals, or None if one is not there, or they are averages that round off edges."""
+    if normals is None or not len(faces) or not np.isfinite(normals).all():
+        return None
+    if not normals.any(axis=1).all() or not np.isfinite(points).all():
+        return None
+    places = np.asarray(points, np.float64)
+    scale = safe_scale(places.min(axis=0), places.max(axis=0))
+    return None if is_creased(places, faces.astype(np.int32), scale) else normals
+
+
+def rows_of(
+    values: Mapping[str, NDArray[Any]], rows: NDArray[np.int64] | None
+) -> dict[str, NDArray[Any]]:
+    """Return some rows, or all, of values by name."""
+    return {name: one if rows is None else one[rows] for name, one in values.items()}

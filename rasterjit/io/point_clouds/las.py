@@ -1,0 +1,96 @@
+"""
+Read LAS and LAZ files [1]_ by laspy, which the extra ``rasterjit[clouds]`` brings.
+
+References
+----------
+.. [1] ASPRS, "LAS Specification 1.4 - R15", 2019.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import MeshFileError, reason_of
+from rasterjit.io.text.lines import Damage
+from rasterjit.scene.color import srgb_to_linear
+
+LAS_FORMATS = ("las", "laz")
+
+_POINT_BYTES = 3
+"""What a byte of a point takes, while it is unpacked and in its columns."""
+
+_COLORS = ("red", "green", "blue")
+_KNOWN = {"X", "Y", "Z", *_COLORS}
+
+
+def read_las(path: Path, resources: Resources, damage: Damage) -> list[Cloud]:
+    """Return the cloud of a LAS or LAZ file, or raise `MeshFileError`."""
+    form = path.suffix.lower()
+    try:
+        import laspy
+    except ImportError as error:
+        raise MeshFileError(
+            f"{path}: reading {form} needs a package that is not installed ({error}); "
+            "pip install 'rasterjit[clouds]' brings it"
+        ) from error
+    resources.budget.take("the file", path.stat().st_size)
+    try:
+        with laspy.open(path) as reader:
+            count = reader.header.point_count
+            size = reader.header.point_format.size
+            resources.budget.take(f"its {count} points", count * size * _POINT_BYTES)
+            packed = reader.header.are_points_compressed
+            if not packed:
+                _check_length(path, reader.header, damage)
+            points = reader.read_points(count)
+            scales, offsets = reader.header.scales, reader.header.offsets
+    except MeshFileError:
+        raise
+    except Exception as error:
+        # Readers of compressed points raise what they like about a damaged file.
+        missing = (
+            "; pip install 'rasterjit[clouds]' brings it" if "LazBackend" in str(error) else ""
+        )
+        raise MeshFileError(
+            f"{path} could not be read as {form}: {reason_of(error)}{missing}"
+        ) from error
+    if len(points) < count:
+        damage.end(f"{count} points, as its head says", str(len(points)))
+    if not len(points):
+        raise MeshFileError(f"{path} holds a point cloud of no points")
+    positions = np.column_stack(
+        [np.asarray(points[axis]) * scales[n] + offsets[n] for n, axis in enumerate("XYZ")]
+    )
+    names = list(points.point_format.dimension_names)
+    colors = _colors(points) if set(_COLORS) <= set(names) else None
+    attributes = {}
+    for name in names:
+        values = np.asarray(points[name])
+        # Fields that every point has are mostly empty.
+        if name not in _KNOWN and (values != values[0]).any():
+            attributes[name] = values
+    return [Cloud(path.name, positions, colors, attributes=attributes)]
+
+
+def _check_length(path: Path, header: Any, damage: Damage) -> None:
+    """Report a file that is too short for its points."""
+    room = max(0, path.stat().st_size - header.offset_to_point_data) // header.point_format.size
+    if room < header.point_count:
+        damage.end(f"{header.point_count} points, as its head says", f"room for {room}")
+
+
+def _colors(points: Any) -> NDArray[np.float32] | None:
+    """Return colours, linear RGBA; None if all are black. Some programs write bytes."""
+    codes = np.column_stack([np.asarray(points[name]) for name in _COLORS])
+    high = int(codes.max())
+    if high == 0:
+        return None
+    rgba = np.ones((len(codes), 4), np.float32)
+    rgba[:, :3] = srgb_to_linear((codes if high <= 255 else codes >> 8).astype(np.uint8))
+    return rgba

@@ -1,0 +1,231 @@
+"""
+Read PCD files [1]_: text, binary and compressed, organized or not.
+
+References
+----------
+.. [1] R. B. Rusu and S. Cousins, "3D is here: Point Cloud Library (PCL)", ICRA 2011; "The PCD
+   (Point Cloud Data) file format", version 0.7.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.point_clouds.lzf import unpack_lzf
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, number_rows
+from rasterjit.scene.color import srgb_to_linear
+
+_TYPES = {
+    ("I", 1): "<i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",
+    ("U", 1): "<u1", ("U", 2): "<u2", ("U", 4): "<u4", ("U", 8): "<u8",
+    ("F", 2): "<f2", ("F", 4): "<f4", ("F", 8): "<f8",
+}  # fmt: skip
+
+_POSITION, _NORMAL = ("x", "y", "z"), ("normal_x", "normal_y", "normal_z")
+_COLORS = ("rgb", "rgba")
+"""Fields of four bytes: blue, green, red and, of the latter, alpha."""
+
+_PADDING = "_"
+
+_HEAD_WORDS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
+               "VIEWPOINT", "POINTS", "DATA")  # fmt: skip
+
+_MOST_VALUES = 1 << 20
+"""Values of all fields of a point, at most."""
+
+
+@dataclass
+class _Field:
+    """Values of each point: their name, type and number."""
+
+    name: str
+    kind: np.dtype
+    count: int
+
+
+@dataclass
+class _Head:
+    """What the head of a file says."""
+
+    fields: list[_Field]
+    points: int
+    form: str
+    at: int
+    """Where its rows begin."""
+
+
+def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
+    """Return the cloud of a PCD file, or raise `MeshFileError`."""
+    data = resources.read_itself(path)
+    try:
+        head = _head(data)
+        resources.budget.take(
+            f"its {head.points} points",
+            head.points * BINARY_BYTES * sum(one.kind.itemsize * one.count for one in head.fields),
+        )
+        if head.form == "ascii":
+            columns = _text_columns(Lines(data, resources.budget, head.at), head, damage)
+        elif head.form == "binary":
+            columns = _binary_columns(data, head, damage)
+        else:
+            columns = _packed_columns(data, head)
+    except MeshFileError:
+        raise
+    except ValueError as error:
+        raise MeshFileError(f"{path} could not be read as .pcd: {error}") from None
+    return [_cloud(path, columns, left_out)]
+
+
+def _head(data: bytes) -> _Head:
+    """Read the head of a file, or raise ``ValueError``."""
+    said: dict[str, list[str]] = {}
+    at, number = 0, 0
+    while "DATA" not in said:
+        end = data.find(b"\n", at)
+        if end < 0:
+            raise ValueError("its head has no DATA")
+        words = data[at:end].decode("utf-8", "replace").split()
+        at, number = end + 1, number + 1
+        if not words or words[0].startswith("#"):
+            continue
+        if words[0] not in _HEAD_WORDS:
+            raise ValueError(
+                f"line {number}: expected one of {', '.join(_HEAD_WORDS)}, got {words[0][:40]!r}"
+            )
+        said[words[0]] = words[1:]
+    names = said.get("FIELDS", said.get("COLUMNS", []))
+    counts = said.get("COUNT", ["1"] * len(names))
+    sizes, types = said.get("SIZE", ["4"] * len(names)), said.get("TYPE", ["F"] * len(names))
+    if not names or not len(names) == len(counts) == len(sizes) == len(types):
+        raise ValueError(
+            f"FIELDS, SIZE, TYPE and COUNT must be as many, got {len(names)}, {len(sizes)}, "
+            f"{len(types)} and {len(counts)}"
+        )
+    fields = []
+    for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
+        known = _TYPES.get((kind, _whole("SIZE", size)))
+        if known is None:
+            raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
+        fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
+    if not 0 < sum(one.count for one in fields) <= _MOST_VALUES:
+        raise ValueError(f"COUNT must name 1 to {_MOST_VALUES} values of a point")
+    shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]
+    points = _whole("POINTS", *said["POINTS"]) if "POINTS" in said else math.prod(shape or [0])
+    if len(shape) == 2 and math.prod(shape) != points:
+        raise ValueError(
+            f"POINTS must be WIDTH times HEIGHT, got {points}, {shape[0]} and {shape[1]}"
+        )
+    form = " ".join(said["DATA"])
+    if form not in ("ascii", "binary", "binary_compressed"):
+        raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {form[:40]!r}")
+    return _Head(fields, points, form, at)
+
+
+def _whole(name: str, *words: str) -> int:
+    """Return a number that a line of the head has, or raise ``ValueError``."""
+    if len(words) != 1 or not words[0].isdecimal() or len(words[0]) > 15:
+        raise ValueError(f"{name} must be a whole number, got {' '.join(words)[:40]!r}")
+    return int(words[0])
+
+
+def _text_columns(lines: Lines, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
+    """Return the values of each field, (N,) or (N, count), of a text file."""
+    rows = np.flatnonzero((lines.starts < lines.ends) & (lines.char(0) != ord("#")))
+    width = sum(one.count for one in head.fields)
+    if len(rows) < head.points:
+        damage.end(f"{head.points} lines of points, as its head says", str(len(rows)))
+    elif len(rows) > head.points:
+        damage.line(lines, int(rows[head.points]), "no line behind those that its head says")
+    rows = rows[: head.points]
+    what = f"a point ({', '.join(one.name for one in head.fields)})"
+    values, found = number_rows(lines, rows, 0, width, what, damage)
+    for row in np.flatnonzero(found > width).tolist():
+        damage.line(lines, int(rows[row]), f"{width} numbers of {what}")
+    good = found == width
+    begins = (np.cumsum(found) - found)[good]
+    table = values[begins[:, np.newaxis] + np.arange(width)]
+    columns, at = {}, 0
+    for one in head.fields:
+        with np.errstate(invalid="ignore", over="ignore"):
+            part = table[:, at : at + one.count]
+            # Whole numbers of 32 bits that stand for a packed colour are no floats.
+            is_bits = one.name in _COLORS and bool((part >= 1.0).any())
+            columns[one.name] = _shaped(part.astype("<u4" if is_bits else one.kind), one.count)
+        at += one.count
+    return columns
+
+
+def _binary_columns(data: bytes, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
+    """Return the values of each field, (N,) or (N, count), of a binary file."""
+    kind = np.dtype([(f"v{n}", one.kind, (one.count,)) for n, one in enumerate(head.fields)])
+    room = (len(data) - head.at) // kind.itemsize
+    if room < head.points:
+        damage.end(f"{head.points} points, as its head says", f"room for {room}")
+    rows = np.frombuffer(data, kind, min(room, head.points), head.at)
+    return {one.name: _shaped(rows[f"v{n}"], one.count) for n, one in enumerate(head.fields)}
+
+
+def _packed_columns(data: bytes, head: _Head) -> dict[str, NDArray[Any]]:
+    """Return the values of each field, (N,) or (N, count), of a compressed file."""
+    if len(data) < head.at + 8:
+        raise ValueError("it is cut short before its points")
+    packed, size = struct.unpack_from("<II", data, head.at)
+    expected = head.points * sum(one.kind.itemsize * one.count for one in head.fields)
+    if size != expected:
+        raise ValueError(f"its points must take {expected} bytes, as its head says, got {size}")
+    content = data[head.at + 8 : head.at + 8 + packed]
+    if len(content) < packed:
+        raise ValueError(f"it must have {packed} compressed bytes, got {len(content)}")
+    unpacked, at, columns = unpack_lzf(content, size), 0, {}
+    for one in head.fields:
+        values = np.frombuffer(unpacked, one.kind, head.points * one.count, at)
+        columns[one.name] = _shaped(values.reshape(-1, one.count), one.count)
+        at += values.nbytes
+    return columns
+
+
+def _shaped(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return rows of one value as a column."""
+    return values[:, 0] if count == 1 else values
+
+
+def _cloud(path: Path, columns: dict[str, NDArray[Any]], left_out: LeftOut) -> Cloud:
+    """Return what the fields mean."""
+    if any(name not in columns or columns[name].ndim != 1 for name in _POSITION):
+        raise MeshFileError(
+            f"{path} must have the fields x, y and z, got {', '.join(columns)[:80]}"
+        )
+    colors, normals = None, None
+    for name in _COLORS:
+        if name in columns and columns[name].ndim == 1 and columns[name].dtype.itemsize == 4:
+            colors = _packed_colors(columns[name], name == "rgba")
+        elif name in columns:
+            left_out.note(f"field {name!r} that holds no packed colours")
+    if all(name in columns and columns[name].ndim == 1 for name in _NORMAL):
+        normals = np.column_stack([columns[name] for name in _NORMAL])
+    known = {*_POSITION, *(_NORMAL if normals is not None else ()), *_COLORS, _PADDING}
+    return Cloud(
+        path.name, np.column_stack([columns[name] for name in _POSITION]).astype(np.float64),
+        colors, normals, {name: values for name, values in columns.items() if name not in known},
+    )  # fmt: skip
+
+
+def _packed_colors(column: NDArray[Any], has_alpha: bool) -> NDArray[np.float32]:
+    """Return colours that are packed in the bits of a number, as linear RGBA."""
+    codes = np.ascontiguousarray(column).view("<u1").reshape(-1, 4)
+    rgba = np.ones((len(codes), 4), np.float32)
+    rgba[:, :3] = srgb_to_linear(codes[:, 2::-1])
+    # Many programs leave the byte of alpha empty.
+    if has_alpha and codes[:, 3].any():
+        rgba[:, 3] = codes[:, 3] / np.float32(255.0)
+    return rgba

@@ -1,0 +1,195 @@
+"""
+Read points as rows of numbers: XYZ, PTS, ASC, TXT and CSV files.
+
+Rows are separated by blanks, commas or semicolons. A line of words above them names the columns;
+without one their number and their values tell what they are.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.point_clouds.cloud import INTENSITY, Cloud
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.text.lines import ROW_BYTES, Damage, Lines, number_rows
+from rasterjit.io.text.parts import linear_rgba, srgb_bytes
+
+ROW_FORMATS = ("xyz", "xyzn", "xyzrgb", "pts", "asc", "txt", "csv")
+
+_SEPARATORS = bytes.maketrans(b",;\t", b"   ")
+_DECIMAL_COMMAS = bytes.maketrans(b",;\t", b".  ")
+
+_NAMES = {
+    "x": ("x", "px", "pos_x", "position_x", "easting"),
+    "y": ("y", "py", "pos_y", "position_y", "northing"),
+    "z": ("z", "pz", "pos_z", "position_z", "elevation", "height"),
+    "r": ("r", "red", "diffuse_red"), "g": ("g", "green", "diffuse_green"),
+    "b": ("b", "blue", "diffuse_blue"), "a": ("a", "alpha"),
+    "nx": ("nx", "normal_x", "n_x"), "ny": ("ny", "normal_y", "n_y"),
+    "nz": ("nz", "normal_z", "n_z"), INTENSITY: (INTENSITY, "i", "scalar_intensity"),
+}  # fmt: skip
+_MEANING = {name: meant for meant, names in _NAMES.items() for name in names}
+"""What a column of a name holds."""
+
+_MOST_COLUMNS = 1 << 12
+
+_UNIT = 0.02
+"""By how much the length of normals may differ from 1 to be known as such."""
+
+
+def read_rows(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
+    """Return the cloud of a file of `ROW_FORMATS`, or raise `MeshFileError`."""
+    original = resources.read_itself(path)
+    decimal = _has_decimal_commas(original)
+    data = original.translate(_DECIMAL_COMMAS if decimal else _SEPARATORS)
+    lines = Lines(data, resources.budget, 0, original)
+    marks = lines.char(0)
+    rows = np.flatnonzero(
+        (lines.starts < lines.ends)
+        & (marks != ord("#")) & (marks != ord("/")) & (marks != ord("\r"))
+    )  # fmt: skip
+    names, rows, said = _head(path, lines, rows)
+    if not len(rows):
+        raise MeshFileError(f"{path} holds a point cloud of no points")
+    width = len(names) if names else len(lines.text(int(rows[0])).split())
+    if not 3 <= width <= _MOST_COLUMNS:
+        raise MeshFileError(
+            f"{path} must have rows of 3 numbers or more, x y z ..., got "
+            f"{lines.shown(int(rows[0]))} at {lines.where(int(rows[0]))}"
+        )
+    resources.budget.take(f"its {len(rows)} rows", len(rows) * (ROW_BYTES + 8 * width))
+    values, found = number_rows(lines, rows, 0, width, "a point", damage)
+    for row in np.flatnonzero(found > width).tolist():
+        damage.line(lines, int(rows[row]), f"{width} numbers of a point")
+    good = found == width
+    if said is not None and said != len(rows):
+        damage.end(f"{said} points, as its first line says", str(len(rows)))
+    if not good.any():
+        raise MeshFileError(f"{path} holds a point cloud of no points")
+    begins = (np.cumsum(found) - found)[good]
+    table = values[begins[:, np.newaxis] + np.arange(width)]
+    return [_cloud(path, table, names or _guessed(table, path.suffix.lower()), left_out)]
+
+
+def _has_decimal_commas(data: bytes) -> bool:
+    """Tell whether numbers have commas for points, as those between semicolons may."""
+    begin = data[: 1 << 16]
+    rows = [line for line in begin.splitlines() if line[:1].isdigit() or line[:1] in b"+-."]
+    return bool(rows) and all(b";" in row and b"," in row and b"." not in row for row in rows[:9])
+
+
+def _head(
+    path: Path, lines: Lines, rows: NDArray[np.int64]
+) -> tuple[list[str], NDArray[np.int64], int | None]:
+    """Return the names of columns, if a line says them; the rows below; their number, if said."""
+    if not len(rows):
+        return [], rows, None
+    first = lines.text(int(rows[0])).split()
+    if first[:1] == ["ncols"]:
+        raise MeshFileError(f"{path} holds a grid of heights, no points")
+    if len(first) == 1 and first[0].isdecimal() and len(first[0]) < 16:
+        after = lines.text(int(rows[1])).split() if len(rows) > 1 else []
+        if len(after) < 3 or not _is_number(after[0]):
+            raise MeshFileError(f"{path} must have rows of points below the number of them")
+        return [], rows[1:], int(first[0])
+    if first and not _is_number(first[0].strip('"')):
+        names = [word.strip('"').lstrip("/#").lower() for word in first]
+        meant = [_MEANING.get(name, name) for name in names]
+        if not {"x", "y", "z"} <= set(meant):
+            raise MeshFileError(
+                f"{path} must begin with a row of numbers, or of names with x, y and z among "
+                f"them, got {lines.shown(int(rows[0]))}"
+            )
+        return meant, rows[1:], None
+    return [], rows, None
+
+
+def _is_number(word: str) -> bool:
+    """Tell a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _guessed(table: NDArray[np.float64], suffix: str) -> list[str]:
+    """Return what columns without names hold."""
+    width = table.shape[1]
+    rest = list(range(3, width))
+    names = ["x", "y", "z", *(f"column {number + 1}" for number in rest)]
+
+    def name(at: int, *given: str) -> None:
+        names[at : at + len(given)] = given
+
+    if width == 4:
+        name(3, INTENSITY)
+    elif width in (6, 9):
+        for at in range(3, width, 3):
+            three = table[:, at : at + 3]
+            if suffix != ".xyzrgb" and (suffix == ".xyzn" or _are_normals(three)):
+                name(at, "nx", "ny", "nz")
+            elif _are_colors(three) and "r" not in names:
+                name(at, "r", "g", "b")
+    elif width in (7, 10):
+        # Files of scanners have the intensity first, those of others behind the colours.
+        if _are_colors(table[:, 4:7]):
+            name(3, INTENSITY, "r", "g", "b")
+        elif _are_colors(table[:, 3:6]):
+            name(3, "r", "g", "b", INTENSITY)
+        elif _are_normals(table[:, 3:6]):
+            name(3, "nx", "ny", "nz", INTENSITY)
+        if width == 10 and _are_normals(table[:, 7:10]):
+            name(7, "nx", "ny", "nz")
+    return names
+
+
+def _are_normals(three: NDArray[np.float64]) -> bool:
+    """Tell vectors of unit length, some of which may be zero."""
+    squared = (three**2).sum(axis=1)
+    known = np.isfinite(squared) & (squared != 0.0)
+    return bool(known.any() and (np.abs(squared[known] - 1.0) <= 2.0 * _UNIT).all())
+
+
+def _are_colors(three: NDArray[np.float64]) -> bool:
+    """Tell bytes, or shares of 1."""
+    low, high = three.min(initial=np.inf), three.max(initial=-np.inf)
+    is_whole = bool((three == np.floor(three)).all())
+    return bool(low >= 0.0 and (high <= 1.0 or (is_whole and high <= 255.0)))
+
+
+def _cloud(path: Path, table: NDArray[np.float64], names: list[str], left_out: LeftOut) -> Cloud:
+    """Return what the columns mean."""
+    columns: dict[str, NDArray[Any]] = {}
+    for number, name in enumerate(names):
+        if name in columns:
+            left_out.note(f"second column {name[:40]!r}")
+        else:
+            columns[name] = table[:, number]
+    colors, normals = None, None
+    if {"r", "g", "b"} <= columns.keys():
+        three = np.column_stack([columns.pop(name) for name in "rgb"])
+        alpha = columns.pop("a", None)
+        if alpha is not None:
+            three = np.column_stack([three, alpha])
+        colors = _colors(three)
+    if {"nx", "ny", "nz"} <= columns.keys():
+        normals = np.column_stack([columns.pop(name) for name in ("nx", "ny", "nz")])
+    positions = np.column_stack([columns.pop(name) for name in "xyz"])
+    return Cloud(path.name, positions, colors, normals, columns)
+
+
+def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return colours, linear RGBA, which are sRGB: bytes, shares of 1, or numbers of 16 bits."""
+    finite = np.where(np.isfinite(codes), codes, 0.0)
+    high = finite.max(initial=0.0)
+    if high > 255.0:
+        finite = finite / 65535.0
+    elif high > 1.0:
+        finite = finite / 255.0
+    return linear_rgba(srgb_bytes(finite), False)
