@@ -23,7 +23,7 @@ SIZE = (72, 68)
 
 SWITCHES = (
     "filter", "mask", "facets", "highlight", "spot", "point", "environment", "fog", "occlusion",
-    "outline", "wireframe", "vignette", "tone", "parallel",
+    "outline", "wireframe", "vignette", "tone", "parallel", "dome",
 )  # fmt: skip
 """Effects that are on or off."""
 
@@ -53,18 +53,18 @@ def all_pairs():
 
 
 ROWS = (
-    ("11010110111111", "nearest"),
-    ("00101000010100", "layers"),
-    ("10111111101100", "area"),
-    ("11000001000111", "nearest"),
-    ("01000111001101", "layers"),
-    ("01111000100111", "area"),
-    ("00100101110010", "nearest"),
-    ("11011000111110", "layers"),
-    ("00010010010001", "area"),
-    ("00111010101101", "nearest"),
-    ("10001010111011", "layers"),
-    ("01100011100011", "area"),
+    ("110101101111111", "nearest"),
+    ("001010000101001", "layers"),
+    ("101111111011001", "area"),
+    ("110000010001111", "nearest"),
+    ("010001110011011", "layers"),
+    ("011110001001111", "area"),
+    ("001001011100100", "nearest"),
+    ("110110001111100", "layers"),
+    ("000100100100010", "area"),
+    ("001110101011011", "nearest"),
+    ("100010101110111", "layers"),
+    ("011000111000110", "area"),
 )
 """Settings, one for each switch, and the mix: every pair of settings is in one of them."""
 
@@ -139,6 +139,7 @@ def scene_of(row):
     scene.outline = rj.Outline("#102060") if on["outline"] else None
     scene.wireframe = rj.Wireframe("white") if on["wireframe"] else None
     scene.vignette = rj.Vignette(0.8, 0.1) if on["vignette"] else None
+    scene.eye_dome = rj.EyeDome(0.2) if on["dome"] else None
     looking = {"eye": (0.8, 1.2, 6.0), "target": (0, 0, 0), "near": 0.5, "far": 30.0}
     if on["parallel"]:
         camera = rj.OrthographicCamera(height=6.4, **looking)

@@ -67,6 +67,7 @@ MEANT = {
     "--supersampling": "--samples 64",
     "--ao": "--ambient-occlusion",
     "--ssao": "--ambient-occlusion",
+    "--edl": "--eye-dome 1",
     "--env": "--environment FILE",
     "--envmap": "--environment FILE",
     "--hdri": "--environment FILE",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rasterjit.cli.advice import CHOICES_MEANT, question
 from rasterjit.cli.pinhole import CONVENTIONS, IntrinsicsType, PoseType
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
@@ -77,6 +78,7 @@ OF_COLOR = (
     "shadows",
     "environment",
     "ambient_occlusion",
+    "eye_dome",
 )
 """Options that act on colour alone, in light or codes."""
 
@@ -824,6 +826,7 @@ class Effects(NamedTuple):
     tone_map: str | None
     exposure: float | None
     vignette: float | None = None
+    eye_dome: float | None = None
     samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
@@ -869,6 +872,8 @@ class Effects(NamedTuple):
             scene.tone_map = ToneMap(self.tone_map or "none", self.exposure or 0.0)
         if self.vignette is not None:
             scene.vignette = Vignette(self.vignette)
+        if self.eye_dome is not None:
+            scene.eye_dome = EyeDome(self.eye_dome)
 
 
 def _cast_shadows(scene: Scene) -> None:
@@ -912,6 +917,9 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
             click.option("--environment", metavar="FILE|sky",
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
+            click.option("--eye-dome", metavar="STRENGTH", type=FiniteType(0.0, STRONGEST),
+                         help="Darken what lies behind its neighbours, so that depth is seen "
+                              "without light; 1 is usual."),
             click.option("--outline", type=ColorType(is_opaque=True),
                          help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),

@@ -33,6 +33,9 @@ from rasterjit.survey.plan import RenderPlan
 COLOR = slice(4, 7)
 """Columns of ``Lighting.lights``."""
 
+OVER = {"seen", "sample"}
+"""Places of effects that lie over the sum of all light."""
+
 CODES = ", and what mixing 8-bit codes differs by"
 """Codes do not add up as light does."""
 
@@ -100,8 +103,8 @@ def light_of(
     owner = owner_of(drawn, face)
     material = drawn.cache.tables.meshes[owner].material
     linear = shade(drawn, whole, lit, x, y)
-    # Fog lies over the sum of all light.
-    clear = lit.without("sample")
+    # Fog and the like lie over the sum of all light.
+    clear = lit.without(*OVER)
     surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
     if whole.textures is not None and material.base_color_texture is not None:
@@ -134,7 +137,7 @@ def _terms_over(
     """Yield what each effect that acts on lit samples changes, one after the other."""
     before = clear.effects
     for n, one in enumerate(lit.effects):
-        if "sample" in one.effect.places:
+        if not OVER.isdisjoint(one.effect.places):
             after = (*before[:n], one, *before[n + 1 :])
             with_it, without = (
                 shade(drawn, surface, lit._replace(effects=some), x, y)[:3]

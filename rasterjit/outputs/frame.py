@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, fields
+from dataclasses import InitVar, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
@@ -24,6 +24,10 @@ from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
     from rasterjit.outputs.masks import ObjectMask
+
+
+Part = tuple[slice, slice]
+"""Rows and columns of a picture."""
 
 
 class OutputNotRequestedError(AttributeError, ValueError):
@@ -82,6 +86,11 @@ class Stats:
             covered = int(np.count_nonzero(covered >= 0))
             object.__setattr__(self, "_covered", covered)
         return covered
+
+    def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> Stats:
+        """Return those of a frame that was cut out of another; its faces, if they were counted."""
+        shown = self._covered if face_id is None else face_id
+        return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
 
 
 @dataclass(frozen=True)
@@ -689,3 +698,10 @@ class LayeredFrame(Frame):
             f"masks are of one layer, and this frame has {self.plan.surfaces}: use "
             f"rasterjit.masks.find(frame.{output}[0]) for the first"
         )
+
+
+def cut_out(frame: Frame, part: Part, plan: RenderPlan) -> Frame:
+    """Return a part of a frame, with its own plan."""
+    arrays = {name: array[part].copy() for name, array in frame.arrays().items()}
+    stats = frame.stats.of_part(part, frame.arrays().get("face_id"))
+    return Frame(arrays, plan, stats, None, frame._face_starts)

@@ -260,6 +260,7 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (None, {"wireframe": rj.Wireframe()}, {}),
         (None, {"vignette": rj.Vignette()}, {}),
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
+        (None, {"eye_dome": rj.EyeDome()}, {}),
         (None, {"environment": rj.Environment.gradient()}, {}),
         (None, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}, {}),
         (None, {"lights": [rj.PointLight((0, 2, 0), range=3.0)]}, {}),
