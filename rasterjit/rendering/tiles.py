@@ -279,8 +279,8 @@ def check_drawn(drawn: Region, region: Region) -> Region:
     """Return what is drawn for a region with its neighbours, or raise ``ValueError``."""
     if max(drawn.width, drawn.height) > MAX_SIZE:
         raise ValueError(
-            f"region must be {MAX_SIZE - 2 * TILE_SIZE} pixels wide and high at most where "
-            f"scene.eye_dome looks at its neighbours, got {tuple(region)!r}"
+            f"region must be {MAX_SIZE - 2 * TILE_SIZE} pixels wide and high at most where an "
+            f"effect looks at the pixels around it, got {tuple(region)!r}"
         )
     return drawn
 
