@@ -130,12 +130,16 @@ class Pick(NamedTuple):
         Of the face's vertices, without unit, as in the output barycentric; their sum is 1.
     position : (3,) float32
         Where the point is, scene units, world space.
+    scalar : float or None
+        The mesh's scalar there, as the output scalar has it: NaN where the mesh has none; None if
+        that output was not asked for.
     """
 
     node: int
     face: int
     weights: NDArray[np.float32]
     position: NDArray[np.float32]
+    scalar: float | None = None
 
 
 PICKED = ("face_id", "barycentric", "position")
@@ -531,7 +535,8 @@ class Frame:
         Returns
         -------
         Pick or None
-            Object, face, weights and world position; ``None`` where nothing is.
+            Object, face, weights and world position, and the scalar if the output scalar was
+            asked for; ``None`` where nothing is.
 
         Raises
         ------
@@ -559,7 +564,11 @@ class Frame:
             return None
         starts = self._first_faces()
         node = int(np.searchsorted(starts, face, side="right")) - 1
-        return Pick(node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy())
+        scalar = self._outputs.get("scalar")
+        return Pick(
+            node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy(),
+            None if scalar is None else float(scalar[layer][pixel]),
+        )  # fmt: skip
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
