@@ -532,8 +532,7 @@ class Mesh(Guarded, Previewed):
         --------
         >>> import numpy as np, rasterjit as rj
         >>> mesh = rj.Mesh(np.eye(3), [[0, 1, 2]], attributes={"heat": [[20.0], [30.0], [25.0]]})
-        >>> mesh.with_scalars("heat", "inferno").field.range
-        (20.0, 30.0)
+        >>> frame = rj.render(mesh.with_scalars("heat", "inferno", contours=5), size=(64, 48))
         """
         counts = len(self.vertices), len(self.faces)
         if isinstance(scalars, str):
