@@ -2,7 +2,8 @@
 Eye-dome lighting: darken what lies behind a neighbour on the screen.
 
 A frame has it where faces are shaded, lit or not. Found once a picture from the depth of the faces
-that are seen; a sample reads the share of its pixel. It needs no point and no normal of a sample.
+that are seen; a sample reads the share of its pixel. It needs no point and no normal of a sample,
+and costs a few nanoseconds a pixel.
 """
 
 from __future__ import annotations
