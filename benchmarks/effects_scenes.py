@@ -102,6 +102,8 @@ class EffectScene:
     """Whether the environment is seen behind everything."""
     occlusion: bool = False
     """Whether corners are darkened in screen space."""
+    eye_dome: bool = False
+    """Whether what lies behind a neighbour on the screen is darkened."""
     outline: tuple[str, ...] = ()
     """Edges that lines are drawn along."""
     wireframe: bool = False
@@ -222,6 +224,7 @@ VARIANTS: dict[str, Callable[[], EffectScene]] = {
     "aces": partial(torus_scene, shading="phong", tone_map="aces"),
     "neutral": partial(torus_scene, shading="phong", tone_map="neutral"),
     "occlusion": partial(wall_scene, occlusion=True),
+    "eye_dome": partial(wall_scene, eye_dome=True),
     "outline": partial(wall_scene, outline=("silhouette", "object")),
     "creases": partial(wall_scene, outline=("silhouette", "object", "crease")),
     "wireframe": partial(torus_scene, shading="phong", wireframe=True),
@@ -264,6 +267,7 @@ EFFECTS: tuple[Effect, ...] = (
     Effect("tone map, ACES", "phong", "aces"),
     Effect("tone map, neutral", "phong", "neutral"),
     Effect("ambient occlusion", "wall", "occlusion", twins=()),
+    Effect("eye-dome lighting", "wall", "eye_dome", twins=()),
     Effect("outline, silhouettes", "wall", "outline", twins=()),
     Effect("outline, creases too", "wall", "creases", twins=()),
     Effect("wireframe over faces", "phong", "wireframe", twins=()),

@@ -350,6 +350,24 @@ def ambient_occlusion(size: Size) -> Picture:
 
 
 @picture
+def eye_dome(size: Size) -> Picture:
+    """Colours without any light, and with what depth alone tells."""
+    part, pictures = part_of(size, 1, 2), []
+    for effect in (None, rj.EyeDome(0.4)):
+        white = rj.Material("unlit", "#ece9e2")
+        scene = teapot(rj.Material("unlit", "#9cc3d6"), white)
+        knot = PLACE.compose(PLACE.translate((-2.2, 1.5, -3.2)), PLACE.scale(0.55))
+        scene.add(dressed(model("torus_knot.obj"), rj.Material("unlit", "#e8a15c")), knot)
+        for n in range(3):
+            step = dressed(box(2.4, 0.5 * (n + 1), 1.0), white)
+            scene.add(step, PLACE.translate((2.4, 0.0, -2.6 - n)))
+        scene.eye_dome = effect
+        camera = rj.PerspectiveCamera(eye=(0.8, 8.5, 10.0), target=(0.3, 1.1, -1.0), fov_y=27.0)
+        pictures.append(shown(scene, camera, part, background="#d8d5cf", quality=SMOOTH))
+    return in_rows(pictures, 1)
+
+
+@picture
 def outline(size: Size) -> Picture:
     """Silhouettes, the ends of objects and creases, over flat colours."""
     scene = rj.Scene()

@@ -19,8 +19,8 @@ What is drawn
     `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
-    without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
-    `ToneMap` and `Vignette` are effects of a whole scene.
+    without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -105,6 +105,7 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
@@ -156,6 +157,7 @@ __all__ = [
     "DirectionalLight",
     "Environment",
     "Equirectangular",
+    "EyeDome",
     "FisheyeLens",
     "Fog",
     "Frame",

@@ -23,7 +23,7 @@ SIZE = (72, 68)
 
 SWITCHES = (
     "filter", "mask", "facets", "highlight", "spot", "point", "environment", "fog", "occlusion",
-    "outline", "wireframe", "vignette", "tone", "parallel", "label",
+    "outline", "wireframe", "vignette", "tone", "parallel", "label", "dome",
 )  # fmt: skip
 """Effects that are on or off."""
 
@@ -143,6 +143,7 @@ def scene_of(row):
         # Hidden by nothing, and by the ground.
         scene.add(rj.Label((0.4, 0.2, 1.0), "Label\ntwo", 11, background="#ffd0a0c0", hidden=True))
         scene.add(rj.Label((-0.5, 0.0, -3.0), "never", 30, hidden=True))
+    scene.eye_dome = rj.EyeDome(0.2) if on["dome"] else None
     looking = {"eye": (0.8, 1.2, 6.0), "target": (0, 0, 0), "near": 0.5, "far": 30.0}
     if on["parallel"]:
         camera = rj.OrthographicCamera(height=6.4, **looking)

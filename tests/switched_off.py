@@ -64,6 +64,7 @@ def full_scene():
         rj.AmbientLight(), rj.DirectionalLight((-0.2, -0.3, -1.0), shadow=shadow),
     ]  # fmt: skip
     scene.environment = rj.Environment.gradient()
+    scene.eye_dome = rj.EyeDome()
     scene.fog = rj.Fog(density=0.05)
     scene.tone_map = rj.ToneMap("aces")
     scene.ambient_occlusion = rj.AmbientOcclusion(radius=1.0)
@@ -183,6 +184,7 @@ WITHOUT = {
     "environment light": without_environment_light,
     "environment background": without_background,
     "environment": without_field("environment"),
+    "eye-dome lighting": without_field("eye_dome"),
     "fog": without_field("fog"),
     "tone mapping": without_field("tone_map"),
     "ambient occlusion": without_field("ambient_occlusion"),

@@ -236,7 +236,10 @@ SLOPE_OFFSET = (3.0, 4.0)
 
 def draws(scene: EffectScene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    asked = (scene.environment, scene.maps, scene.occlusion, scene.outline, scene.wireframe)
+    asked = (
+        scene.environment, scene.maps, scene.occlusion, scene.eye_dome, scene.outline,
+        scene.wireframe,
+    )  # fmt: skip
     if any(asked) or scene.shading in ("flat", "gouraud"):
         return "it has no twin here"
     if scene.light != "sun" or scene.shadow == "soft":

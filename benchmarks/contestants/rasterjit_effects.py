@@ -99,6 +99,8 @@ def make_scene(scene: EffectScene) -> Any:
         )
     if scene.occlusion:
         made.ambient_occlusion = rj.AmbientOcclusion()
+    if scene.eye_dome:
+        made.eye_dome = rj.EyeDome()
     if scene.outline:
         made.outline = rj.Outline(edges=scene.outline)
     if scene.wireframe:

@@ -150,6 +150,11 @@ def program(context: click.Context, version: bool) -> None:
     help="What --mask holds; numbers are one more than they are, in 16 bits, and 0 is nothing.",
 )  # fmt: skip
 @click.option(
+    "--colorbar",
+    is_flag=True,
+    help="Put the colours of --scalars and their values to the right of the picture.",
+)
+@click.option(
     "--diagnose", is_flag=True,
     help="Print what became of every face, exactly, and how precise the numbers are.",
 )  # fmt: skip
@@ -169,6 +174,7 @@ def render(
     codes_per_unit: float | None,
     mask_file: Path | None,
     mask_of: str,
+    colorbar: bool,
     diagnose: bool,
     threads: int | None,
     quiet: bool,
@@ -184,10 +190,12 @@ def render(
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    look.check()
     if file.is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
         refuse_picture(file, output)
+        refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         options = {"background": background, "cull": cull}
         render_folder(file, output, size, threads, quiet, view, look, effects, **options)
         return
@@ -202,6 +210,9 @@ def render(
     besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
     wanted, places = plan_files(output, outputs, besides)
     scale = units_per_code(places, scale, codes_per_unit)
+    if "picture" not in places.values():
+        refuse_idle(["colorbar"], f"{output} is no picture of the colour")
+    title = look.scalars if colorbar else None
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.notices import ViewWarning, notices_of
@@ -227,7 +238,7 @@ def render(
             **options,
         )  # fmt: skip
         rendered = time.perf_counter()
-        chosen = write_files(frame, places, scale)
+        chosen = write_files(frame, places, scale, title)
     saved = time.perf_counter()
     for notice in notices_of(frame.plan, frame.stats).values():
         warn(notice, quiet)
@@ -281,6 +292,7 @@ def turntable(
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    look.check()
     size = size_behind(background, size)
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
@@ -408,6 +420,7 @@ def explain(
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    look.check()
     size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
@@ -501,6 +514,7 @@ def accuracy(
         refuse_idle(READING, "--scene reads no file")
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    look.check()
     found = study_scene(made or file, view, look, effects, rest)
     if found.interrupted:
         context.exit(INTERRUPTED)
@@ -564,6 +578,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
 
     view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
     view.check()
+    look.check()
     backend = choose_backend(options["backend"])
     if backend != "browser":
         refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from rasterjit.cli.advice import CHOICES_MEANT, question
 from rasterjit.cli.pinhole import CONVENTIONS, IntrinsicsType, PoseType
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
+from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
@@ -27,6 +29,7 @@ from rasterjit.scene.tone_map import CURVES
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.contours import Contours
     from rasterjit.scene.framing import AnyCamera
     from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
@@ -69,14 +72,19 @@ LIGHTS = ("headlight", "sun", "ambient")
 READING = ("on_invalid", "on_damage", "resource_root", "max_bytes")
 """Options of how files are read."""
 
+OF_SCALARS = ("colormap", "scalar_range", "contours")
+"""Options that say how scalars are shown."""
+
 OF_COLOR = (
     "background",
     "color",
+    *OF_SCALARS,
     "light",
     "shading",
     "shadows",
     "environment",
     "ambient_occlusion",
+    "eye_dome",
 )
 """Options that act on colour alone, in light or codes."""
 
@@ -181,6 +189,67 @@ class VectorType(click.ParamType):
         if not all(map(math.isfinite, (x, y, z))):
             self.fail(f"{value!r} must be finite", parameter, context)
         return x, y, z
+
+
+class RangeType(click.ParamType):
+    """Two numbers, the lower one first, ``0,1.5``."""
+
+    name = "LOW,HIGH"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[float, float]:
+        """Return the two numbers, or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, high = (float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not LOW,HIGH, such as 0,1.5", parameter, context)
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            self.fail(f"{value!r} must be finite, the lower one first", parameter, context)
+        return low, high
+
+
+class ColormapType(click.ParamType):
+    """The name of a colour map."""
+
+    name = "NAME"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Colormap:
+        """Return the map, or raise click's usage error."""
+        if isinstance(value, Colormap):
+            return value
+        try:
+            return Colormap(value)
+        except ValueError as error:
+            self.fail(str(error).removeprefix("colormap "), parameter, context)
+
+
+class ContoursType(click.ParamType):
+    """How many lines, ``10``, or their values, ``0.5,1.5``; of one line ``0.5,``."""
+
+    name = "N|VALUES"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Contours:
+        """Return the contours, or raise click's usage error."""
+        from rasterjit.scene.contours import Contours
+
+        if isinstance(value, Contours):
+            return value
+        try:
+            if re.fullmatch(r"\s*[+-]?[0-9]+\s*", value):
+                return Contours(int(value))
+            return Contours([float(part) for part in value.removesuffix(",").split(",")])
+        except ValueError as error:
+            said = str(error).removeprefix("contours.")
+            if not said.startswith("levels"):
+                said = "expected a number of lines, 10, or their values, 0.5,1.5"
+            self.fail(f"{value!r}: {said}", parameter, context)
 
 
 class LightType(VectorType):
@@ -451,11 +520,24 @@ class Look(NamedTuple):
     max_bytes: int = DEFAULT_MAX_BYTES
     color: str | None = None
     light: tuple[Vector | str, ...] = ()
+    scalars: str | None = None
+    colormap: Colormap | None = None
+    scalar_range: tuple[float, float] | None = None
+    contours: Contours | None = None
+
+    def check(self) -> None:
+        """Raise click's usage error for options that say nothing without others, or of others."""
+        if self.scalars is None:
+            refuse_idle([*OF_SCALARS, "colorbar"], "it is for --scalars")
+        elif self.color is not None:
+            raise click.BadOptionUsage("--color", "--color: --scalars have colours of their own")
 
     def apply(self, scene: Scene) -> None:
-        """Change the scene's materials, lights and wireframe."""
+        """Change the scene's colours, materials, lights and wireframe."""
         from rasterjit.scene.wireframe import Wireframe
 
+        if self.scalars is not None:
+            self._show_scalars(scene, self.scalars)
         if self.color is not None:
             plain = {id(node.mesh): node.mesh.without_colors() for node in scene.nodes}
             for node in scene.nodes:
@@ -463,18 +545,43 @@ class Look(NamedTuple):
         changes = self._changes()
         if changes:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
-                # A material that nothing was said about is no longer one of that kind.
-                said = {
-                    one.name: getattr(mesh.material, one.name)
-                    for one in dataclasses.fields(Material)
-                }
-                mesh.material = Material(**{**said, **changes})
+                mesh.material = _changed(mesh.material, **changes)
         if self.light:
             scene.lights = _lights_of(self.light)
         if self.wireframe is not None or self.wireframe_color is not None:
             scene.wireframe = Wireframe(
                 self.wireframe_color or "black", self.wireframe or "overlay"
             )
+
+    def _show_scalars(self, scene: Scene, name: str) -> None:
+        """Show the meshes that have an attribute by it, all by one range, without textures."""
+        meshes = {id(node.mesh): node.mesh for node in scene.nodes}
+        known = dict.fromkeys(one for mesh in meshes.values() for one in mesh.scalar_attributes)
+        own = {key: mesh for key, mesh in meshes.items() if name in mesh.scalar_attributes}
+        if not own:
+            held = f"those with one number are {', '.join(known)}" if known else "there is none"
+            raise ValueError(
+                f"--scalars: no mesh has an attribute {name!r} of one number for each vertex or "
+                f"face; {held}{question(name, list(known), {})}"
+            )
+        ends = self.scalar_range
+        if ends is None:
+            ranges = [mesh.with_scalars(name).field.range for mesh in own.values()]
+            lows, highs = zip(*ranges, strict=True)
+            ends = min(lows), max(highs)
+        colormap = self.colormap or Colormap("viridis")
+        shown = {}
+        for key, mesh in own.items():
+            try:
+                made = mesh.with_scalars(name, colormap, range=ends, contours=self.contours)
+            except ValueError as error:
+                said = re.sub(r"^contours must be None", "--contours must not be given", str(error))
+                raise ValueError(said) from error
+            plain = {"base_color": None, "base_color_texture": None, "alpha_mode": "opaque"}
+            made.material = _changed(mesh.material, **plain)
+            shown[key] = made
+        for node in scene.nodes:
+            node.mesh = shown.get(id(node.mesh), node.mesh)
 
     def _changes(self) -> dict[str, Any]:
         """Return the fields of all materials that options set."""
@@ -489,6 +596,13 @@ class Look(NamedTuple):
                 "alpha_mode": "opaque" if is_opaque else "blend",
             }
         return changes
+
+
+def _changed(material: Material, **changes: Any) -> Material:
+    """Return a material with other fields."""
+    # One that nothing was said about is no longer one of that kind.
+    said = {one.name: getattr(material, one.name) for one in dataclasses.fields(Material)}
+    return Material(**{**said, **changes})
 
 
 def check_lights(
@@ -715,6 +829,8 @@ def refuse_without_color(outputs: tuple[str, ...]) -> None:
         refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
     if not {"color", "linear"} & set(outputs):
         refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
+        if "scalar" not in outputs:
+            refuse_idle(["scalars"], f"no output shows colour or scalar: {shown}")
         if "coverage" not in outputs:
             refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
 
@@ -762,6 +878,17 @@ def look_options(command: Callable) -> Callable:
             click.option("--color", type=ColorType(),
                          help="Draw all objects in this colour, as --background has it, instead of "
                               "their own and their textures."),
+            click.option("--scalars", metavar="NAME",
+                         help="Show the numbers of this attribute by colours, such as those of the "
+                              "property quality of a PLY file; rasterjit info lists them."),
+            click.option("--colormap", type=ColormapType(), metavar="NAME",
+                         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, or one with "
+                              f"{REVERSED} behind it, reversed; default: viridis."),
+            click.option("--range", "scalar_range", type=RangeType(),
+                         help="What the first and the last colour stand for; default: the least "
+                              "and the greatest of the numbers."),
+            click.option("--contours", type=ContoursType(),
+                         help="Lines of equal --scalars: how many, or at which values, 0.5,1.5."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
                          help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
@@ -824,6 +951,7 @@ class Effects(NamedTuple):
     tone_map: str | None
     exposure: float | None
     vignette: float | None = None
+    eye_dome: float | None = None
     samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
@@ -869,6 +997,8 @@ class Effects(NamedTuple):
             scene.tone_map = ToneMap(self.tone_map or "none", self.exposure or 0.0)
         if self.vignette is not None:
             scene.vignette = Vignette(self.vignette)
+        if self.eye_dome is not None:
+            scene.eye_dome = EyeDome(self.eye_dome)
 
 
 def _cast_shadows(scene: Scene) -> None:
@@ -912,6 +1042,9 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
             click.option("--environment", metavar="FILE|sky",
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
+            click.option("--eye-dome", metavar="STRENGTH", type=FiniteType(0.0, STRONGEST),
+                         help="Darken what lies behind its neighbours, so that depth is seen "
+                              "without light; 1 is usual."),
             click.option("--outline", type=ColorType(is_opaque=True),
                          help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),

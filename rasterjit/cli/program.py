@@ -315,7 +315,9 @@ def units_per_code(
     return 1.0 / codes_per_unit
 
 
-def write_files(frame: Frame, places: Places, scale: float | None) -> dict[Path, float]:
+def write_files(
+    frame: Frame, places: Places, scale: float | None, colorbar: str | None = None
+) -> dict[Path, float]:
     """
     Write each file, whole or not at all; none if one of 16-bit codes cannot hold its values.
 
@@ -326,6 +328,8 @@ def write_files(frame: Frame, places: Places, scale: float | None) -> dict[Path,
         As `plan_files` returns them.
     scale : float or None
         As ``--scale``.
+    colorbar : str, optional
+        The title of the colour bar that a picture of the colour has.
 
     Returns
     -------
@@ -346,7 +350,7 @@ def write_files(frame: Frame, places: Places, scale: float | None) -> dict[Path,
         if len(places) > 1:
             _check_codes(arrays, places, scales)
         for place, content in places.items():
-            _write_file(frame, place, content, scales[place])
+            _write_file(frame, place, content, scales[place], colorbar)
     except ValueError as error:
         said = str(error).replace("scale must be None for", "scale must not be given for")
         raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
@@ -386,12 +390,18 @@ def _check_codes(
 
 
 def _write_file(
-    frame: Frame, place: Path, content: tuple[str, ...] | str, scale: float | None
+    frame: Frame,
+    place: Path,
+    content: tuple[str, ...] | str,
+    scale: float | None,
+    colorbar: str | None,
 ) -> None:
-    """Write a file; ``scale`` of those of floats in codes."""
+    """Write a file; ``scale`` of those of floats in codes, ``colorbar`` of those of the colour."""
     from rasterjit.io import images
 
-    if content == "picture":
+    if content == "picture" and colorbar is not None:
+        frame.save(place, colorbar=colorbar)
+    elif content == "picture":
         images.save_image(place, frame.color)
     elif content == "coverage":
         shares = np.floor(255.0 * frame.coverage + 0.5)

@@ -89,8 +89,9 @@ def render_partitions(
     ------
     ValueError
         Naming the argument that is wrong. Also for what cannot be told from one part alone:
-        transparency, several samples, shadows, ambient occlusion, outlines, wireframes, normal
-        maps, and smooth shading or the outputs normal and normal_camera without normals.
+        transparency, several samples, shadows, ambient occlusion, eye-dome lighting, outlines,
+        wireframes, normal maps, and smooth shading or the outputs normal and normal_camera without
+        normals.
     ImportError
         If Dask is not installed.
     ConnectionError

@@ -15,6 +15,7 @@ from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.rendering import layers, stage_list
@@ -31,6 +32,9 @@ from rasterjit.survey.plan import RenderPlan
 
 COLOR = slice(4, 7)
 """Columns of ``Lighting.lights``."""
+
+OVER = {"seen", "sample"}
+"""Places of effects that lie over the sum of all light."""
 
 CODES = ", and what mixing 8-bit codes differs by"
 """Codes do not add up as light does."""
@@ -102,8 +106,8 @@ def light_of(
     owner = owner_of(drawn, face)
     material = drawn.cache.tables.meshes[owner].material
     linear = shade(drawn, whole, lit, x, y)
-    # Fog lies over the sum of all light.
-    clear = lit.without("sample")
+    # Fog and the like lie over the sum of all light.
+    clear = lit.without(*OVER)
     surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
     if whole.textures is not None and material.base_color_texture is not None:
@@ -114,9 +118,10 @@ def light_of(
         emission = shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
     over = tuple(_terms_over(drawn, whole, lit, clear, x, y))
     own = material.shading, texture, uv, emission
+    shown_for = scalar_of(drawn, surface, clear, x, y)
     if lit.lighting is None or material.shading == "unlit":
         base = shade(drawn, surface, clear, x, y)[:3]
-        return LightTerms(own[0], base, *own[1:3], zero, over, emission), linear
+        return LightTerms(own[0], base, *own[1:3], zero, over, emission, *shown_for), linear
     dark = clear.by(lights=lit.lighting.lights[:0], ambient=zero)
     ambient = dark.without("around").by(ambient=lit.lighting.ambient)
     white = dark.without("around", "rows").by(ambient=np.ones(3, np.float32))
@@ -127,7 +132,25 @@ def light_of(
         if "around" in one.effect.places:
             terms += (_term_of(one, shade(drawn, surface, dark, x, y)[:3]),)
     shed = shade(drawn, surface, ambient, x, y)[:3]
-    return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission), linear
+    return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission, *shown_for), linear
+
+
+def scalar_of(
+    drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int
+) -> tuple[float | None, NDArray[np.float32] | None]:
+    """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
+    face_id, shapes = drawn.coverage.face_id, drawn.cache.shapes
+    face = int(face_id[y, x])
+    field = drawn.cache.tables.meshes[owner_of(drawn, face)].field
+    if field is None:
+        return None, None
+    of_vertices, of_faces = shapes.scalars
+    if field.of_faces and of_faces is not None and surface.face_colors is not None:
+        return float(of_faces[face]), surface.face_colors[face, :3].copy()
+    scalar = np.empty(face_id.shape, np.float32)
+    fields.fill_scalars(face_id, (y, y + 1), drawn.geometry, of_vertices, scalar)
+    plain = _white(surface)._replace(fields=surface.fields, textures=None)
+    return float(scalar[y, x]), shade(drawn, plain, lit, x, y)[:3]
 
 
 def _terms_over(
@@ -136,7 +159,7 @@ def _terms_over(
     """Yield what each effect that acts on lit samples changes, one after the other."""
     before = clear.effects
     for n, one in enumerate(lit.effects):
-        if "sample" in one.effect.places:
+        if not OVER.isdisjoint(one.effect.places):
             after = (*before[:n], one, *before[n + 1 :])
             with_it, without = (
                 shade(drawn, surface, lit._replace(effects=some), x, y)[:3]

@@ -138,6 +138,11 @@ class LightTerms:
     """Empty if the material is unlit: the base colour is what is seen."""
     emission: NDArray[np.float32]
     """(3,), linear: what the surface sends out by itself."""
+    scalar: float | None = None
+    """The mesh's scalar here, as ``Frame.scalar`` has it: NaN where a corner of the face is; None
+    if the mesh has none."""
+    scalar_color: NDArray[np.float32] | None = None
+    """(3,), linear: what the colour map shows for it, or the contour that lies there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,6 +318,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.texture is not None:
             u, v = light.uv
             table.add_row(f"texture at uv ({u:.6g}, {v:.6g})", *_levels(light.texture))
+        if light.scalar is not None and light.scalar_color is not None:
+            table.add_row(f"scalar {light.scalar:.7g}", *_levels(light.scalar_color))
         table.add_row(f"base colour ({light.shading})", *_levels(light.base_color))
         table.add_section()
         if light.shading != "unlit":

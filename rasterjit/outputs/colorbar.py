@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from decimal import Decimal
+from decimal import ROUND_DOWN, Decimal
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,10 @@ STEPS = (1, 2, 5, 10, 20)
 """Ticks lie at multiples of one of these times a power of ten, the first that are few enough."""
 
 PLAIN_DIGITS = 6
-"""Numbers of more digits before or behind the point are written with a power of ten."""
+"""Numbers with more digits before or behind the point have a power of ten or an offset."""
+
+LEAST_PLAIN = -4
+"""Power of ten of the largest tick below which ticks are written with a power of ten."""
 
 
 def scale_of(scales: Sequence[ColorScale | None], node: int | None) -> ColorScale:
@@ -57,12 +60,16 @@ def scale_of(scales: Sequence[ColorScale | None], node: int | None) -> ColorScal
             "them one colormap and range for one bar, got None"
         )
     with_nan = [scale for scale in found if scale.nan_color is not None]
-    return with_nan[0] if with_nan else found[0]
+    lines = dict.fromkeys(line for scale in found for line in scale.lines)
+    return (with_nan or found)[0]._replace(lines=tuple(lines))
 
 
 def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np.uint8]:
     """
-    Draw the bar of a scale, the highest value on top.
+    Draw the bar of a scale, the highest value on top, with its contours as lines across it.
+
+    Where ticks have many digits, or are far from 1, what is above the bar says what to multiply the
+    numbers beside it with, ``1e-7``, and what to add then, ``+1e9``.
 
     Parameters
     ----------
@@ -81,21 +88,26 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
 
     size = max(LEAST_FONT, round(FONT_SHARE * height))
     font = ImageFont.load_default(size)
+    low, high = scale.range
     top, bottom = size * (3 if title else 1), height - size
     if scale.nan_color is not None:
         bottom -= 2 * size
+    ticks = _ticks_of(low, high, bottom - top, size)
+    labels, note = write_ticks(ticks)
+    if note:
+        top += 2 * size
+        ticks = _ticks_of(low, high, bottom - top, size)
+        labels, note = write_ticks(ticks)
     bottom = max(bottom, top + 1)
     length, left, right = bottom - top, size, size + round(1.2 * size)
-    low, high = scale.range
-    ticks = find_ticks(low, high, max(1, length // (LINES_PER_TICK * size)))
-    labels = write_ticks(ticks)
     if len(ticks) < 2 and high > low and length >= 2 * size:
         # A short bar without room for round numbers says where it ends.
-        ticks, labels = [low, high], [f"{end:.{PLAIN_DIGITS}g}" for end in (low, high)]
+        ticks, note = [low, high], ""
+        labels = [f"{end:.{PLAIN_DIGITS}g}" for end in ticks]
     texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
     widest = max(_width(font, text) for text in texts)
     text_left = right + size
-    width = max(text_left + widest, left + _width(font, title)) + size
+    width = max(text_left + widest, left + max(_width(font, one) for one in (title, note))) + size
     image = Image.new("RGB", (width, height), PAPER)
     pen = ImageDraw.Draw(image)
     # The bar itself, entry by entry.
@@ -104,10 +116,12 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
     pixels = np.array(image)
     pixels[top:bottom, left:right] = _on_paper(scale.colormap.codes[entries])[:, np.newaxis]
     image.paste(Image.fromarray(pixels))
+    for level, color in scale.lines:
+        y = bottom - 1 - round(_share(level, low, high) * (length - 1))
+        pen.line((left, y, right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
     pen.rectangle((left - 1, top - 1, right, bottom), outline=INK)
     for tick, label in zip(ticks, labels, strict=True):
-        share = (tick - low) / (high - low) if high > low else 0.5
-        y = bottom - 1 - round(share * (length - 1))
+        y = bottom - 1 - round(_share(tick, low, high) * (length - 1))
         pen.line((right + 1, y, right + size // 2, y), fill=INK)
         pen.text((text_left, y), label, fill=INK, font=font, anchor="lm")
     if scale.nan_color is not None:
@@ -118,6 +132,8 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
         pen.text((text_left, middle), "NaN", fill=INK, font=font, anchor="lm")
     if title:
         pen.text((left, size), title, fill=INK, font=font, anchor="lt")
+    if note:
+        pen.text((left, top - 2 * size), note, fill=INK, font=font, anchor="lt")
     drawn = np.full((height, width, 4), 255, np.uint8)
     drawn[..., :3] = np.array(image)
     return drawn
@@ -126,6 +142,16 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
 def beside(picture: NDArray[np.uint8], bar: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a picture, (H, W, 4), with a bar of its height to the right of it."""
     return np.concatenate([picture, bar], axis=1)
+
+
+def _ticks_of(low: float, high: float, length: int, size: int) -> list[float]:
+    """Return the ticks of a bar so long, beside text so high, pixels."""
+    return find_ticks(low, high, max(1, length // (LINES_PER_TICK * size)))
+
+
+def _share(value: float, low: float, high: float) -> float:
+    """Return how far up in a range a value lies, 0..1; in its middle where it has no width."""
+    return (value - low) / (high - low) if high > low else 0.5
 
 
 def find_ticks(low: float, high: float, most: int) -> list[float]:
@@ -159,18 +185,52 @@ def exponent_of(value: float) -> int:
     return Decimal(repr(value)).adjusted() if value else 0
 
 
-def write_ticks(ticks: Sequence[float]) -> list[str]:
-    """Return ticks as text, all in one way, with as many digits as tell them apart."""
-    largest = max(abs(tick) for tick in ticks)
+def write_ticks(ticks: Sequence[float]) -> tuple[list[str], str]:
+    """
+    Return ticks as text, all in one way, with as many digits as tell them apart, and a note.
+
+    The note says what number the texts are to be multiplied with, and what is to be added then:
+    ``"1e-7"``, ``"+1e9"``, ``"1e-6+1"``, as Matplotlib has it; empty if they are the ticks.
+    """
     if len(ticks) == 1:
-        return [f"{ticks[0]:.{PLAIN_DIGITS}g}"]
+        return [f"{ticks[0]:.{PLAIN_DIGITS}g}"], ""
+    # From text, so that each has the digits that it is written with.
+    exact = [Decimal(repr(tick)) for tick in ticks]
     # Differences are off by their last bits: 3e-9 - 2e-9 is below 1e-9.
-    step = float(f"{min(b - a for a, b in pairwise(ticks)):.6g}")
-    digits = max(0, -exponent_of(step))
-    if exponent_of(largest) < PLAIN_DIGITS and digits <= PLAIN_DIGITS:
-        return [f"{tick:.{digits}f}" for tick in ticks]
-    places = max(0, exponent_of(largest) - exponent_of(step))
-    return [f"{tick:.{places}e}" if tick else "0" for tick in ticks]
+    step = exponent_of(float(f"{min(b - a for a, b in pairwise(ticks)):.6g}"))
+    offset = _offset_of(exact, step)
+    rest = [tick - offset for tick in exact]
+    largest = max(one.adjusted() for one in rest if one)
+    power = 0
+    if largest >= PLAIN_DIGITS or step < -PLAIN_DIGITS or largest < LEAST_PLAIN:
+        power = largest
+    digits = max(0, power - step)
+    texts = [f"{one.scaleb(-power).quantize(Decimal(1).scaleb(-digits)):f}" for one in rest]
+    note = f"1e{power}" if power else ""
+    return [_unsigned_zero(text) for text in texts], note + (_signed(offset) if offset else "")
+
+
+def _offset_of(ticks: Sequence[Decimal], step: int) -> Decimal:
+    """Return what all ticks have in common, if it has many digits more than their differences."""
+    low, high = ticks[0], ticks[-1]
+    if low * high <= 0:
+        return Decimal(0)
+    if max(abs(low), abs(high)).adjusted() - step < PLAIN_DIGITS:
+        return Decimal(0)
+    # What is left has a digit more than the differences.
+    power = (high - low).adjusted() + 1
+    toward_zero = low if low > 0 else high
+    return toward_zero.scaleb(-power).to_integral_value(ROUND_DOWN).scaleb(power)
+
+
+def _signed(value: Decimal) -> str:
+    """Return a number that is added, with its sign and without zeros behind."""
+    return f"{value.normalize():+}".replace("E+", "e").replace("E", "e")
+
+
+def _unsigned_zero(text: str) -> str:
+    """Return a text of zero without its sign."""
+    return text.removeprefix("-") if not float(text) else text
 
 
 def _width(font: ImageFont.FreeTypeFont | ImageFont.ImageFont, text: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import InitVar, dataclass, fields
+from dataclasses import InitVar, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
@@ -24,6 +24,10 @@ from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
     from rasterjit.outputs.masks import ObjectMask
+
+
+Part = tuple[slice, slice]
+"""Rows and columns of a picture."""
 
 
 class OutputNotRequestedError(AttributeError, ValueError):
@@ -83,6 +87,11 @@ class Stats:
             object.__setattr__(self, "_covered", covered)
         return covered
 
+    def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> Stats:
+        """Return those of a frame that was cut out of another; its faces, if they were counted."""
+        shown = self._covered if face_id is None else face_id
+        return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -121,12 +130,16 @@ class Pick(NamedTuple):
         Of the face's vertices, without unit, as in the output barycentric; their sum is 1.
     position : (3,) float32
         Where the point is, scene units, world space.
+    scalar : float or None
+        The mesh's scalar there, as the output scalar has it: NaN where the mesh has none; None if
+        that output was not asked for.
     """
 
     node: int
     face: int
     weights: NDArray[np.float32]
     position: NDArray[np.float32]
+    scalar: float | None = None
 
 
 PICKED = ("face_id", "barycentric", "position")
@@ -522,7 +535,8 @@ class Frame:
         Returns
         -------
         Pick or None
-            Object, face, weights and world position; ``None`` where nothing is.
+            Object, face, weights and world position, and the scalar if the output scalar was
+            asked for; ``None`` where nothing is.
 
         Raises
         ------
@@ -550,7 +564,11 @@ class Frame:
             return None
         starts = self._first_faces()
         node = int(np.searchsorted(starts, face, side="right")) - 1
-        return Pick(node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy())
+        scalar = self._outputs.get("scalar")
+        return Pick(
+            node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy(),
+            None if scalar is None else float(scalar[layer][pixel]),
+        )  # fmt: skip
 
     def _first_faces(self) -> NDArray[np.int64]:
         """Return the number of each object's first face, (O+1,)."""
@@ -689,3 +707,10 @@ class LayeredFrame(Frame):
             f"masks are of one layer, and this frame has {self.plan.surfaces}: use "
             f"rasterjit.masks.find(frame.{output}[0]) for the first"
         )
+
+
+def cut_out(frame: Frame, part: Part, plan: RenderPlan) -> Frame:
+    """Return a part of a frame, with its own plan."""
+    arrays = {name: array[part].copy() for name, array in frame.arrays().items()}
+    stats = frame.stats.of_part(part, frame.arrays().get("face_id"))
+    return Frame(arrays, plan, stats, None, frame._face_starts)

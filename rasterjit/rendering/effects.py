@@ -10,6 +10,7 @@ from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
 from rasterjit.effects.antialiasing import ANTIALIASING
 from rasterjit.effects.background_image import BACKGROUND_IMAGE
 from rasterjit.effects.environment import BACKGROUND, LIGHT
+from rasterjit.effects.eye_dome import EYE_DOME
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
@@ -39,6 +40,7 @@ EFFECTS: tuple[Effect, ...] = (
     LIGHT,
     BACKGROUND,
     BACKGROUND_IMAGE,
+    EYE_DOME,
     FOG,
     TONE_MAPPING,
     AMBIENT_OCCLUSION,

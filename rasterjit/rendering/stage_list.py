@@ -309,7 +309,13 @@ def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> li
         steps.append(Step(lights.show_ambient_on_facets, (lighting.ambient, viewer)))
     steps += steps_of_lights(look, effects)
     steps += emission_steps(look.surface, rows.OUT_RED, geometry, look.placement)
+    steps += seen_steps(effects, rows.OUT_RED)
     return steps + effect_steps(effects, "sample", look)
+
+
+def seen_steps(effects: Sequence[Active], shown: int) -> list[Step]:
+    """Return the stages that effects bring where samples show three rows of colours, lit or not."""
+    return [step for one in acting(effects, "seen") for step in one.at("seen", shown)]
 
 
 def effect_steps(effects: Sequence[Active], place: str, look: Look, *arguments: Any) -> list[Step]:
@@ -356,7 +362,7 @@ def shading_steps(
     """Return the stages from listed samples to their colours, and the first row of these."""
     steps = surface_steps(geometry, placement, surface, lighting, effects)
     if lighting is None:
-        return steps, rows.RED
+        return steps + seen_steps(effects, rows.RED), rows.RED
     look = Look(placement, surface, lighting, viewer_of(placement, viewer))
     return steps + light_steps(look, effects, geometry), rows.OUT_RED
 

@@ -4,7 +4,8 @@ Draw parts of a picture: each has the bits that the whole picture has there.
 Vertices are snapped, and faces cut, as the whole picture does it; then they are moved by whole
 pixels. What a pixel shows follows from integers relative to the pixel, so the move changes none.
 Shadow maps, which are fitted to all that is seen, are fitted to the whole: its depth is surveyed
-part by part first.
+part by part first. Where an effect looks at neighbours that are not far, a larger part is drawn,
+and what was not asked for is cut off.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ import operator
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from rasterjit.io.meshes import as_scene
-from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.frame import Frame, cut_out
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
@@ -79,7 +82,7 @@ class RegionRenderer:
         self._planned = plan_views(
             whole, quality, scene, camera, outputs, background, cull, False, None
         )
-        _refuse_neighbours(self._planned.plan)
+        self._margin = _margin_of(self._planned.plan)
 
     def __enter__(self) -> RegionRenderer:
         return self
@@ -170,12 +173,14 @@ class RegionRenderer:
         Returns
         -------
         Frame
-            Of the region's size: the pixels of the whole picture, bit for bit.
+            Of the region's size: the pixels of the whole picture, bit for bit. Where an effect
+            looks at neighbours, ``stats`` counts the faces of a larger part.
 
         Raises
         ------
         ValueError
-            If the region is not such a part of the picture.
+            If the region is not such a part of the picture, or is too large for the neighbours that
+            an effect looks at.
         RuntimeError
             If an effect looks at the whole picture, and it has not been surveyed.
         """
@@ -184,8 +189,10 @@ class RegionRenderer:
         if self.needs_surveys:
             names = " and ".join(one.name for one in self.plan.whole)
             raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
-        part = plan.with_(region=region)
-        return draw_frame(self._planned._replace(plan=part), self._workers)[0]
+        drawn = check_drawn(_grown(region, self._margin, plan.size), region)
+        part = plan.with_(region=drawn)
+        frame = draw_frame(self._planned._replace(plan=part), self._workers)[0]
+        return frame if drawn == region else _cut_out(frame, drawn, region)
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
         """
@@ -271,10 +278,47 @@ def _whole(value: Any) -> int:
     return operator.index(value)
 
 
-def _refuse_neighbours(plan: RenderPlan) -> None:
-    """Raise ``ValueError`` if an effect looks at pixels beyond the edges of a region."""
+def check_drawn(drawn: Region, region: Region) -> Region:
+    """Return what is drawn for a region with its neighbours, or raise ``ValueError``."""
+    if max(drawn.width, drawn.height) > MAX_SIZE:
+        raise ValueError(
+            f"region must be {MAX_SIZE - 2 * TILE_SIZE} pixels wide and high at most where an "
+            f"effect looks at the pixels around it, got {tuple(region)!r}"
+        )
+    return drawn
+
+
+def _grown(region: Region, margin: int, size: tuple[int, int]) -> Region:
+    """Return a region with so many pixels around it, as far as the picture has them."""
+    left, top = max(region.left - margin, 0), max(region.top - margin, 0)
+    right = min(region.left + region.width + margin, size[0])
+    bottom = min(region.top + region.height + margin, size[1])
+    return Region(left, top, right - left, bottom - top)
+
+
+def _cut_out(frame: Frame, drawn: Region, region: Region) -> Frame:
+    """Return the part of a frame that shows a region."""
+    left, top = region.left - drawn.left, region.top - drawn.top
+    part = np.s_[top : top + region.height, left : left + region.width]
+    return cut_out(frame, part, frame.plan.with_(region=region))
+
+
+def _margin_of(plan: RenderPlan) -> int:
+    """
+    Return how many pixels around a region are drawn with it: a multiple of 64.
+
+    Raises
+    ------
+    ValueError
+        If an effect looks at any pixels beyond the edges of a region.
+    """
+    farthest = 0
     for planned in plan.planned:
-        if planned.effect.looks == "neighbours":
+        if planned.effect.looks != "neighbours":
+            continue
+        reach = planned.effect.reach(planned.data)
+        farthest = max(farthest, reach or 0)
+        if reach is None:
             raise ValueError(
                 f"scene.{planned.effect.field} must be None where a picture is drawn in regions: "
                 "it looks at neighbouring pixels, which other regions hold"
@@ -288,6 +332,7 @@ def _refuse_neighbours(plan: RenderPlan) -> None:
             f"is drawn in regions, got {plan.quality.samples!r}: the last bit of what 2 to 16 "
             "samples are mixed to depends on other regions"
         )
+    return -(-farthest // TILE_SIZE) * TILE_SIZE
 
 
 def _no_clock(stage: str) -> None:

@@ -17,6 +17,7 @@ from rasterjit.scene.validation import (
     in_short,
     read_only,
     unmasked_array,
+    with_nan,
 )
 
 FARTHEST = 1e200
@@ -35,6 +36,8 @@ class ColorScale(NamedTuple):
     range: tuple[float, float]
     nan_color: NDArray[np.float32] | None
     """(4,), linear RGBA; None: no value is NaN."""
+    lines: tuple[tuple[float, tuple[float, ...]], ...] = ()
+    """The values of contours within the range, each with its colour, linear RGBA."""
 
     def same(self, other: ColorScale) -> bool:
         """Tell whether values have the same colours, but for those that are NaN."""
@@ -76,7 +79,11 @@ class Field:
     @property
     def scale(self) -> ColorScale:
         """Which colour stands for which value."""
-        return ColorScale(self.colormap, self.range, self.nan_color if self.has_nan else None)
+        low, high = self.range
+        color = () if self.contours is None else self.contours.color
+        lines = tuple((level, color) for level in self.levels.tolist() if low <= level <= high)
+        nan_color = self.nan_color if self.has_nan else None
+        return ColorScale(self.colormap, self.range, nan_color, lines)
 
     @property
     def table(self) -> NDArray[np.float32]:
@@ -166,7 +173,7 @@ def refuse_field(**given: Any) -> None:
 def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
     """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
     try:
-        array = unmasked_array("scalars", scalars)
+        array = unmasked_array("scalars", with_nan(scalars))
     except MaskedError:
         raise
     except ValueError:

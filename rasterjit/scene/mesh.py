@@ -37,6 +37,7 @@ from rasterjit.scene.validation import (
     finite_number,
     in_short,
     one_of,
+    question,
     read_only,
     unmasked_array,
 )
@@ -103,9 +104,10 @@ class Mesh(Guarded, Previewed):
     scalars : (V,) or (F,) array_like, optional
         A number for each vertex or, with F of them, of each face (V win where V equals F), shown by
         a colour map in the place of ``colors``. Those of vertices are interpolated over each face
-        before the colour is looked up. NaN and infinity are allowed; whole numbers and booleans are
-        numbers. The output ``"scalar"`` has the values themselves, as float32. Lit surfaces are
-        brighter or darker than the colour bar; ``Material("unlit")`` shows its very colours.
+        before the colour is looked up. NaN and infinity are allowed, and what NumPy masks is NaN;
+        whole numbers and booleans are numbers. The output ``"scalar"`` has the values themselves,
+        as float32. Lit surfaces are brighter or darker than the colour bar; ``Material("unlit")``
+        shows its very colours.
     colormap : str, (N, 3|4) array_like or Colormap
         Which colours: see `Colormap`.
     range : (float, float), optional
@@ -515,6 +517,66 @@ class Mesh(Guarded, Previewed):
     def shown_vertex_colors(self) -> NDArray[np.float32] | None:
         """Return colours of the vertices, (V, 4) linear RGBA, or of their scalars, or None."""
         return self.vertex_colors if self.vertex_field is None else self.vertex_field.colors()
+
+    def with_scalars(
+        self,
+        scalars: str | ArrayLike,
+        colormap: ColormapLike = "viridis",
+        *,
+        range: tuple[float, float] | None = None,
+        nan_color: ColorLike = NAN_COLOR,
+        contours: ContoursLike | None = None,
+    ) -> Mesh:
+        """
+        Return the same mesh, shown by a colour map in the place of its colours.
+
+        Parameters
+        ----------
+        scalars : str, (V,) or (F,) array_like
+            The name of one of its attributes that has one column, of vertices or else of faces; or
+            the numbers themselves.
+        colormap, range, nan_color, contours
+            As a `Mesh` takes them.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that is wrong; if there is no such attribute, with those there are.
+
+        Examples
+        --------
+        >>> import numpy as np, rasterjit as rj
+        >>> mesh = rj.Mesh(np.eye(3), [[0, 1, 2]], attributes={"heat": [[20.0], [30.0], [25.0]]})
+        >>> frame = rj.render(mesh.with_scalars("heat", "inferno", contours=5), size=(64, 48))
+        """
+        counts = len(self.vertices), len(self.faces)
+        if isinstance(scalars, str):
+            scalars, is_of_faces = self._attribute_of_one_column(scalars)
+            # Where there are as many vertices as faces, the number of rows does not tell.
+            counts = (-1, counts[1]) if is_of_faces else counts
+        result = self.without_colors()
+        result._field = make_field(scalars, counts, colormap, range, nan_color, contours)
+        if result._field.of_faces:
+            result._face_colors = read_only(result._field.colors())
+        return result
+
+    @property
+    def scalar_attributes(self) -> tuple[str, ...]:
+        """Names of the attributes that have one column, those of vertices first."""
+        every = (*self._vertex_attributes.items(), *self._face_attributes.items())
+        return tuple(dict.fromkeys(name for name, values in every if values.shape[1] == 1))
+
+    def _attribute_of_one_column(self, name: str) -> tuple[NDArray[np.float32], bool]:
+        """Return an attribute, (V, 1) or (F, 1), and whether it is one of faces, or raise."""
+        for of_faces, held in enumerate((self._vertex_attributes, self._face_attributes)):
+            if name in held and held[name].shape[1] == 1:
+                return held[name], bool(of_faces)
+        names = self.scalar_attributes
+        known = f"it has {', '.join(map(repr, names))}" if names else "it has none"
+        raise ValueError(
+            f"scalars must be numbers, or the name of an attribute of one column: {known}; got "
+            f"{in_short(name)}{question(name, names)}"
+        )
 
     def without_colors(self) -> Mesh:
         """Return the same mesh without vertex and face colours and scalars."""

@@ -83,9 +83,9 @@ class Quality:
         float, of the depth from 0 at the near plane to 1 at the far one; a float of the reversed
         depth, which falls with distance and so keeps its digits; or such a float64. What comes out
         equal shows the face with the lower number. The depth output has the steps of the format;
-        shadows, ambient occlusion, outlines and hidden lines take the depth of the face that was
-        found. Shadow maps are float32 always, and the areas of ``samples="area"`` are those of
-        depths that were not rounded.
+        shadows, ambient occlusion, eye-dome lighting, outlines and hidden lines take the depth of
+        the face that was found. Shadow maps are float32 always, and the areas of
+        ``samples="area"`` are those of depths that were not rounded.
     precision : {"float32", "float64"}
         Arithmetic that takes vertices from model space to the screen, by way of the eye; the
         matrices are found in float64. In float32 the vertices take half the memory, and those

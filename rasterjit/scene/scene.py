@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.label import Label
@@ -42,6 +43,7 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
     "ambient_occlusion": (AmbientOcclusion, "an AmbientOcclusion"),
     "outline": (Outline, "an Outline"),
     "environment": (Environment, "Environment"),
+    "eye_dome": (EyeDome, "an EyeDome"),
     "fog": (Fog, "Fog"),
     "tone_map": (ToneMap, "ToneMap"),
     "vignette": (Vignette, "a Vignette"),
@@ -70,6 +72,8 @@ class Scene(Guarded, Previewed):
         Lines along the edges of all faces.
     environment : Environment or None
         Light from all around, seen behind all faces; with one there is no headlight.
+    eye_dome : EyeDome or None
+        How much darker is what lies behind something near to it on the screen.
     fog : Fog or None
         What hides surfaces with their distance.
     tone_map : ToneMap or None
@@ -95,6 +99,7 @@ class Scene(Guarded, Previewed):
         self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
         self.wireframe: Wireframe | None = None
         self.environment: Environment | None = None
+        self.eye_dome: EyeDome | None = None
         self.fog: Fog | None = None
         self.tone_map: ToneMap | None = None
         self.ambient_occlusion: AmbientOcclusion | None = None

@@ -92,6 +92,13 @@ def unmasked_array(name: str, value: Any) -> NDArray[Any]:
     return np.asarray(value)
 
 
+def with_nan(value: Any) -> Any:
+    """Return a masked array of real numbers as float64, NaN where it is masked; others as given."""
+    if not _is_masked_array(value) or value.dtype.kind not in "buif":
+        return value
+    return value.astype(np.float64).filled(np.nan)
+
+
 def _is_masked_array(value: Any) -> bool:
     """Tell masked arrays, which only exist if somebody has imported them."""
     # Another thread may be importing it.

@@ -31,13 +31,17 @@ if TYPE_CHECKING:
     from rasterjit.survey.placement import Boxes
     from rasterjit.survey.plan import RenderPlan
 
-PLACES = ("rows", "light", "around", "sample", "pixel", "mixed", "background", "overlay")
+PLACES = (
+    "rows", "light", "around", "seen", "sample", "pixel", "mixed", "background", "overlay",
+)  # fmt: skip
 """
 Where effects act, in order; what each function in `Effect.places` takes and returns:
 
 - rows: ``(record, look) -> steps`` before any light: shares of light, from OCCLUSION on.
 - light: ``(record, look, n) -> steps`` before light ``n`` is added: row SHADOW.
 - around: ``(record, look) -> steps`` after the lights: light that comes from all sides.
+- seen: ``(record, shown) -> steps`` on the three rows of colours that samples show, lit or not:
+  where it is alone no light and no point is found.
 - sample: ``(record, look) -> steps`` on the colours of lit samples, which have points.
 - pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
@@ -161,8 +165,8 @@ class Effect:
     modes : dict of str
         What the key goes through before it is off, with a word for each; empty: on and off.
     looks : str
-        How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
-        or at the "whole" picture, which is then looked through before (`see`).
+        How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have
+        (but see `reach`), or at the "whole" picture, which is then looked through before (`see`).
     is_toned : bool
         Whether what it shows where no face is goes through the tone curve; else it is shown as
         given.
@@ -245,6 +249,10 @@ class Effect:
             Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
         """
         return data
+
+    def reach(self, data: Any) -> int | None:
+        """Return how many pixels away the neighbours are that it looks at; None: any number."""
+        return None
 
     def see(self, context: FrameContext) -> Any:
         """Return what it must know of a picture, or of a part of one, before it is prepared."""

@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -718,6 +719,147 @@ def test_depths_that_no_scale_holds_and_numbers_beyond_16_bits_leave_no_file(tmp
     assert list(out.iterdir()) == []
 
 
+QUALITY = np.array([0.5, 2.0, -1.25, 4.0])
+STRESS = np.array([10, 30], np.int16)
+
+
+@pytest.fixture(params=["ascii", "binary_little_endian", "binary_big_endian"])
+def measured(request, tmp_path):
+    """A PLY file of a square, with numbers of its vertices and faces."""
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    order = ">" if "big" in request.param else "<"
+    head = (
+        f"ply\nformat {request.param} 1.0\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nproperty double quality\nproperty uchar kind\n"
+        "element face 2\nproperty list uchar int vertex_indices\nproperty short stress\n"
+        "end_header\n"
+    )
+    rows = zip(corners, QUALITY, range(4), strict=True)
+    vertices = [(*corner, value, kind) for corner, value, kind in rows]
+    faces = [(3, 0, 1, 2, STRESS[0]), (3, 0, 2, 3, STRESS[1])]
+    if request.param == "ascii":
+        body = "".join(f"{' '.join(map(str, row))}\n" for row in (*vertices, *faces)).encode()
+    else:
+        body = b"".join(struct.pack(f"{order}3fdB", *row) for row in vertices)
+        body += b"".join(struct.pack(f"{order}B3ih", *row) for row in faces)
+    path = tmp_path / "square.ply"
+    path.write_bytes(head.encode() + body)
+    return path
+
+
+def shown_by(file, scalars, **options):
+    """Return the scene of a file whose mesh is shown by scalars."""
+    scene = rj.load(file)
+    (node,) = scene.nodes
+    node.mesh = rj.Mesh(
+        node.mesh.vertices, node.mesh.faces, normals=node.mesh.normals, scalars=scalars,
+        material=rj.Material(), **options,
+    )  # fmt: skip
+    return scene
+
+
+def test_scalars_of_a_file_are_shown_by_colours(tmp_path, measured):
+    found = render(tmp_path, "--scalars", "quality", file=measured)
+    wanted = rendered(scene=shown_by(measured, QUALITY)).color
+    assert np.array_equal(found, wanted[..., :3] if found.shape[2] == 3 else wanted)
+    options = "--colormap", "coolwarm_r", "--range", "-2,2.5", "--contours", "3"
+    found = render(tmp_path, "--scalars", "quality", *options, file=measured)
+    scene = shown_by(measured, QUALITY, colormap="coolwarm_r", range=(-2, 2.5), contours=3)
+    assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
+    found = render(tmp_path, "--scalars", "quality", "--contours", "0.25,", file=measured)
+    scene = shown_by(measured, QUALITY, contours=[0.25])
+    assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
+    found = render(tmp_path, "--scalars", "stress", file=measured)
+    scene = shown_by(measured, STRESS)
+    assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
+
+
+def test_a_colour_bar_stands_beside_the_picture(tmp_path, measured):
+    found = render(tmp_path, "--scalars", "quality", "--contours", 4, "--colorbar", file=measured)
+    frame = rendered(scene=shown_by(measured, QUALITY, contours=4))
+    wanted = np.concatenate([frame.color, frame.colorbar("quality")], axis=1)
+    assert np.array_equal(found, wanted[..., : found.shape[2]])
+
+
+def test_scalars_are_an_output(tmp_path, measured):
+    path = tmp_path / "out.npz"
+    words = "--outputs", "scalar", "--scalars", "quality"
+    result = run("render", measured, "-o", path, *SMALL, *words)
+    assert (result.exit_code, result.output) == (0, "")
+    frame = rendered(scene=shown_by(measured, QUALITY), outputs="scalar")
+    assert np.array_equal(np.load(path)["scalar"], frame.scalar, equal_nan=True)
+
+
+def test_all_meshes_have_one_range_and_no_textures(tmp_path):
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    faces, scene = [[0, 1, 2], [0, 2, 3]], rj.Scene()
+    texture = rj.Texture(np.full((2, 2, 3), 64, np.uint8))
+    material = rj.Material("unlit", "#404040", base_color_texture=texture)
+    for n, heat in enumerate(([[0], [1], [2], [3]], [[5], [5], [5], [5]], None)):
+        own = {} if heat is None else {"attributes": {"_HEAT": np.array(heat)}}
+        mesh = rj.Mesh(square, faces, uv=square[:, :2], material=material, **own)
+        scene.add(mesh, rj.transforms.translate((2.5 * n, 0, 0)))
+    scene.save(tmp_path / "three.glb")
+    found = render(tmp_path, "--scalars", "_HEAT", file=tmp_path / "three.glb")[..., :3]
+    codes = rj.Colormap("viridis").codes[:, :3]
+    assert (found == codes[-1]).all(axis=2).any()
+    shown = {tuple(color) for color in found.reshape(-1, 3).tolist()}
+    # From 0 to 3 of 5, and 5.
+    assert shown & {tuple(color) for color in codes[:60].tolist()}
+    assert not shown & {tuple(color) for color in codes[160:-1].tolist()}
+    plain = rj.load(tmp_path / "three.glb")
+    assert len(shown - {tuple(color) for color in codes.tolist()} - {(255, 255, 255)}) == 1
+    assert plain.nodes[2].mesh.scalar_attributes == ()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (("--scalars", "qualty"), 1, "those with one number are quality, kind, stress; did you"),
+        (("--scalars", "stress", "--contours", 3), 1, "--contours must not be given where"),
+        (("--scalars", "quality", "--colormap", "virdis"), 2, "did you mean 'viridis'"),
+        (("--scalars", "quality", "--range", "1"), 2, "'1' is not LOW,HIGH"),
+        (("--scalars", "quality", "--range", "2,1"), 2, "the lower one first"),
+        (("--scalars", "quality", "--range", "0,inf"), 2, "must be finite"),
+        (("--scalars", "quality", "--contours", "0"), 2, "levels must be 1 to 4096 in number"),
+        (("--scalars", "quality", "--contours", "a,b"), 2, "expected a number of lines"),
+        (("--scalars", "quality", "--contours", "nan,1"), 2, "levels"),
+    ],
+)
+@pytest.mark.parametrize("measured", ["ascii"], indirect=True)
+def test_wrong_scalars_are_named(tmp_path, measured, options, code, words):
+    result = run("render", measured, "-o", tmp_path / "a.png", *options)
+    assert_one_line(result, code)
+    assert words in result.stderr
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_a_mesh_without_attributes_says_so(tmp_path):
+    result = run("render", CUBE, "-o", tmp_path / "a.png", "--scalars", "quality")
+    assert_one_line(result, 1)
+    assert "there is none" in result.stderr
+
+
+def test_pictures_of_a_folder_have_no_colour_bar(tmp_path, measured):
+    folder = measured.parent
+    result = run("render", folder, "-o", folder, "--scalars", "quality", "--colorbar")
+    assert_one_line(result, 2)
+    assert "--colorbar has no effect here" in result.stderr
+    result = run("render", folder, "-o", folder, "--scalars", "quality", *SMALL)
+    assert result.exit_code == 0, result.output
+    found = iio.imread(folder / "square.ply.png")[..., :3]
+    assert np.array_equal(found, rendered(scene=shown_by(measured, QUALITY)).color[..., :3])
+
+
+def test_eye_dome_lighting_is_an_option(tmp_path):
+    found = render(tmp_path, "--eye-dome", "0.5", "--shading", "unlit")
+    scene = rj.load(CUBE)
+    scene.eye_dome = rj.EyeDome(0.5)
+    for node in scene.nodes:
+        node.mesh.material = rj.Material("unlit")
+    assert np.array_equal(found[..., :3], rendered(scene=scene).color[..., :3])
+
+
 IDLE = [
     ("render", "a.png", "--scale", 0.1),
     ("render", "a.png", "--depth", "a.npy", "--scale", 0.1),
@@ -735,6 +877,16 @@ IDLE = [
     ("render", "a.npz", "--outputs", "linear", "--vignette", 0.5),
     ("render", "a.npz", "--outputs", "linear", "--wireframe", "overlay"),
     ("render", "a.npz", "--outputs", "linear", "--wireframe-color", "red"),
+    ("render", "a.npz", "--outputs", "depth", "--scalars", "heat"),
+    ("render", "a.npz", "--outputs", "depth", "--eye-dome", 1),
+    ("render", "a.npz", "--outputs", "scalar", "--colormap", "gray"),
+    ("render", "a.png", "--colormap", "gray"),
+    ("render", "a.png", "--range", "0,1"),
+    ("render", "a.png", "--contours", 5),
+    ("render", "a.png", "--colorbar"),
+    ("render", "a.exr", "--scalars", "heat", "--colorbar"),
+    ("render", "a.png", "--scalars", "heat", "--color", "red"),
+    ("turntable", "a.gif", "--contours", 5),
     ("turntable", "a.gif", "--projection", "orthographic", "--fov", 40),
     ("turntable", "a.gif", "--up", "0,0,0"),
     ("explain", None, "--pixel", "1,1", "--outputs", "depth"),

@@ -251,6 +251,12 @@ def shadowed():
     return setting
 
 
+def domed():
+    setting = rj.Scene()
+    setting.eye_dome = rj.EyeDome()
+    return setting
+
+
 def outlined():
     setting = rj.Scene()
     setting.outline = rj.Outline()
@@ -273,6 +279,7 @@ def full():
         ({"camera": None}, "camera must be a PerspectiveCamera"),
         ({"setting": shadowed()}, r"setting\.lights\[0\] must cast no shadow"),
         ({"setting": outlined()}, r"setting\.outline must be None"),
+        ({"setting": domed()}, r"setting\.eye_dome must be None"),
         ({"setting": full()}, "setting must be a scene without meshes, got 1"),
         ({"setting": "sunny"}, "setting must be a Scene or None"),
         ({"material": "red"}, "material must be a Material or None"),

@@ -144,7 +144,8 @@ def test_the_terms_of_a_pixel_add_up(row):
         np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
         told_of |= {term.label for term in light.lights}
     lights = {"SpotLight 1, diffuse", "PointLight 2, diffuse"}
-    assert told_of == {*lights, "environment", "fog"}
+    dome = {"eye-dome lighting"} if row[SWITCHES.index("dome")] else set()
+    assert told_of == {*lights, "environment", "fog", *dome}
 
 
 @pytest.mark.parametrize(

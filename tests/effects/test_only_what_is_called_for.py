@@ -117,6 +117,9 @@ GONE = {
         "environment.mirror_environment", "environment.shed_light",
         "environment.show_environment", *FILTERED,
     },
+    "eye-dome lighting": {
+        "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",
+    },
     "fog": {"fog.cover_exponentially"},
     "tone mapping": {"tone_map.show_over"},
     "ambient occlusion": {

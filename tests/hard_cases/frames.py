@@ -369,6 +369,17 @@ def darkened_corners() -> Shot:
     return Shot(scene, looking(), (121, 80))
 
 
+def behind_neighbours() -> Shot:
+    scene = scene_of(ball(), plane(6, 2.0), apart=0.0)
+    scene.eye_dome = rj.EyeDome(0.5, 2.0)
+    return Shot(scene, looking())
+
+
+def behind_neighbours_in_parallel() -> Shot:
+    camera = rj.OrthographicCamera(eye=(2, 1, 4), target=(0, 0, 0), height=4.0, near=0.5, far=30.0)
+    return replace(behind_neighbours(), camera=camera)
+
+
 def coarse_geometry() -> Shot:
     """Return a shot whose depths, vertices and weights are those of the least accurate settings."""
     settings = {"depth_format": "unorm16", "precision": "float32", "interpolation": "affine"}
@@ -706,7 +717,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         teapot, torus_knot, gltf_scene, textures, cube, unlit_vertex_colours, flat_face_colours,
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
-        darkened_corners,
+        darkened_corners, behind_neighbours, behind_neighbours_in_parallel,
         materials_under_a_sky, shadows_of_all_lights, shadows_where_surfaces_touch,
         layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, ground_truth, layers_peeled, many_pictures, areas, codes_of_glass,

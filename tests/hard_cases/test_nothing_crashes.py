@@ -198,6 +198,7 @@ FIELDS = {
     rj.ToneMap: ("curve", "exposure", "white"),
     rj.AmbientOcclusion: ("radius", "strength"),
     rj.Vignette: ("strength", "start"),
+    rj.EyeDome: ("strength", "radius"),
     rj.Outline: ("color", "width", "edges", "crease_angle"),
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
@@ -224,7 +225,8 @@ def test_effects_take_or_refuse_anything(kind, data):
 
 @few(30)
 @given(value=st.one_of(anything, names), field=st.sampled_from(
-    ["environment", "fog", "tone_map", "ambient_occlusion", "outline", "vignette", "lights"]
+    ["environment", "fog", "tone_map", "ambient_occlusion", "outline", "vignette",
+     "eye_dome", "lights"]
 ))  # fmt: skip
 def test_a_scene_takes_no_effect_that_is_none(value, field):
     scene = rj.Scene()

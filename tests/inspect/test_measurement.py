@@ -169,10 +169,13 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     besides = {
         "tone mapping": "curve neutral", "ambient occlusion": "on",
         "outline": "on, one pixel wide", "anti-aliasing": "4 samples", "vignette": "on",
+        "eye-dome lighting": "on",
     }  # fmt: skip
     assert tried(scene) == besides
     # Neither an outline nor a tone curve is seen in linear light, and nothing in depths.
-    assert {*tried(scene, outputs=("linear",))} == {"ambient occlusion", "anti-aliasing"}
+    assert {*tried(scene, outputs=("linear",))} == {
+        "ambient occlusion", "anti-aliasing", "eye-dome lighting",
+    }  # fmt: skip
     assert tried(scene, outputs=("depth",)) == {}
     # What changes nothing could do something; what is there already could not do more.
     scene.tone_map, scene.outline = rj.ToneMap("none"), rj.Outline()
@@ -180,7 +183,9 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     assert {*tried(scene)} == {*besides} - {"outline"}
     # Ambient light alone is occluded; lights alone cast shadows, where something can.
     scene.lights = [rj.PointLight((0.0, 9.0, 0.0))]
-    assert {*tried(scene)} == {"tone mapping", "anti-aliasing", "shadows", "vignette"}
+    assert {*tried(scene)} == {
+        "tone mapping", "anti-aliasing", "shadows", "vignette", "eye-dome lighting",
+    }  # fmt: skip
     shadow = rj.Shadow(size=64)
     scene.lights += [rj.DirectionalLight((0, -1, 0), shadow=shadow), rj.SpotLight((9.0, 0.0, 0.0))]
     assert tried(scene)["shadows"] == "of 2 more lights, maps of 1024 x 1024"

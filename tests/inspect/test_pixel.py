@@ -381,6 +381,39 @@ def test_the_texture_is_told_apart(sphere, camera, shading, kind):
     assert rj.explain_pixel(scene, camera, SIZE, x, y).light.texture is None
 
 
+@pytest.mark.parametrize("shading", ["unlit", "phong", "gouraud"])
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_the_scalar_and_its_colour_are_told(sphere, camera, shading, of_faces):
+    scene, uv = rj.Scene(), sphere.vertices[:, :2]
+    scalars = np.arange(len(sphere.faces)) if of_faces else 3.0 * sphere.vertices[:, 1]
+    material = rj.Material(shading, (0.5, 0.5, 1.0), base_color_texture=stripes("nearest"))
+    field = {"scalars": scalars, "contours": None if of_faces else 5}
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=material, **field))
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces), transforms.translate((1.5, 0, 0)))
+    frame = rj.render(
+        scene, camera, size=SIZE, outputs=("object_id", "linear", "scalar"), threads=1
+    )
+    own, lines = scene.nodes[0].mesh.field, 0
+    for y, x in np.argwhere(frame.object_id == 0)[::61]:
+        told = rj.explain_pixel(scene, camera, SIZE, x, y)
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+        assert told.light.scalar == frame.scalar[y, x]
+        (entry,) = own.colormap.entries([told.light.scalar], *own.range)
+        if not told.light.scalar_color.any():
+            lines += 1
+        else:
+            assert told.light.scalar_color.tolist() == own.colormap.colors[entry, :3].tolist()
+        assert f"scalar {told.light.scalar:.7g}" in str(told)
+        shown = told.light.scalar_color * told.light.texture * (0.5, 0.5, 1.0)
+        if shading != "gouraud":
+            np.testing.assert_allclose(told.light.base_color, shown, rtol=SUMMED, atol=1e-7)
+    assert (lines > 0) != of_faces
+    y, x = np.argwhere(frame.object_id == 1)[0]
+    told = rj.explain_pixel(scene, camera, SIZE, x, y)
+    assert told.light.scalar is told.light.scalar_color is None
+    assert "scalar" not in str(told)
+
+
 def test_an_unlit_face_shows_its_base_colour(cube, camera):
     scene = rj.Scene()
     scene.add(rj.Mesh(cube.vertices, cube.faces, material=rj.Material("unlit", (0.5, 0.25, 1.0))))

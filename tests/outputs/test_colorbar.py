@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from fractions import Fraction
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -50,36 +54,52 @@ def test_ticks_are_where_their_values_are(low, high):
     # Right of the bar's frame: black rows are ticks.
     size = 10
     right = size + 12
-    assert (picture[size:-size, right, :3] == 0).all()
     marks = np.flatnonzero((picture[:, right + 2, :3] == 0).all(axis=1))
-    ticks = find_ticks(low, high, 220 // 30)
+    ticks, length = find_ticks(low, high, 220 // 30), 220
+    if write_ticks(ticks)[1]:
+        length -= 2 * size
+        ticks = find_ticks(low, high, length // 30)
+    assert (picture[-size - length : -size, right, :3] == 0).all()
     shares = [(tick - low) / (high - low) if high > low else 0.5 for tick in ticks]
-    wanted = sorted(SIZE[1] - size - 1 - round(share * 219) for share in shares)
+    wanted = sorted(SIZE[1] - size - 1 - round(share * (length - 1)) for share in shares)
     assert marks.tolist() == wanted
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "most", "texts"),
+    ("low", "high", "most", "texts", "note"),
     [
-        (0.0, 1.0, 5, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
-        (0.0, 10.0, 5, ["0", "2", "4", "6", "8", "10"]),
-        (-3.0, 3.0, 3, ["-2", "0", "2"]),
-        (0.13, 0.97, 4, ["0.2", "0.4", "0.6", "0.8"]),
-        (-1e30, 1e30, 4, ["-1.0e+30", "-5.0e+29", "0", "5.0e+29", "1.0e+30"]),
-        (0.0, 3e-9, 3, ["0", "1e-09", "2e-09", "3e-09"]),
-        (1e9, 1e9 + 2.0, 2, ["1.000000000e+09", "1.000000001e+09", "1.000000002e+09"]),
-        (0.0, 1e6, 2, ["0", "5.0e+05", "1.0e+06"]),
-        (5.0, 5.0, 4, ["5"]),
-        (1.0, 1.0 + 2.0**-52, 4, ["1.0000000000000000e+00", "1.0000000000000002e+00"]),
-        (0.0, 5e-324, 4, ["0"]),
-        (123.456, 123.456, 4, ["123.456"]),
+        (0.0, 1.0, 5, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"], ""),
+        (0.0, 10.0, 5, ["0", "2", "4", "6", "8", "10"], ""),
+        (-3.0, 3.0, 3, ["-2", "0", "2"], ""),
+        (0.13, 0.97, 4, ["0.2", "0.4", "0.6", "0.8"], ""),
+        (0.0, 2e5, 2, ["0", "100000", "200000"], ""),
+        (1e-4, 2.5e-4, 4, ["0.00010", "0.00015", "0.00020", "0.00025"], ""),
+        (1e-7, 3e-7, 4, ["1.0", "1.5", "2.0", "2.5", "3.0"], "1e-7"),
+        (-1e30, 1e30, 4, ["-1.0", "-0.5", "0.0", "0.5", "1.0"], "1e30"),
+        (0.0, 3e-9, 3, ["0", "1", "2", "3"], "1e-9"),
+        (1e9, 1e9 + 5.0, 5, ["0", "1", "2", "3", "4", "5"], "+1e9"),
+        (-1e9 - 2.0, -1e9, 2, ["-2", "-1", "0"], "-1e9"),
+        (1234567.0, 1234571.0, 4, ["7", "8", "9", "10", "11"], "+1.23456e6"),
+        (0.0, 1e6, 2, ["0.0", "0.5", "1.0"], "1e6"),
+        (1.0, 1.0 + 3e-9, 3, ["0", "1", "2", "3"], "1e-9+1"),
+        (-1.0 - 3e-9, -1.0, 3, ["-3", "-2", "-1", "0"], "1e-9-1"),
+        (5.0, 5.0, 4, ["5"], ""),
+        (1.0, 1.0 + 2.0**-52, 4, ["0", "2"], "1e-16+1"),
+        (0.0, 5e-324, 4, ["0"], ""),
+        (123.456, 123.456, 4, ["123.456"], ""),
     ],
 )
-def test_ticks_are_round_and_told_apart(low, high, most, texts):
+def test_ticks_are_round_and_told_apart(low, high, most, texts, note):
     ticks = find_ticks(low, high, most)
-    assert write_ticks(ticks) == texts
+    assert write_ticks(ticks) == (texts, note)
     assert all(low <= tick <= high for tick in ticks)
     assert len(ticks) <= most + 1
+
+
+def told(text, note):
+    """Return the number that a label and the note above the bar mean."""
+    power, added = re.fullmatch(r"(1e-?\d+)?([+-].+)?", note).groups()
+    return Fraction(text) * Fraction(power or 1) + Fraction(added or 0)
 
 
 def test_a_great_many_ranges_have_ticks():
@@ -89,12 +109,51 @@ def test_a_great_many_ranges_have_ticks():
         high = low + float(10.0 ** rng.uniform(-30, 30))
         most = int(rng.integers(1, 12))
         ticks = find_ticks(low, high, most)
-        texts = write_ticks(ticks)
+        texts, note = write_ticks(ticks)
         assert 1 <= len(ticks) <= most + 1
         assert all(low <= tick <= high for tick in ticks)
         assert len(set(texts)) == len(texts)
+        assert len(ticks) == 1 or max(map(len, texts)) <= 9
         for tick, text in zip(ticks, texts, strict=True):
-            assert float(text) == pytest.approx(tick, rel=1e-5, abs=0.0)
+            assert float(told(text, note)) == pytest.approx(tick, rel=1e-5, abs=0.0)
+        # Also the differences, of which little is in the digits of all.
+        for (one, other), pair in zip(pairwise(ticks), pairwise(texts), strict=True):
+            found = told(pair[1], note) - told(pair[0], note)
+            wanted, least = float(Fraction(other) - Fraction(one)), float(np.spacing(abs(other)))
+            assert float(found) == pytest.approx(wanted, rel=1e-3, abs=least)
+
+
+def test_a_note_stands_above_the_bar():
+    plain, noted = (frame(field(range=(low, low + 5))).colorbar("h") for low in (0.0, 1e9))
+    first = [
+        int(np.flatnonzero((picture[:, 22 + 2, :3] == 0).all(axis=1))[0])
+        for picture in (plain, noted)
+    ]
+    assert first[1] - first[0] == 20
+    assert (noted[30:40, 10:60, :3] < 128).any()
+
+
+def test_contours_are_lines_across_the_bar():
+    levels = rj.Contours([0.5, 2.0, 9.0], color="#ff00ff")
+    drawn = frame(field(contours=levels)).colorbar()
+    bare = frame(field()).colorbar()
+    changed = (drawn != bare).any(axis=2)
+    rows = np.flatnonzero(changed.any(axis=1))
+    # The bar goes from 0 to 4, from its lowest to its highest row; 9 is beyond it.
+    assert rows.tolist() == sorted(SIZE[1] - 10 - 1 - round(level / 4 * 219) for level in (0.5, 2))
+    assert (drawn[rows, 10:22, :3] == (255, 0, 255)).all()
+    assert not changed[:, :10].any()
+    assert not changed[:, 22:].any()
+
+
+def test_the_bar_of_several_has_the_lines_of_all():
+    first, second = (field(contours=[level], range=(0, 4)) for level in (1.0, 3.0))
+    both = frame(first, second)
+    alone = [both.colorbar(node=n) for n in (0, 1)]
+    lines = [np.flatnonzero((bar != frame(field()).colorbar()).any(axis=(1, 2))) for bar in alone]
+    found = np.flatnonzero((both.colorbar() != frame(field()).colorbar()).any(axis=(1, 2)))
+    assert sorted(found) == sorted(np.concatenate(lines))
+    assert len(found) == 2
 
 
 def test_nan_is_shown_if_there_is_any_and_titles_stand_above():

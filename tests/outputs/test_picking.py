@@ -125,9 +125,9 @@ def test_outputs_that_it_needs_are_named(cube):
 
 
 def same(one, other):
-    return one[:2] == other[:2] and all(
-        ours.tobytes() == theirs.tobytes() for ours, theirs in zip(one[2:], other[2:], strict=True)
-    )
+    arrays = zip(one[2:4], other[2:4], strict=True)
+    is_same = all(ours.tobytes() == theirs.tobytes() for ours, theirs in arrays)
+    return is_same and (one[:2], one.scalar) == (other[:2], other.scalar)
 
 
 def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
@@ -172,3 +172,27 @@ def test_partitions_are_one_object(cube, sphere):
     pick = frame.pick(24, 18)
     assert pick.node == 0
     assert pick.face == frame.face_id[18, 24] >= len(sphere.faces)
+
+
+def test_a_pick_has_the_scalar_if_it_was_asked_for(cube):
+    scene = rj.Scene()
+    scene.add(rj.Mesh(cube.vertices, cube.faces, scalars=np.arange(8.0)))
+    scene.add(cube, T.translate((1.8, 0.0, 0.0)))
+    camera = CAMERAS["perspective"]
+    frame = rj.render(scene, camera, size=SIZE, outputs=(*PICKED, "scalar"))
+    bare = rj.render(scene, camera, size=SIZE, outputs=PICKED)
+    seen = {0: 0, 1: 0}
+    for y, x in np.argwhere(frame.face_id >= 0)[::7].tolist():
+        pick = frame.pick(x, y)
+        if pick.node == 0:
+            corners = scene.nodes[0].mesh.faces[pick.face]
+            assert pick.scalar == frame.scalar[y, x]
+            assert pick.scalar == pytest.approx(float(pick.weights @ corners), abs=1e-5)
+        else:
+            assert math.isnan(pick.scalar)
+        seen[pick.node] += 1
+        assert bare.pick(x, y).scalar is None
+    assert min(seen.values()) > 3
+    layers_of = rj.render_layers(scene, camera, k=2, size=SIZE, outputs=(*PICKED, "scalar"))
+    y, x = np.argwhere(layers_of.face_id[1] >= 0)[0].tolist()
+    assert layers_of.pick(x, y, 1).scalar == layers_of.scalar[1, y, x]

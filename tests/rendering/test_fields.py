@@ -12,6 +12,7 @@ import rasterjit as rj
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering.plan import describe
 from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.scene.mesh import with_face_values
 
 T = rj.transforms
 SIZE = (48, 36)
@@ -248,7 +249,7 @@ def full_scene_unlit():
         ({"scalars": [1j, 2, 3, 4]}, ["scalars", "complex"]),
         ({"scalars": [1, [2], 3, 4]}, ["scalars", "array of numbers"]),
         ({"scalars": [1, 2, 3, -1e39]}, ["scalars", "float32", "1e+39"]),
-        ({"scalars": np.ma.masked_array([1, 2, 3, 4], [0, 1, 0, 0])}, ["scalars", "mask"]),
+        ({"scalars": np.ma.masked_array([1j] * 4, [0, 1, 0, 0])}, ["scalars", "mask"]),
         ({"range": (2, 1)}, ["range", "low to high", "(2.0, 1.0)", "'_r'"]),
         ({"range": (0, np.nan)}, ["range", "finite", "nan"]),
         ({"range": (0, np.inf)}, ["range", "finite"]),
@@ -290,3 +291,87 @@ def test_lines_are_opaque_and_lit_as_surfaces_are():
     lit.lights = [rj.AmbientLight("white", 0.5)]
     shown = rj.render(lit, CAMERA, size=SIZE, threads=1).color
     assert (shown == [188, 188, 188, 255]).all(axis=2).any()
+
+
+# --- where scalars come from ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16, bool])
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_what_is_masked_is_nan(kind, of_faces):
+    plain = grid()
+    count = len(plain.faces) if of_faces else len(plain.vertices)
+    values = (10.0 * waves(count)).astype(kind)
+    hidden = np.arange(count) % 7 == 2
+    holes = np.where(hidden, np.nan, values.astype(float))
+    masked = grid(scalars=np.ma.array(values, mask=hidden), nan_color="#ff00ff")
+    wanted = grid(scalars=holes, nan_color="#ff00ff")
+    assert np.array_equal(masked.field.values, holes, equal_nan=True)
+    assert masked.field.range == wanted.field.range
+    options = {"size": SIZE, "outputs": ("color", "scalar"), "threads": 1}
+    one, other = (rj.render(mesh, CAMERA, **options) for mesh in (masked, wanted))
+    assert np.array_equal(one.color, other.color)
+    assert np.array_equal(one.scalar, other.scalar, equal_nan=True)
+    assert np.isnan(one.scalar[one.color[..., 3] > 0]).any()
+
+
+def test_nothing_masked_and_all_masked():
+    values = waves(81)
+    assert np.array_equal(grid(scalars=np.ma.array(values)).field.values, values)
+    every = grid(scalars=np.ma.array(values, mask=True)).field
+    assert np.isnan(every.values).all()
+    assert every.range == (0.0, 1.0)
+    # Behind a mask may be anything.
+    spoiled = np.ma.masked_invalid(np.where(np.arange(81) == 5, 1e300, values))
+    spoiled[5] = np.ma.masked
+    assert np.isnan(grid(scalars=spoiled).field.values[5])
+
+
+def test_scalars_are_shown_by_the_name_of_an_attribute():
+    heat, load = waves(81)[:, None], np.arange(128.0)[:, None]
+    mesh = grid(
+        attributes={"heat": heat, "load": load, "flow": np.zeros((81, 3))}, colors=np.ones((81, 3)),
+        material=rj.Material("unlit"),
+    )  # fmt: skip
+    assert mesh.scalar_attributes == ("heat", "load")
+    for name, values in (("heat", heat), ("load", load)):
+        shown = mesh.with_scalars(name, "plasma", range=(-2, 90), nan_color="red")
+        wanted = grid(
+            scalars=np.float32(values), colormap="plasma", range=(-2, 90), nan_color="red",
+            material=mesh.material,
+        )  # fmt: skip
+        pictures = [rj.render(one, CAMERA, size=SIZE, threads=1).color for one in (shown, wanted)]
+        assert np.array_equal(*pictures)
+        assert np.shares_memory(shown.vertices, mesh.vertices)
+        assert shown.vertex_colors is None
+        assert shown.scalar_attributes == ("heat", "load")
+    assert mesh.field is None
+    again = mesh.with_scalars("heat").with_scalars(waves(128))
+    assert again.field.of_faces
+    assert again.face_colors is not None
+    assert mesh.with_scalars("heat", contours=3).field.levels.size == 3
+
+
+def test_an_attribute_of_faces_is_one_where_there_are_as_many_vertices():
+    tetrahedron = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    mesh = rj.Mesh(tetrahedron, faces, attributes={"of vertices": np.arange(4.0)[:, None]})
+    mesh = with_face_values(mesh, None, {"of faces": np.arange(4, dtype=np.float32)[:, None]})
+    assert not mesh.with_scalars("of vertices").field.of_faces
+    assert mesh.with_scalars("of faces").field.of_faces
+
+
+@pytest.mark.parametrize(
+    ("scalars", "words"),
+    [
+        ("heet", "it has 'heat'; got 'heet'; did you mean 'heat'"),
+        ("flow", "name of an attribute of one column: it has 'heat'; got 'flow'"),
+        (np.zeros(5), r"scalars must have one number per vertex \(81\) or per face \(128\)"),
+    ],
+)
+def test_other_scalars_are_refused(scalars, words):
+    mesh = grid(attributes={"heat": waves(81)[:, None], "flow": np.zeros((81, 3))})
+    with pytest.raises(ValueError, match=words):
+        mesh.with_scalars(scalars)
+    with pytest.raises(ValueError, match="it has none"):
+        grid().with_scalars("heat")

@@ -509,6 +509,10 @@ PANORAMA = {"lens": rj.Equirectangular(), "size": WIDE}
             "scene.ambient_occlusion must be None where lens sees so much that it takes 6",
         ),
         (
+            {"scene": with_field(eye_dome=rj.EyeDome()), **PANORAMA},
+            "scene.eye_dome must be None where lens sees so much that it takes 6",
+        ),
+        (
             {"camera": PARALLEL},
             "camera must be a perspective where a lens is given, got OrthographicCamera",
         ),
@@ -524,6 +528,15 @@ def test_what_is_not_drawn_is_refused(options, message):
     camera = options.pop("camera", replace(CAMERA, fov_y=options.pop("fov_y", 60.0)))
     with pytest.raises(ValueError, match=message):
         draw(options.pop("scene", None) or furnished(), camera, **options)
+
+
+def test_eye_dome_lighting_of_one_picture():
+    plain, found = (
+        draw(scene, CAMERA, rj.PinholeDistortion(*BENT), outputs="linear").linear
+        for scene in (with_field(), with_field(eye_dome=rj.EyeDome(0.2)))
+    )
+    assert (found <= plain).all()
+    assert (found < 0.5 * plain).any()
 
 
 def test_ambient_occlusion_of_one_picture():

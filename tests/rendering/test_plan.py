@@ -309,6 +309,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "environment light        out (scene.environment is None)",
         "environment background   out (scene.environment is None)",
         "background image         out (the render was given no picture)",
+        "eye-dome lighting        out (scene.eye_dome is None)",
         "fog                      out (scene.fog is None)",
         "tone mapping             out (scene.tone_map is None)",
         "ambient occlusion        out (scene.ambient_occlusion is None)",

@@ -137,6 +137,7 @@ CHANGES = {
     "wireframe": lambda scene, asked: setattr(scene, "wireframe", rj.Wireframe("red", "only")),
     "occlusion": lambda scene, asked: setattr(scene, "ambient_occlusion", rj.AmbientOcclusion()),
     "outline": lambda scene, asked: setattr(scene, "outline", rj.Outline()),
+    "eye dome": lambda scene, asked: setattr(scene, "eye_dome", rj.EyeDome()),
     "fog": lambda scene, asked: setattr(
         scene, "fog", rj.Fog(mode="exp", density=0.1, height=0.0, falloff=1.0)
     ),

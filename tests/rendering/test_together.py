@@ -338,6 +338,7 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (None, {"outline": rj.Outline()}, {}),
         (None, {"wireframe": rj.Wireframe()}, {}),
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
+        (None, {"eye_dome": rj.EyeDome()}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
         (None, {"glass": 0.5}, {}),
         (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),

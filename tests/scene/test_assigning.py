@@ -35,6 +35,7 @@ FROZEN = [
     rj.Equirectangular(),
     rj.FisheyeLens(0.1),
     rj.PinholeDistortion(0.1),
+    rj.EyeDome(),
     rj.Fog(mode="linear", start=1.0, end=2.0),
     rj.Label((0, 1, 0), "text", background="white"),
     rj.Material("pbr", "orange", base_color_texture=rj.Texture(np.ones((2, 2)))),

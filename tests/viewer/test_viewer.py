@@ -444,7 +444,7 @@ def test_every_effect_key_is_known_and_told():
     assert switches.KEYS == {
         "o": "ambient occlusion", "k": "outline", "t": "tone mapping", "l": "shadows",
         "b": "environment background", "v": "environment light", "n": "fog", "x": "textures",
-        "z": "vignette", "y": "labels",
+        "z": "vignette", "j": "labels", "y": "eye-dome lighting",
     }  # fmt: skip
     assert set(switches.KEYS.values()) <= names
     assert {key: effect.name for key, effect in switches.MODED.items()} == {"g": "wireframe"}

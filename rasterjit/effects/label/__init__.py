@@ -247,7 +247,7 @@ class Labels(Effect):
     """Draw texts over the finished picture."""
 
     name = "labels"
-    key = "y"
+    key = "j"
     looks = "whole"
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:

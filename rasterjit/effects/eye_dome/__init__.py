@@ -1,0 +1,183 @@
+"""
+Eye-dome lighting: darken what lies behind a neighbour on the screen.
+
+A frame has it where faces are shaded, lit or not. Found once a picture from the depth of the faces
+that are seen; a sample reads the share of its pixel. It needs no point and no normal of a sample,
+and costs a few nanoseconds a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.eye_dome import stage as eye_dome_stage
+from rasterjit.runtime.driver import Step
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.eye_dome import EyeDome
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Planned,
+    Planning,
+    Rows,
+    add_to_field,
+)
+from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.plan import RenderPlan
+
+LN_2 = 0.6931471805599453
+
+GAIN = 300.0
+"""What the mean of the logarithms is multiplied by, as is usual."""
+
+DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+"""Where neighbours lie: to the right and down."""
+
+FIELD_OF_VIEW = 2.0 * (math.sqrt(2.0) - 1.0)
+"""Height of what is seen over its distance, at the 45 degrees that are taken where no eye is."""
+
+
+def neighbour_offsets(radius: float) -> NDArray[np.int64]:
+    """Return how far to the right and down the 8 neighbours lie, (8, 2) pixels."""
+    straight = math.floor(radius + 0.5)
+    slant = math.floor(radius * math.sqrt(0.5) + 0.5)
+    lengths = [slant if x and y else straight for x, y in DIRECTIONS]
+    return np.array(DIRECTIONS, np.int64) * np.array(lengths, np.int64)[:, np.newaxis]
+
+
+def is_perspective(camera: Camera) -> bool:
+    """Tell whether the stored depth is one over the distance from an eye."""
+    return camera.depth_coefficients()[0] != 0.0
+
+
+def nearness_of_depth(camera: Camera, size: tuple[int, int]) -> float:
+    """Return by how much nearness grows with the stored depth of a parallel projection."""
+    _, vertical, along, _ = np.asarray(camera.projection_matrix(size)).tolist()
+    height, depth = (2.0 / math.sqrt(x * x + y * y + z * z) for x, y, z, _ in (vertical, along))
+    return depth * FIELD_OF_VIEW / (height * LN_2)
+
+
+def find_shares(
+    effect: EyeDome,
+    camera: Camera,
+    size: tuple[int, int],
+    depth: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """
+    Return the share of its light that each pixel keeps, (H, W), 0..1.
+
+    Parameters
+    ----------
+    effect : EyeDome
+    camera : Camera
+    size : (int, int)
+        Of the whole picture, pixels.
+    depth : (H, W) float32
+        Reversed depth of the picture, or of a part of it.
+    workers : Workers
+    """
+    height, width = depth.shape
+    per_task = rows_per_task(depth.shape, workers)
+    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+    nearness = workers.memory.empty(depth.shape, np.float32)
+    if is_perspective(camera):
+        workers.run(lambda rows: eye_dome_stage.take_logarithms(depth, rows, nearness), bands)
+    else:
+        np.multiply(depth, np.float32(nearness_of_depth(camera, size)), out=nearness)
+    shares, offsets = (
+        workers.memory.empty(depth.shape, np.float32),
+        neighbour_offsets(effect.radius),
+    )
+    factor = np.float32(GAIN * effect.strength / (len(offsets) * LN_2))
+
+    def find_band(rows: tuple[int, int]) -> None:
+        total = np.empty(width, np.float32)
+        eye_dome_stage.find_shares(nearness, rows, offsets, factor, shares, total)
+
+    workers.run(find_band, bands)
+    return shares
+
+
+class EyeDomeLighting(Effect):
+    """Darken what lies behind its neighbours."""
+
+    name = "eye-dome lighting"
+    field = "eye_dome"
+    key = "y"
+    looks = "neighbours"
+    joins_faces = True
+    follows_facts = True
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether it is asked for and any face is shaded."""
+        effect = facts.asked[self.field]
+        if effect is None or effect.strength == 0.0 or not facts.shades:
+            return Absent(self, facts)
+        return Planned(self, facts, effect)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why what lies behind is darkened or not."""
+        effect = facts.asked[self.field]
+        if effect is None:
+            return "scene.eye_dome is None"
+        if effect.strength == 0.0:
+            return "its strength is 0"
+        if not facts.shades:
+            return unlit_reason(facts)
+        return f"strength {effect.strength:g}, radius {effect.radius:g}"
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell that it looks at depths around each pixel."""
+        return True
+
+    def reach(self, data: EyeDome) -> int:
+        """Return how far away its neighbours are, pixels."""
+        return int(neighbour_offsets(data.radius).max())
+
+    def prepare(
+        self, context: FrameContext, data: EyeDome, seen: Sequence[Any]
+    ) -> NDArray[np.float32]:
+        """Return the share of its light that each pixel keeps, (H, W) float32."""
+        plan, depth = context.plan, context.coverage.reversed_depth
+        return find_shares(data, plan.camera, plan.size, depth, context.workers)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that find it."""
+        names = ["take_logarithms"] if is_perspective(plan.camera) else []
+        return {"prepare": [(f"eye_dome.{name}", "", "") for name in (*names, "find_shares")]}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return what it is found in."""
+        return [("nearness and what it leaves of light", 2, "float32", plan.size)]
+
+    def sketch(self, facts: Facts, data: EyeDome) -> NDArray[np.float32]:
+        """Return shares of no pixel."""
+        return np.empty((0, 0), np.float32)
+
+    def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return shares that keep all light."""
+        return np.ones_like(record)
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with the usual eye-dome lighting."""
+        return "on", add_to_field(scene, self.field, EyeDome())
+
+    @staticmethod
+    def darken(shares: NDArray[np.float32], shown: int) -> list[Step]:
+        """Return the stage that multiplies three rows of colours."""
+        return [Step(eye_dome_stage.darken_samples, (shares, shown))]
+
+    places: ClassVar = {"seen": darken}
+
+
+EYE_DOME = EyeDomeLighting()

@@ -1,0 +1,128 @@
+"""
+Find how dark each pixel is for what lies in front of its neighbourhood, and darken its samples.
+
+Nearness is a number whose differences tell how far one depth lies before another: the logarithm of
+the stored depth, which is proportional to one over the distance, or a multiple of the stored depth
+of a parallel projection, which falls linearly with it. See `rasterjit.scene.eye_dome.EyeDome`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.lighting.light_stages import interval_of
+from rasterjit.pipeline.surface.samples import INTERVAL_FRAME_ROW, INTERVALS, Block
+from rasterjit.runtime.float_math import SMALLEST_NORMAL, exp2, log2
+from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.jit import disjoint_helper, kernel, stage
+from rasterjit.runtime.state import float32, int64
+
+
+@disjoint_helper
+def take_row(depth, nearness):
+    """Write log2 of the stored depths of a row; -inf where nothing is."""
+    nothing = np.float32(-np.inf)
+    for i in range(nearness.shape[0]):
+        found = log2(max(depth[i], SMALLEST_NORMAL))
+        nearness[i] = found if depth[i] > nothing else nothing
+
+
+@kernel
+def take_logarithms(depth: float32[:, ::1], rows: (int64, int64), nearness: float32[:, ::1]):
+    """
+    Find how near pixels are to the eye.
+
+    Parameters
+    ----------
+    depth : (H, W) float32, stored depth
+        -inf where nothing is.
+    rows : (int, int)
+        The first row, and one past the last.
+    nearness : (H, W) float32
+        Writes these rows: log2 of the depth; -inf where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        take_row(depth[row], nearness[row])
+
+
+@disjoint_helper
+def add_neighbour(own, there, total):
+    """Add by how much neighbours are nearer."""
+    zero = np.float32(0.0)
+    for i in range(total.shape[0]):
+        nearer = there[i] - own[i]
+        total[i] += nearer if nearer > zero else zero
+
+
+@disjoint_helper
+def finish_row(own, total, factor, shares):
+    """Write the shares of light that are left; 1 where nothing is."""
+    for i in range(shares.shape[0]):
+        share = exp2(-(factor * total[i]))
+        shares[i] = share if own[i] > np.float32(-np.inf) else np.float32(1.0)
+
+
+@kernel
+def find_shares(
+    nearness: float32[:, ::1], rows: (int64, int64), offsets: int64[:, ::1], factor: float32,
+    shares: float32[:, ::1], total: float32[::1],
+):  # fmt: skip
+    """
+    Find the share of its light that each pixel keeps.
+
+    Parameters
+    ----------
+    nearness : (H, W) float32
+        -inf where nothing is.
+    rows : (int, int)
+        The first row, and one past the last.
+    offsets : (N, 2) int64
+        How far to the right and down neighbours lie, pixels.
+    factor : float32
+        Halvings of the light for each unit of nearness that neighbours have more, in sum.
+    shares : (H, W) float32
+        Writes these rows, 0..1.
+    total : (W,) float32
+        This thread's own scratch.
+    """
+    height, width = nearness.shape
+    for row in range(rows[0], rows[1]):
+        for i in range(np.uintp(width)):
+            total[i] = np.float32(0.0)
+        for n in range(offsets.shape[0]):
+            across, there = offsets[n, 0], row + offsets[n, 1]
+            begin, end = max(0, -across), min(width, width - across)
+            if there < 0 or there >= height or begin >= end:
+                continue
+            add_neighbour(
+                part(nearness, row, begin, end),
+                part(nearness, there, begin + across, end + across), total[begin:end],
+            )  # fmt: skip
+        finish_row(nearness[row], total, factor, shares[row])
+
+
+@stage
+def darken_samples(block: Block, count, shares: float32[:, ::1], shown: int64):
+    """
+    Multiply the colour of each sample by the share of its pixel.
+
+    Parameters
+    ----------
+    block : Block
+        Changes three rows of colours.
+    count : int
+    shares : (H, W) float32
+        Of the frame, 0..1.
+    shown : int
+        The first of the rows.
+    """
+    red, green, blue = block.samples[shown], block.samples[shown + 1], block.samples[shown + 2]
+    for k in range(block.counts[INTERVALS]):
+        _, column, start, stop = interval_of(block, k)
+        row = block.intervals[k, INTERVAL_FRAME_ROW]
+        there = shares[row, column : column + stop - start]
+        for i in range(np.uintp(stop - start)):
+            place = np.uintp(start) + i
+            red[place] = red[place] * there[i]
+            green[place] = green[place] * there[i]
+            blue[place] = blue[place] * there[i]
