@@ -6,7 +6,11 @@ Needs RasterJIT installed. Writes into ``models/pictures`` unless told otherwise
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -156,8 +160,21 @@ def mistakes(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]
     return np.vstack([np.hstack(panels[:3]), np.hstack(panels[3:])])
 
 
+def make_page(page: Path, folder: Path) -> None:
+    """Run the program of a page for readers, and write its pictures into a folder."""
+    text = page.read_text(encoding="utf-8")
+    program = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as place:
+        (Path(place) / "models").symlink_to(MODELS.resolve())
+        subprocess.run([sys.executable, "-c", program], cwd=place, check=True)
+        for picture in Path(place).glob("*.png"):
+            shutil.copy(picture, folder)
+
+
 def main(folder: Path) -> None:
     """Write every picture."""
+    folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     camera = rj.PerspectiveCamera(eye=(2.5, 6.0, 12.5), target=(0.2, 1.1, 0.0), fov_y=34.0)
     scene = still_life()
@@ -172,6 +189,7 @@ def main(folder: Path) -> None:
     cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
+    make_page(MODELS.resolve().parent / "docs" / "point_clouds.md", folder / "point_clouds")
 
 
 if __name__ == "__main__":

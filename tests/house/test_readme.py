@@ -13,7 +13,9 @@ import pytest
 from rasterjit.cli import commands
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("README.md", "models/README.md", "docs/cameras.md")
+NOTEBOOKS = ("docs/point_clouds.md",)
+"""Pages whose programs go on from one to the next: they are one."""
+PAGES = ("README.md", "models/README.md", "docs/cameras.md", *NOTEBOOKS)
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"
@@ -26,6 +28,8 @@ def blocks(language):
     for page in PAGES:
         text = (ROOT / page).read_text(encoding="utf-8")
         texts = re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+        if page in NOTEBOOKS:
+            texts = ["\n".join(texts)] if texts else []
         found += [pytest.param(t, id=f"{page}-{n}") for n, t in enumerate(texts, 1)]
     return found
 
