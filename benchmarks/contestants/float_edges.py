@@ -220,7 +220,7 @@ def depth_from(plane, edge_bc, edge_ca):
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, tile):
+def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle against edges in float32, row by row."""
     left, top = np.int64(whole[batches.LEFT, n]), np.int64(whole[batches.TOP, n])
     first = (top - origin[1]) * nearest.SCRATCH_SHAPE[1] + left - origin[0]
@@ -238,7 +238,7 @@ def draw_small(n, whole, real, plane, origin, tile):
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(nearest.SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[batches.FACE, n]),
+        np.int32(whole[batches.FACE, n]), is_mixed,
     )  # fmt: skip
 
 
@@ -299,7 +299,8 @@ def careless_stages() -> SimpleNamespace:
         plan_depths=plan_depths, plan_edge=plan_edge, REAL=float32[:, ::1],
     )  # fmt: skip
     covering = twin(
-        nearest, plan_batch=planning.plan_batch, edge_at=edge_at, edges_at=edges_at,
+        nearest, plan_batch=planning.plan_batch, order_triangles=planning.order_triangles,
+        edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
         REAL=planning.REAL, SPANS=in_float32(nearest.SPANS),

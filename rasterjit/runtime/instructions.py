@@ -367,7 +367,9 @@ class _Tile:
         old_face = self._load(numbers, 4)
         builder.store(builder.select(wins, face, old_face), numbers, align=4)
 
-    def put_apart(self, places: list[Any], is_inside: Any, depth: Any, face: Any) -> None:
+    def put_apart(
+        self, places: list[Any], is_inside: Any, depth: Any, face: Any, is_mixed: Any
+    ) -> None:
         """Store depths, as they are stored, and faces at places of their own, the last first."""
         builder = self._builder
         for place in places:
@@ -379,7 +381,7 @@ class _Tile:
             for k, pointer in enumerate(pointers[-1]):
                 values = builder.insert_element(values, builder.load(pointer), LANE(k))
             old.append(values)
-        wins = self.is_seen(is_inside, depth, old[0], face, lambda: old[1])
+        wins = self.is_seen(is_inside, depth, old[0], face, lambda: old[1], is_mixed)
         for own, new, before in zip(pointers, (depth, face), old, strict=True):
             values = builder.select(wins, new, before)
             for k in reversed(range(len(places))):
@@ -392,10 +394,11 @@ class _Tile:
         return compare(how, depth, other)
 
     def is_seen(
-        self, is_inside: Any, depth: Any, other: Any, face: Any, load_other: Callable
-    ) -> Any:
+        self, is_inside: Any, depth: Any, other: Any, face: Any, load_other: Callable,
+        is_mixed: Any = None,
+    ) -> Any:  # fmt: skip
         """
-        Return which stored depths are nearer than others, or as near and of a lower face.
+        Return which stored depths are nearer than others, or as near and of a lower face, if mixed.
 
         Ties are rare, and tell by a branch what else would take a comparison of every face.
         """
@@ -404,6 +407,7 @@ class _Tile:
         is_tied = builder.and_(is_inside, self.compare("==", depth, other))
         lanes = ir.IntType(is_tied.type.count)
         some = builder.icmp_unsigned("!=", builder.bitcast(is_tied, lanes), lanes(0))
+        some = some if is_mixed is None else builder.and_(some, is_mixed)
         before = builder.block
         with builder.if_then(some, likely=False):
             is_lower = builder.icmp_signed("<", face, load_other())
@@ -533,7 +537,7 @@ def _fill_thin(context: Any, builder: Any, signature: Any, arguments: Any) -> No
             builder.add(first, builder.sext(builder.extract_element(place, LANE(k)), first.type))
             for k in range(LANES)
         ]
-        tile.put_apart(places, is_inside, depth, faces)
+        tile.put_apart(places, is_inside, depth, faces, arguments[10])
         return [builder.add(values[0], lanes)]
 
     groups = builder.lshr(builder.add(rows, rows.type(LANES - 1)), rows.type(3))

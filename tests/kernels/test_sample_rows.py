@@ -28,14 +28,18 @@ STRIDE, ROWS = 24, 12
 
 
 @helper
-def compiled_draw_box(depths, numbers, first, stride, rows, columns, edges, plane, face):
-    draw_box(depths, numbers, first, stride, rows, columns, edges, plane, face)
+def compiled_draw_box(
+    depths, numbers, first, stride, rows, columns, edges, plane, face, is_mixed
+):  # fmt: skip
+    draw_box(depths, numbers, first, stride, rows, columns, edges, plane, face, is_mixed)
 
 
 @helper
-def compiled_fill_rows(depths, numbers, spans, first, stride, rows, before, longest, plane, face):
+def compiled_fill_rows(
+    depths, numbers, spans, first, stride, rows, before, longest, plane, face, is_mixed
+):  # fmt: skip
     fill_rows(
-        depths, numbers, spans, first, stride, rows, before, longest, plane, face
+        depths, numbers, spans, first, stride, rows, before, longest, plane, face, is_mixed
     )  # fmt: skip
 
 
@@ -74,11 +78,19 @@ def both(compiled, intrinsic, tile, *arguments):
     return tiles
 
 
-def tile_of(random, kind):
-    """Return depths of a kind, some of them empty, and face numbers."""
+def tile_of(random, kind, tied=()):
+    """Return depths of a kind, some of them empty or tied with some, and face numbers 0 to 7."""
     depths = random.uniform(0, 1000, STRIDE * ROWS)
     depths[random.random(depths.shape) < 0.3] = -1.0
-    return depths.astype(kind), np.full(STRIDE * ROWS, 7, np.int32)
+    for depth in tied:
+        depths[random.random(depths.shape) < 0.4] = depth
+    return depths.astype(kind), random.integers(0, 8, STRIDE * ROWS).astype(np.int32)
+
+
+def ties_won(tile, drawn):
+    """Return how many samples changed the face alone."""
+    is_tied = tile[0] == drawn[0]
+    return np.count_nonzero(is_tied & (tile[1] > drawn[1]))
 
 
 def assert_same(one, other):
@@ -86,23 +98,26 @@ def assert_same(one, other):
         np.testing.assert_array_equal(a.view(np.uint8), b.view(np.uint8))
 
 
+@pytest.mark.parametrize("is_mixed", [False, True])
 @pytest.mark.parametrize("kind", DEPTHS)
 @pytest.mark.parametrize("edge", [np.int32, np.float32])
-def test_boxes(kind, edge):
+def test_boxes(kind, edge, is_mixed):
     random = np.random.default_rng(3)
-    drawn = 0
+    drawn, won = 0, 0
     for columns in [*range(9), 3, 5]:
         for rows in (0, 1, 2, 7):
             edges = tuple(map(edge, random.integers(-40, 60, 9)))
-            plane = tuple(random.uniform(-50, 50, 6)) + (500.0, 2.0, 1.5, 420.0, 900.0)
-            tile = tile_of(random, kind)
+            plane = (*random.integers(-50, 50, 6).astype(float), 500.0, 2.0, 1.5, 420.0, 900.0)
+            tile = tile_of(random, kind, (420.0, 900.0))
             one, other = both(
                 compiled_draw_box, draw_box, tile, np.int64(26), np.int64(STRIDE), np.int64(rows),
-                np.int32(columns), edges, plane, np.int32(3),
+                np.int32(columns), edges, plane, np.int32(3), is_mixed,
             )  # fmt: skip
             assert_same(one, other)
-            drawn += np.count_nonzero(one[1] == 3)
+            drawn += np.count_nonzero(one[0] != tile[0])
+            won += ties_won(tile, one)
     assert drawn > 20
+    assert (won > 0) == is_mixed
 
 
 @pytest.mark.parametrize("columns", [3, 5, 8])
@@ -114,29 +129,34 @@ def test_lanes_behind_the_box_may_overflow(columns):
     plane = (0.0,) * 6 + (5.0, 0.0, 0.0, 5.0, 5.0)
     one, other = both(
         compiled_draw_box, draw_box, tile, np.int64(0), np.int64(STRIDE), np.int64(2),
-        np.int32(columns), edges, plane, np.int32(3),
+        np.int32(columns), edges, plane, np.int32(3), True,
     )  # fmt: skip
     assert_same(one, other)
     assert (one[1] == 7).all()
 
 
+@pytest.mark.parametrize("is_mixed", [False, True])
 @pytest.mark.parametrize("kind", DEPTHS)
 @pytest.mark.parametrize("longest", [1, 2, 4, 5, 8, 9, 16])
-def test_spans(kind, longest):
+def test_spans(kind, longest, is_mixed):
     random = np.random.default_rng(longest)
-    rows, room = 9, 16
+    rows, room, won = 9, 16, 0
     begins = random.integers(0, 8, room).astype(np.int32)
     # Some rows are empty, some end before they begin
     ends = (begins + random.integers(-3, longest + 1, room)).astype(np.int32)
     starts = random.uniform(300, 900, room)
+    starts[::2] = 300.0
     for before in (0, 3, 8):
+        tile = tile_of(random, kind, (800.0, 400.0, 400.0))
         one, other = both(
-            compiled_fill_rows, fill_rows, tile_of(random, kind), (begins, ends, starts),
+            compiled_fill_rows, fill_rows, tile, (begins, ends, starts),
             np.int64(24), np.int64(STRIDE), np.int64(rows), np.int32(before), np.int64(longest),
-            (7.25, 400.0, 800.0), np.int32(3),
+            (7.25, 400.0, 800.0), np.int32(3), is_mixed,
         )  # fmt: skip
         assert_same(one, other)
-    assert (one[1] == 7).any()
+        won += ties_won(tile, one)
+    assert (one[0] == tile[0]).any()
+    assert (won > 0) == is_mixed
 
 
 @pytest.mark.parametrize("kind", DEPTHS)
@@ -258,7 +278,7 @@ def test_checked_indices_find_boxes_beyond_the_tile():
     with pytest.raises(IndexError, match="ends beyond its memory"):
         compiled_draw_box(
             *tile, np.int64(0), np.int64(STRIDE), np.int64(2), np.int32(3),
-            (np.int32(0),) * 9, (0.0,) * 11, np.int32(3),
+            (np.int32(0),) * 9, (0.0,) * 11, np.int32(3), False,
         )  # fmt: skip
     with pytest.raises(IndexError, match="ends beyond its memory"):
         compiled_least_in_rows(tile[0], *map(np.int64, (0, STRIDE, 2)), np.int32(0), np.int32(7))

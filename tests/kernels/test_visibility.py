@@ -12,11 +12,30 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry import triangle_batches
-from rasterjit.pipeline.geometry.triangle_batches import BATCH
-from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.geometry.triangle_batches import (
+    ASKED,
+    BATCH,
+    BUCKETS,
+    COUNT,
+    FIRST,
+    GRID_BITS,
+    LEFT_COLUMN,
+    ORDERED,
+    PUT_IN_ORDER,
+    SEEN_OF_THEM,
+    SHIFT_X,
+    SHIFT_Y,
+    TO_COME,
+    TOP_ROW,
+    WAYS,
+    order_memory,
+    order_triangles,
+)
+from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.pipeline.visibility.nearest import FORGETTING_BITS, LEAST_ORDERED, REMEMBERED
 from rasterjit.runtime import threads
 
 SCREEN = (128, 128)
@@ -384,6 +403,7 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
         """Return the tile with some of the triangles, and the depths of its cells at the end."""
         listed = np.arange(first, end, dtype=np.int32)
         drawer = nearest.tile_drawer(listed, faces, screen, kind)
+        drawer.drawing.asked[SEEN_OF_THEM] = 1000  # So that they are not put in order.
         frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
         starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
         nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
@@ -409,6 +429,115 @@ def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
     assert (cells == least).all()
     assert (cells > empty).all()
     assert passed > 10
+
+
+def soup_in_a_tile(seed, count, kind):
+    """Return faces and screen vertices of a soup of which others hide much, and its viewport."""
+    size = (64, 64)
+    points, depths = hiding_soup(np.random.default_rng(seed), count - 128)
+    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    positions = naive.clip_from_screen(points, size, depths, 1.0)
+    scale = 2.0**20 if kind == np.int32 else 1.0
+    screen, _ = drawing.project(positions, (0.0, scale, 0.0), viewport, workers)
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    faces = faces[np.random.default_rng(seed).permutation(count)]
+    none = np.empty((0, 3), np.int32), np.empty(0, np.int32)
+    return Faces(faces, *none), screen, viewport
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
+@pytest.mark.parametrize("count", [LEAST_ORDERED + 50, 700, 2 * ORDERED + 100])
+def test_order_changes_no_bit(kind, count):
+    faces, screen, viewport = soup_in_a_tile(31, count, kind)
+    listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
+    starts, floor = np.array([0, count], np.int64), np.full(1, nearest.empty_depth(kind))
+    frames, asked = [], []
+    for seen in (0, 10 * count):
+        drawer = nearest.tile_drawer(listed, faces, screen, kind)
+        drawer.drawing.asked[SEEN_OF_THEM] = seen
+        frame = np.empty((64, 64), kind), np.empty((64, 64), np.int32)
+        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+        frames.append(frame)
+        asked.append(drawer.drawing.asked)
+    assert frames[0][0].tobytes() == frames[1][0].tobytes()
+    assert frames[0][1].tobytes() == frames[1][1].tobytes()
+    ordered, listed = asked
+    assert ordered[PUT_IN_ORDER] == count
+    assert 0 < ordered[SEEN_OF_THEM] < count
+    # What is not put in order counts a little, so that it is tried again.
+    assert (listed[PUT_IN_ORDER], listed[SEEN_OF_THEM]) == (count >> FORGETTING_BITS, 10 * count)
+
+
+def test_lists_are_put_in_order_again_after_a_while():
+    count = 700
+    faces, screen, viewport = soup_in_a_tile(31, count, np.float32)
+    listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
+    starts, floor = np.array([0, count], np.int64), np.full(1, -np.inf, np.float32)
+    drawer = nearest.tile_drawer(listed, faces, screen, np.float32)
+    asked = drawer.drawing.asked
+    asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 1000, 600
+    frame = np.empty((64, 64), np.float32), np.empty((64, 64), np.int32)
+    was_ordered = []
+    for _ in range(6):
+        before = asked[PUT_IN_ORDER]
+        nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+        was_ordered.append(asked[PUT_IN_ORDER] - before == count)
+    assert was_ordered == [False] * 5 + [True]
+    # Long ago counts less.
+    asked[PUT_IN_ORDER], asked[SEEN_OF_THEM] = 8 * REMEMBERED, 2 * REMEMBERED
+    nearest.draw_tiles(only, nearest.ALL, starts, floor, viewport, frame, *drawer[:3])
+    assert asked[PUT_IN_ORDER] == 4 * REMEMBERED + count
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (70, -90)])
+@pytest.mark.parametrize("spread", [0.0, 1e-13, 1.0])
+def test_triangles_are_put_in_order(shift, spread):
+    random, count, bits = np.random.default_rng(5), 300, 8
+    corners = random.integers(-20 << bits, 260 << bits, (count, 1, 2))
+    corners = corners + random.integers(-30 << bits, 30 << bits, (count, 3, 2))
+    depth = 0.5 + spread * (random.random((count, 3)) - 0.5)
+    packed = np.zeros((3 * count, 2))
+    packed.view(np.int32)[:, :2], packed[:, 1] = corners.reshape(-1, 2), depth.ravel()
+    zeros = np.zeros(3 * count)
+    screen = ScreenVertices(
+        packed.view(np.int32)[:, :2], packed[:, 1], zeros.astype(np.uint8), zeros
+    )
+    numbers = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    listed = random.permutation(count).astype(np.int32)
+    origin, first, some = np.array([128, 64]), 20, 250
+    asked, order = np.zeros(ASKED, np.int64), order_memory()
+    asked[[FIRST, COUNT, TO_COME]] = first, some, count - first - some
+    asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
+    surveyed = np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32)
+    batch = nearest.scratch_memory()[2:4]
+    order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
+    entries, ends, bounds = order
+    assert ends[WAYS * BUCKETS - 1] == some
+    chosen, boxes = entries[:some] & 0xFFFFFFFF, entries[:some] >> 32
+    assert sorted(chosen) == sorted(listed[first : first + some])
+    # The box of cells around the pixels whose centres the box of each triangle encloses.
+    moved, half = corners[chosen] + shift, 1 << (bits - 1)
+    begin = (moved.min(axis=1) + half - 1 >> bits) - origin
+    end = (moved.max(axis=1) - half >> bits) - origin
+    begin, end = (np.clip(pixels, 0, 63) // 8 for pixels in (begin, end))
+    expected = begin[:, 0] + 8 * end[:, 0] + 64 * begin[:, 1] + 512 * end[:, 1]
+    assert (boxes == expected).all()
+    columns, rows = nearest.cell_masks()
+    for n in range(0, some, 10):
+        cells = np.zeros((8, 8), bool)
+        cells[begin[n, 1] : end[n, 1] + 1, begin[n, 0] : end[n, 0] + 1] = True
+        word = columns[boxes[n] & 63] & rows[boxes[n] >> 6]
+        assert word == np.packbits(cells, bitorder="little").view(np.int64)[0]
+    # Each range lies behind those before it, and none in it is nearer than is known.
+    near, start, last = depth[chosen].max(axis=1), 0, np.inf
+    for bucket in range(BUCKETS):
+        stop = ends[WAYS * (bucket + 1) - 1]
+        assert (near[start:stop] <= bounds[bucket]).all()
+        if start < stop:
+            assert near[start:stop].max() <= last
+            last, start = near[start:stop].min(), stop
+    assert (ends[WAYS - 1] < some) == (spread > 0.0)
 
 
 def test_larger_depth_wins_when_reversed():

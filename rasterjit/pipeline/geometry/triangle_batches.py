@@ -4,11 +4,15 @@ Set up the triangles of a tile in batches: gather their vertices, then work out 
 Gathering does nothing else, so that the CPU waits for many vertices at once; the arithmetic is done
 for several triangles at once. What is known of a batch lies in two small arrays, one row for each
 quantity.
+
+Before that many triangles can be put in order, nearest first: gathered likewise, then counted and
+sorted by ranges of depth. Their own order within a range is of no account.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry.setup import (
     first_sample,
@@ -82,7 +86,9 @@ TO_COME = 11
 """Element: how many triangles behind the batch will be asked for next, up to two batches."""
 MIXED = 12
 """Element: whether triangles are drawn in another order than that of their faces."""
-ASKED = 13
+PUT_IN_ORDER, SEEN_OF_THEM = 13, 14
+"""Elements: how many triangles were put in order of late, and how many of them were drawn then."""
+ASKED = 15
 
 CELL_BITS = 3
 """A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
@@ -412,7 +418,7 @@ ends, and what none in the range is nearer than.
 """
 
 
-def order_memory():
+def order_memory() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the memory of `ORDER`."""
     return np.empty(ORDERED, np.int64), np.zeros(BUCKETS * WAYS + 1, np.int64), np.empty(BUCKETS)
 
@@ -427,7 +433,7 @@ def order_triangles(
 
     Parameters
     ----------
-    asked : (13,) int64
+    asked : (15,) int64
         As for `plan_batch`; no more than ``ORDERED`` are asked for.
     listed : (M,) int32
     faces, screen : records
@@ -477,7 +483,7 @@ def plan_batch(
 
     Parameters
     ----------
-    asked : (13,) int64
+    asked : (15,) int64
         `FIRST`, ...
     listed : (M,) int32
         Triangle numbers: below F a face, ``F + p`` piece p.

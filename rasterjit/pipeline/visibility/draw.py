@@ -602,7 +602,7 @@ def kernels_of(
     if find_faces:
         rows += [
             ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
-            ("nearest.draw_planned", depth, ""),
+            ("triangle_batches.order_triangles", "", ""), ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
     if find_faces and "points" in kinds:
         rows += [

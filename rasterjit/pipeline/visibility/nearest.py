@@ -34,11 +34,16 @@ the vertices. Vertices are taken in a fixed order (topmost, then leftmost first,
 neither rotation nor winding of the face changes a bit.
 
 What lies below all samples drawn so far is not drawn: their least depth is kept for each cell of 8
-by 8, and found anew each time that twice as many triangles are drawn, since then little is hidden
-that was not before. Wide triangles in front of no cell that their box touches are passed over; to
+by 8. Triangles of a long list are put in order first, by ranges of how near they come, and drawn
+from near to far (`draw_ordered`): those in front of no cell that their box touches are left out
+before they are set up, most of them where there are many layers. Where half of them turn out to be
+seen that takes as long as it saves, so a thread goes by what the last ones did (`pays_to_order`).
+Short lists, and objects with holes, are drawn as they are listed. Then cells are found anew each
+time that twice as many triangles are drawn, and wide triangles that they hide are passed over; to
 look at the cells of small ones takes as long as it saves.
 
-A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
+The lower face number wins a tie. Lists ascend by face, so there a sample keeps the first of equal
+depths; of triangles in another order the numbers are compared.
 
 Depths are compared as they are stored: in the type of the arrays that hold them. What is between
 two values is rounded to one of them (float32, float64) or cut off behind the point (int32), which
@@ -84,12 +89,14 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     MIXED,
     ORDER,
     ORDERED,
+    PUT_IN_ORDER,
     RANGE,
     REAL,
     REAL_ROWS,
     RIGHT,
     RIGHT_COLUMN,
     ROOM,
+    SEEN_OF_THEM,
     SHIFT_X,
     SHIFT_Y,
     SIDE,
@@ -136,6 +143,12 @@ What two depths of a plane may be off by, in units of its range and its largest 
 
 LEAST_ORDERED = 128
 """Fewest triangles of a tile that it pays to put in order."""
+
+REMEMBERED = 1 << 16
+"""Most triangles that were put in order of which a thread remembers how many were seen."""
+
+FORGETTING_BITS = 4
+"""One of 2**4 triangles that are not put in order counts as if it had been, and were hidden."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -370,7 +383,7 @@ def draw_planned(
 
     Parameters
     ----------
-    asked : (13,) int64
+    asked : (15,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     cell_depths : (8, 8), stored depth
         For each cell of the tile: what lies below it need not be drawn there.
@@ -410,7 +423,7 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """(13,): as ``triangle_batches`` numbers its elements."""
+    """(15,): as ``triangle_batches`` numbers its elements."""
     cell_depths: stored[:, ::1]
     """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
@@ -547,6 +560,7 @@ def draw_ordered(first, count, scratch, drawing):
             while found - drawn >= BATCH:
                 draw_kept(drawing, drawn, BATCH)
                 drawn += BATCH
+            drawing.asked[SEEN_OF_THEM] += drawn
             if drawn > 0:
                 for n in range(found - drawn):
                     kept[n] = kept[drawn + n]
@@ -557,6 +571,8 @@ def draw_ordered(first, count, scratch, drawing):
         draw_kept(drawing, 0, found)
         raise_cells(scratch[0], drawing.cell_depths, touched)
     drawing.asked[MIXED] = 0
+    drawing.asked[PUT_IN_ORDER] += count
+    drawing.asked[SEEN_OF_THEM] += found
 
 
 @cache
@@ -575,9 +591,27 @@ def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 @helper
+def pays_to_order(asked, count):
+    """
+    Return whether so many listed triangles are put in order.
+
+    They are while half of the last ones turned out to be hidden; now and then it is tried again.
+    """
+    if count < LEAST_ORDERED:
+        return False
+    if asked[PUT_IN_ORDER] > REMEMBERED:
+        asked[PUT_IN_ORDER] >>= 1
+        asked[SEEN_OF_THEM] >>= 1
+    if 2 * asked[SEEN_OF_THEM] <= asked[PUT_IN_ORDER]:
+        return True
+    asked[PUT_IN_ORDER] += count >> FORGETTING_BITS
+    return False
+
+
+@helper
 def draw_list(first, end, scratch, drawing, holes):
     """Draw listed triangles ``first`` to ``end`` into the thread's tile, but for their holes."""
-    if end - first >= LEAST_ORDERED and holes.cutoffs.shape[0] == 0:
+    if holes.cutoffs.shape[0] == 0 and pays_to_order(drawing.asked, end - first):
         for begin in range(first, end, ORDERED):
             count = min(ORDERED, end - begin)
             drawing.asked[TO_COME] = min(2 * BATCH, end - begin - count)
