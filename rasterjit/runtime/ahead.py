@@ -15,8 +15,8 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -294,12 +294,11 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork)
 
 
-@contextmanager
 def beside(
     list_tasks: Callable[[], Sequence[Task]], threads: int | None = None, *, at_once: bool = False
-) -> Iterator[None]:
+) -> AbstractContextManager[None]:
     """
-    Let another process do tasks while this one compiles.
+    Let another process do tasks while this one compiles, within a ``with`` block.
 
     There is one such process, whoever asks. It starts with the first kernel that this process
     compiles, since most frames compile nothing; what follows soon finds it ready.
@@ -314,35 +313,52 @@ def beside(
     at_once : bool
         Do not wait until this process compiles something.
     """
-    asking = threading.Lock()
-    progress: Progress | None = None
+    return _Asking(list_tasks, threads, at_once)
 
-    def is_shared() -> bool:
-        return threads != 1 and available_processors() > 1
 
-    def ask() -> None:
-        nonlocal progress
+class _Asking:
+    """Asks for tasks when something is about to be compiled, within a ``with`` block."""
+
+    def __init__(
+        self, list_tasks: Callable[[], Sequence[Task]], threads: int | None, at_once: bool
+    ) -> None:
+        self._list_tasks, self._threads, self._at_once = list_tasks, threads, at_once
+        self._asking = threading.Lock()
+        self._progress: Progress | None = None
+
+    def __enter__(self) -> None:
+        store.BEFORE_COMPILING.append(self)
+        if self._at_once and self._is_shared():
+            try:
+                self()
+            except BaseException:
+                self._leave()
+                raise
+
+    def __exit__(self, *error: object) -> None:
+        self._leave()
+
+    def __call__(self) -> None:
+        """Ask for the tasks, as something is about to be compiled."""
         # One of several threads that compile asks; the others go on.
-        if asking.acquire(blocking=False):
-            tasks, entries = _listed(list_tasks)
-            progress = Progress(entries)
-            if tasks and is_shared() and is_possible():
-                _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
+        if self._asking.acquire(blocking=False):
+            tasks, entries = _listed(self._list_tasks)
+            self._progress = Progress(entries)
+            if tasks and self._is_shared() and is_possible():
+                _BESIDE.take(tasks, 1 if self._at_once else WORTH_A_PROCESS)
         # The frame that began last tells.
-        if progress is not None and store.BEFORE_COMPILING[-1:] == [ask]:
-            progress.tell()
+        if self._progress is not None and store.BEFORE_COMPILING[-1:] == [self]:
+            self._progress.tell()
 
-    store.BEFORE_COMPILING.append(ask)
-    try:
-        if at_once and is_shared():
-            ask()
-        yield
-    finally:
+    def _leave(self) -> None:
         # In a process that was forked within, there is nothing to remove.
         with suppress(ValueError):
-            store.BEFORE_COMPILING.remove(ask)
-        if progress is not None:
-            progress.end()
+            store.BEFORE_COMPILING.remove(self)
+        if self._progress is not None:
+            self._progress.end()
+
+    def _is_shared(self) -> bool:
+        return self._threads != 1 and available_processors() > 1
 
 
 def _entry(task: Task) -> tuple[str, Path | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import threading
 
 import numpy as np
@@ -484,3 +485,18 @@ def test_projections_that_are_remembered_are_those_of_the_camera():
         views, wanted = (placement.view_places(places, each, size) for each in (camera, plain))
         assert views.screen_turn == wanted.screen_turn
         assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)
+
+
+def test_frames_leave_nothing_for_the_garbage_collector(cube, sphere):
+    scene = made(cube, sphere)
+    cameras = [rj.fit_camera(scene, rj.orbit_direction(angle, 20.0)) for angle in (0.0, 40.0, 80.0)]
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.render(scene, cameras[0])
+        gc.collect()
+        gc.disable()
+        try:
+            for camera in cameras:
+                renderer.render(scene, camera)
+            assert gc.collect() < len(cameras)
+        finally:
+            gc.enable()
