@@ -130,9 +130,9 @@ def load(
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`; of clouds, about infinite ones.
     on_damage : {"error", "warn"}
-        What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short, or has lines that cannot be
-        read or faces among vertices that are not there: refuse it, naming the line and what was
-        expected there, or load the rest and warn.
+        What to do about a file of OBJ, PLY, STL, OFF, PCD, LAS or rows of points that is cut short,
+        or has lines that cannot be read or faces among vertices that are not there: refuse it,
+        naming the line and what was expected there, or load the rest and warn.
     crease_angle : float
         Degrees in 0..180. Meshes whose file gives no normals get them from
         ``Mesh.split_creases(crease_angle)``.
@@ -152,8 +152,8 @@ def load(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw. The message
-        names the file and what it holds.
+        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw. The
+        message names the file and what it holds.
     ValueError
         If ``resource_root`` is no folder, an option for files is given for an object, or more than
         ``max_bytes`` are needed: the message says by what.

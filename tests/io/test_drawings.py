@@ -1,0 +1,262 @@
+"""Drawings load as lines, and points and lines go to glTF files and trimesh and come back."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from trimesh.path.entities import Arc, Bezier, Line, Text
+
+import rasterjit as rj
+from rasterjit.scene.color import srgb_to_linear
+
+RNG = np.random.default_rng(25)
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+def only(path):
+    """Load a file, without a warning, and return its lines."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (node,) = rj.load(path).nodes
+    assert isinstance(node.mesh, rj.Lines)
+    return node.mesh
+
+
+def write(path, content):
+    path.write_text(content)
+    return path
+
+
+def lengths(lines):
+    """Return how long each segment is."""
+    ends = lines.vertices[lines.segments]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+# DXF and SVG
+
+
+def dxf(path, *kinds):
+    """Write a file with ezdxf."""
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new()
+    space = document.modelspace()
+    if "lines" in kinds:
+        space.add_lwpolyline([(0, 0), (2, 0), (2, 1)])
+    if "circle" in kinds:
+        space.add_circle((5, 5), 2)
+    if "arc" in kinds:
+        space.add_arc((0, 0), 3, 0, 90)
+    if "text" in kinds:
+        space.add_text("words")
+    document.saveas(path)
+    return path
+
+
+def test_a_dxf_drawing_has_its_curves_in_short_segments(tmp_path):
+    lines = only(dxf(tmp_path / "a.dxf", "lines", "circle", "arc"))
+    assert lines.vertices[:, 2].tolist() == [0.0] * len(lines.vertices)
+    assert lengths(lines).sum() == pytest.approx(3 + 4 * np.pi + 1.5 * np.pi, rel=2e-3)
+    ends = lines.vertices[lines.segments]
+    middle = ends.mean(axis=1)
+    of_circle = np.abs(np.linalg.norm(ends[:, 0] - [5, 5, 0], axis=1) - 2) < 1e-6
+    assert of_circle.sum() > 16
+    assert np.linalg.norm(middle[of_circle] - [5, 5, 0], axis=1) == pytest.approx(2, rel=1e-2)
+    # A circle closes: the last segment ends at the point where the first began.
+    numbers = lines.segments[of_circle]
+    assert numbers[0, 0] == numbers[-1, 1]
+
+
+def test_what_a_drawing_has_besides_curves_is_left_out_by_name(tmp_path):
+    with pytest.warns(rj.LoadWarning, match=r"text of a drawing \(1\)"):
+        rj.load(dxf(tmp_path / "a.dxf", "lines", "text"))
+    with pytest.raises(rj.MeshFileError, match="a 2-D drawing of 1 curves, no faces, lines"):
+        rj.load(dxf(tmp_path / "b.dxf", "text"))
+
+
+def test_an_svg_drawing_stands_upright(tmp_path):
+    pytest.importorskip("svg.path")
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10">'
+        '<path d="M0 0 L4 0 L4 3 Z"/><line x1="7" y1="1" x2="7" y2="9"/></svg>'
+    )
+    (node,) = rj.load(write(tmp_path / "a.svg", text)).nodes
+    assert node.mesh.primitive == "lines"
+    assert lengths(node.mesh).sum() == pytest.approx(12 + 8)
+    low, high = rj.load(tmp_path / "a.svg").bounds()
+    assert low.tolist() == [0, -9, 0]
+    assert high.tolist() == [7, 0, 0]
+
+
+def test_an_svg_file_without_its_package_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "svg.path", None)
+    with pytest.raises(rj.MeshFileError, match=r"pip install 'rasterjit\[formats\]'"):
+        rj.load(write(tmp_path / "a.svg", "<svg/>"))
+
+
+# trimesh
+
+
+def test_curves_of_trimesh_are_joined_at_the_points_that_they_share():
+    entities = [Line([0, 1]), Arc([1, 2, 3]), Bezier([3, 1, 2, 0])]
+    path = trimesh.path.Path3D(entities=entities, vertices=CORNERS, process=False)
+    (node,) = rj.load(path).nodes
+    segments = node.mesh.segments
+    assert segments[0].tolist() == [0, 1]
+    assert (segments[1:, 0] == segments[:-1, 1]).all()
+    assert segments[-1, 1] == 0
+
+
+def test_colours_of_curves_are_those_of_their_segments():
+    entities = [Line([0, 1, 2], color=[255, 0, 0, 255]), Line([2, 3], color=[0, 128, 0, 255])]
+    path = trimesh.path.Path3D(entities=entities, vertices=CORNERS, process=False)
+    scene = rj.Scene()
+    lines = scene.add(path).mesh
+    green = float(srgb_to_linear(np.array([128], np.uint8))[0])
+    assert lines.face_colors[:, :2].tolist() == [[1, 0], [1, 0], [0, pytest.approx(green)]]
+    assert lines.material.base_color is None
+
+
+def test_a_drawing_of_texts_alone_is_refused():
+    path = trimesh.path.Path2D(entities=[Text(0, "a")], vertices=[[0.0, 0.0]], process=False)
+    with pytest.raises(rj.MeshFileError, match="trimesh Path2D holds a 2-D drawing of 1 curves, "):
+        rj.load(path)
+
+
+# OBJ
+
+
+def test_lines_of_an_obj_file_are_strips_between_its_vertices(tmp_path):
+    vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 9 9 9\n"
+    lines = only(write(tmp_path / "a.obj", f"{vertices}l 1 2 3\nl -2/1 1/1\n"))
+    assert lines.segments.tolist() == [[0, 1], [1, 2], [3, 0]]
+    assert np.array_equal(lines.vertices, CORNERS)
+    text = f"{vertices}f 1 2 3\nl 4 5\np 1\n"
+    scene = rj.load(write(tmp_path / "b.obj", text))
+    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "lines", "points"]
+    for bad, said in (("l 1", "a line of 2 vertices or more"), ("l 1 9", "vertices among 5 v")):
+        with pytest.raises(rj.MeshFileError, match=f"line 6: expected {said}.*, got '{bad}'"):
+            rj.load(write(tmp_path / "c.obj", f"{vertices}{bad}\n"))
+
+
+def test_lines_of_an_obj_file_have_the_colour_of_their_material(tmp_path):
+    write(tmp_path / "a.mtl", "newmtl red\nKd 1 0 0\n")
+    text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nusemtl red\nl 1 2\n"
+    lines = only(write(tmp_path / "a.obj", text))
+    assert lines.material.shading == "unlit"
+    assert lines.material.base_color == (1, 0, 0, 1)
+
+
+# glTF
+
+
+def things():
+    """Return a scene of points and lines."""
+    scene = rj.Scene()
+    xyz, colors = RNG.random((30, 3)), RNG.random((30, 4))
+    normals = RNG.normal(size=(30, 3))
+    heat = {"heat": RNG.random((30, 1))}
+    scene.add(rj.Points(xyz, colors=colors, normals=normals, attributes=heat), name="lit")
+    scene.add(rj.Points(xyz), name="plain")
+    scene.add(rj.Lines(xyz, colors=colors), name="along")
+    scene.add(rj.Lines(xyz, [[0, 1], [1, 2], [5, 4]], colors=colors[:3]), name="each")
+    scene.add(rj.Lines(xyz, strips=[[0, 1, 2, 0]]), np.diag([2.0, 1, 1, 1]), name="ink")
+    return scene
+
+
+@pytest.mark.parametrize("extension", ["glb", "gltf"])
+def test_points_and_lines_come_back_from_gltf(tmp_path, extension):
+    scene = things()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene.save(tmp_path / f"a.{extension}")
+        loaded = rj.load(tmp_path / f"a.{extension}")
+    assert [node.name for node in loaded.nodes] == [node.name for node in scene.nodes]
+    for node, other in zip(scene.nodes, loaded.nodes, strict=True):
+        mesh, found = node.mesh, other.mesh
+        assert type(found) is type(mesh)
+        assert np.array_equal(node.world_matrix, other.world_matrix)
+        corners, others = mesh.vertices[mesh.faces], found.vertices[found.faces]
+        assert np.array_equal(corners.astype(np.float32), others)
+        assert (mesh.normals is None) == (found.normals is None)
+        colors = mesh.face_colors
+        if colors is not None:
+            assert np.array_equal(found.vertex_colors[found.segments[:, 0]], colors)
+        elif mesh.vertex_colors is not None:
+            assert np.array_equal(found.vertex_colors, mesh.vertex_colors)
+        ours = mesh.material.base_color_over(mesh.vertex_colors is not None)
+        assert found.material.base_color_over(True) == pytest.approx(
+            (1, 1, 1, 1) if colors is not None else ours
+        )
+    assert np.array_equal(loaded.nodes[4].mesh.segments, scene.nodes[4].mesh.segments)
+    assert np.array_equal(
+        loaded.nodes[0].mesh.vertex_attributes["heat"],
+        scene.nodes[0].mesh.vertex_attributes["heat"],
+    )
+
+
+def test_what_gltf_lacks_of_points_and_lines_is_named(tmp_path):
+    scene = rj.Scene()
+    xyz = CORNERS.copy()
+    xyz[1] = np.nan
+    scene.add(rj.Points(xyz, size=0.5, unit="world", shape="disc", on_invalid="drop"))
+    scene.add(rj.Lines(CORNERS, width=4.0, dashes=[2, 2]))
+    said = "points that are NaN or infinite, sizes and shapes of points, widths and dashes of lines"
+    with pytest.warns(rj.io.skipped.SaveWarning, match=said):
+        scene.save(tmp_path / "a.glb")
+    assert len(rj.load(tmp_path / "a.glb").nodes[0].mesh) == 3
+
+
+@pytest.mark.parametrize(
+    ("mode", "segments"),
+    [(1, [[0, 1], [2, 3]]), (3, [[0, 1], [1, 2], [2, 3]]), (2, [[0, 1], [1, 2], [2, 3], [3, 0]])],
+)
+def test_lines_of_gltf_are_joined_as_their_mode_says(tmp_path, mode, segments):
+    import json
+
+    scene = rj.Scene()
+    scene.add(rj.Lines(CORNERS[[0, 1, 2, 3]], [[0, 1], [2, 3]]))
+    scene.save(tmp_path / "a.gltf")
+    header = json.loads((tmp_path / "a.gltf").read_text())
+    header["meshes"][0]["primitives"][0]["mode"] = mode
+    (tmp_path / "a.gltf").write_text(json.dumps(header))
+    assert only(tmp_path / "a.gltf").segments.tolist() == segments
+
+
+def test_points_and_lines_of_gltf_without_normals_are_unlit_and_show_what_they_emit(tmp_path):
+    import json
+
+    scene = rj.Scene()
+    scene.add(rj.Points(CORNERS))
+    scene.save(tmp_path / "a.gltf")
+    header = json.loads((tmp_path / "a.gltf").read_text())
+    header["materials"] = [
+        {"pbrMetallicRoughness": {"baseColorFactor": [0.25, 0, 0, 1]}, "emissiveFactor": [0, 1, 0]}
+    ]
+    (tmp_path / "a.gltf").write_text(json.dumps(header))
+    material = rj.load(tmp_path / "a.gltf").nodes[0].mesh.material
+    assert material.shading == "unlit"
+    assert material.base_color == (0.25, 1, 0, 1)
+
+
+# to trimesh
+
+
+def test_points_and_lines_come_back_from_trimesh():
+    scene = things()
+    with pytest.warns(rj.io.skipped.SaveWarning, match="sizes of points, .*widths of lines"):
+        made = scene.to_trimesh()
+    kinds = [type(geometry).__name__ for geometry in made.geometry.values()]
+    assert kinds == ["PointCloud", "PointCloud", "Path3D", "Path3D", "Path3D"]
+    loaded = rj.load(made)
+    for node, other in zip(scene.nodes, loaded.nodes, strict=True):
+        mesh, found = node.mesh, other.mesh
+        assert type(found) is type(mesh)
+        assert np.array_equal(mesh.vertices[mesh.faces], found.vertices[found.faces])
+    assert len(made.geometry["ink"].entities) == 1
+    assert made.geometry["ink"].entities[0].closed
+    each = loaded.nodes[3].mesh
+    assert each.face_colors == pytest.approx(scene.nodes[3].mesh.face_colors, abs=0.01)
