@@ -2,10 +2,10 @@
 Find colours, normals and points of lit samples in float32, as accurate as 8 bits call for.
 
 Weights are those of ``float32_weights``: whatever the face, each is off by little of itself.
-Colours are weighted means of the vertices'. Of normals and points float32 holds the first vertex's and the
-ways to the others, so that an error is a share of how much they change over the face. Where a
-normal or a point is too short beside that, which a bound for each face tells, and so a direction is
-not sure to a sixteenth of an 8-bit step, both are found in float64 (see ``survey.precision``).
+Colours are weighted means of the vertices'. Of normals and points float32 holds the first vertex's
+and the ways to the others, so that an error is a share of how much they change over the face. Where
+a normal or a point is too short beside that, which a bound for each face tells, and so a direction
+is not sure to a sixteenth of an 8-bit step, both are found in float64 (see ``survey.precision``).
 
 A run of neighbours that show one face is a loop over vectors; what it reads of the face is kept
 from one row to the next. Where faces show about one sample a row, that costs more than it saves:
@@ -75,6 +75,7 @@ from rasterjit.runtime.intrinsics import (
     POINTS,
     RATIO_B,
     RATIO_C,
+    SIDE,
     blend_planes,
     part,
 )
@@ -235,6 +236,7 @@ def meet_face(face, corner, pixel, owned, has_wide, block, geometry, placement, 
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     kind = lay_edges(edge, corner, pixel, has_wide, plane, geometry)
     side = np.float32(-1.0 if shows_back(corner, kind, owner, geometry, placement) else 1.0)
+    plane[SIDE] = side
     lay_colors(plane, corner, base, colors)
     lay_normals(plane, corner, turn, side, normals, limits)
     lay_points(plane, corner, owner, matrix, placement, limits)
@@ -330,9 +332,7 @@ def mend(first, stop, corner, pixel, owner, plane, block, geometry, placement, n
         weights = sample_weights(a, b, c, column, pixel[1], geometry)
         normal = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
         point = place_sample(weights, a, b, c, owner, placement)
-        kind = np.int32((geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED)
-        is_back = shows_back(corner, CUT if kind != 0 else PLAIN, owner, geometry, placement)
-        side = -1.0 if is_back else 1.0
+        side = np.float64(plane[SIDE])
         for k in range(3):
             s[row.NORMAL_X + k, n] = np.float32(side * normal[k])
             s[row.POINT_X + k, n] = np.float32(point[k])
