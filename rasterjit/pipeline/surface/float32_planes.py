@@ -267,7 +267,12 @@ def cut_row(corner, line, geometry):
 
 @helper
 def lay_plainly(first, stop, slot, corner, pixel, block, geometry):
-    """Write the samples of a run in float32; return not 0 if any may be doubtful."""
+    """
+    Write the samples of a run in float32; return not 0 if any may be doubtful.
+
+    Returns -1, and writes nothing, where a clipped face is seen so nearly from its edge that sums
+    of weights are nothing but rounding.
+    """
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
     gains = edge[RIGHT], edge[RIGHT + 1], edge[RIGHT + 2]
@@ -284,8 +289,12 @@ def lay_plainly(first, stop, slot, corner, pixel, block, geometry):
         at, gains = cut_row(corner, pixel[1], geometry)
         way = np.float64(2 * (geometry.viewport.left + pixel[0]) + 1), 2.0
         slope, total = gains[0] + gains[1] + gains[2], at[0] + at[1] + at[2]
-        if total + way[0] * slope < 0.0:
+        total += way[0] * slope
+        last = total + 2.0 * np.float64(stop - first - 1) * slope
+        if total < 0.0:
             at, gains = (-at[0], -at[1], -at[2]), (-gains[0], -gains[1], -gains[2])
+        if not total * last > 0.0:
+            return np.int32(-1)
     return blend_planes(block.samples, first, stop - first, at, gains, way, plane)
 
 
@@ -353,10 +362,10 @@ def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
         slot = meet_face(
             whole[FACE, r], corner, pixel, owned, has_wide, block, geometry, placement, look
         )
-        first, stop, unsure = np.int64(start), np.int64(whole[FIRST, following]), np.int32(1)
+        first, stop, unsure = np.int64(start), np.int64(whole[FIRST, following]), np.int32(-1)
         if block.faces[1, slot] != ODD:
             unsure = lay_plainly(first, stop, slot, corner, pixel, block, geometry)
-        else:
+        if unsure < 0:
             plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
             lay_oddly(first, stop, corner, pixel, plane, block, geometry)
         if unsure != 0:
