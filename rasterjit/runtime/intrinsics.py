@@ -36,10 +36,10 @@ Elements of the planes of a face, of groups of three numbers and one to spare.
 Colours of the vertices, their greatest, their least; the first normal, the ways from there to the
 second and third; points likewise.
 """
-RATIO_B, RATIO_C, LEAST_NORMAL, LEAST_POINT = 3, 7, 11, 15
+RATIO_B, RATIO_C, LEAST_NORMAL, LEAST_POINT, SIDE = 3, 7, 11, 15, 19
 """
 Elements to spare: w of the first vertex over that of the others; squared lengths of normals and
-points below which these are doubtful.
+points below which these are doubtful; -1 where the back of the face is seen, else 1.
 """
 
 _ADDING = threading.Lock()

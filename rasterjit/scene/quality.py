@@ -119,11 +119,15 @@ class Quality:
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
         on their grid.
     interpolation_precision : {"adaptive", "float64"}
-        Arithmetic that finds the colours of pixels between those of vertices. ``"adaptive"`` takes
-        float32 where that moves a colour by at most a millionth of itself, a ten-thousandth of an
-        8-bit step: with 1, 64 or 256 ``samples``, on faces that were not cut. One object of the
-        scene that is lit, textured or blended, in view or not, turns all colours to float64. The
-        outputs besides ``"color"`` and ``"linear"`` take float64 always.
+        Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32, with
+        1, 64 or 256 ``samples``, in scenes of two kinds, whatever is in view. Where all objects are
+        unlit, with no texture and none blended, it finds the colours, and moves each by at most a
+        millionth of itself. Where all are ``"phong"`` or ``"pbr"`` and all lights directional or
+        ambient, it finds colours, normals and the points that highlights are seen from, sample by
+        sample where that moves a colour by at most a sixteenth of an 8-bit step; lamps, an
+        environment, an exposure above 1, very bright light and very sharp highlights leave all to
+        float64. Texture coordinates, shadows and the outputs besides ``"color"`` and ``"linear"``
+        take float64 always.
 
     Raises
     ------

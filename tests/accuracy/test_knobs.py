@@ -113,7 +113,7 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("renormalize", one("gouraud"), "no normals are interpolated"),
         ("renormalize", one("unlit"), "every material in view is unlit"),
         ("interpolation_precision", one("unlit"), "no mesh has colours of its vertices"),
-        ("interpolation_precision", colored("phong"), "an object is lit"),
+        ("interpolation_precision", colored("gouraud"), "an object is lit"),
     ],
 )
 def test_a_setting_without_effect_has_its_reason(setting, scene, words):
@@ -123,7 +123,7 @@ def test_a_setting_without_effect_has_its_reason(setting, scene, words):
 def test_what_a_plain_scene_needs():
     assert set(LEVELS) - set(idle(one())) == {
         "subpixel_bits", "samples", "interpolation", "depth_format", "precision", "shading",
-        "renormalize",
+        "renormalize", "interpolation_precision",
     }  # fmt: skip
 
 

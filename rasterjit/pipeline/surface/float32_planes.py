@@ -2,10 +2,10 @@
 Find colours, normals and points of lit samples in float32, as accurate as 8 bits call for.
 
 Weights are those of ``float32_weights``: whatever the face, each is off by little of itself.
-Colours are weighted means of the vertices'. Of normals and points float32 holds the first vertex's and the
-ways to the others, so that an error is a share of how much they change over the face. Where a
-normal or a point is too short beside that, which a bound for each face tells, and so a direction is
-not sure to a sixteenth of an 8-bit step, both are found in float64 (see ``survey.precision``).
+Colours are weighted means of the vertices'. Of normals and points float32 holds the first vertex's
+and the ways to the others, so that an error is a share of how much they change over the face. Where
+a normal or a point is too short beside that, which a bound for each face tells, and so a direction
+is not sure to a sixteenth of an 8-bit step, both are found in float64 (see ``survey.precision``).
 
 A run of neighbours that show one face is a loop over vectors; what it reads of the face is kept
 from one row to the next. Where faces show about one sample a row, that costs more than it saves:
@@ -75,6 +75,7 @@ from rasterjit.runtime.intrinsics import (
     POINTS,
     RATIO_B,
     RATIO_C,
+    SIDE,
     blend_planes,
     part,
 )
@@ -235,6 +236,7 @@ def meet_face(face, corner, pixel, owned, has_wide, block, geometry, placement, 
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     kind = lay_edges(edge, corner, pixel, has_wide, plane, geometry)
     side = np.float32(-1.0 if shows_back(corner, kind, owner, geometry, placement) else 1.0)
+    plane[SIDE] = side
     lay_colors(plane, corner, base, colors)
     lay_normals(plane, corner, turn, side, normals, limits)
     lay_points(plane, corner, owner, matrix, placement, limits)
@@ -265,7 +267,12 @@ def cut_row(corner, line, geometry):
 
 @helper
 def lay_plainly(first, stop, slot, corner, pixel, block, geometry):
-    """Write the samples of a run in float32; return not 0 if any may be doubtful."""
+    """
+    Write the samples of a run in float32; return not 0 if any may be doubtful.
+
+    Returns -1, and writes nothing, where a clipped face is seen so nearly from its edge that sums
+    of weights are nothing but rounding.
+    """
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
     gains = edge[RIGHT], edge[RIGHT + 1], edge[RIGHT + 2]
@@ -282,8 +289,12 @@ def lay_plainly(first, stop, slot, corner, pixel, block, geometry):
         at, gains = cut_row(corner, pixel[1], geometry)
         way = np.float64(2 * (geometry.viewport.left + pixel[0]) + 1), 2.0
         slope, total = gains[0] + gains[1] + gains[2], at[0] + at[1] + at[2]
-        if total + way[0] * slope < 0.0:
+        total += way[0] * slope
+        last = total + 2.0 * np.float64(stop - first - 1) * slope
+        if total < 0.0:
             at, gains = (-at[0], -at[1], -at[2]), (-gains[0], -gains[1], -gains[2])
+        if not total * last > 0.0:
+            return np.int32(-1)
     return blend_planes(block.samples, first, stop - first, at, gains, way, plane)
 
 
@@ -330,9 +341,7 @@ def mend(first, stop, corner, pixel, owner, plane, block, geometry, placement, n
         weights = sample_weights(a, b, c, column, pixel[1], geometry)
         normal = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
         point = place_sample(weights, a, b, c, owner, placement)
-        kind = np.int32((geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED)
-        is_back = shows_back(corner, CUT if kind != 0 else PLAIN, owner, geometry, placement)
-        side = -1.0 if is_back else 1.0
+        side = np.float64(plane[SIDE])
         for k in range(3):
             s[row.NORMAL_X + k, n] = np.float32(side * normal[k])
             s[row.POINT_X + k, n] = np.float32(point[k])
@@ -353,10 +362,10 @@ def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
         slot = meet_face(
             whole[FACE, r], corner, pixel, owned, has_wide, block, geometry, placement, look
         )
-        first, stop, unsure = np.int64(start), np.int64(whole[FIRST, following]), np.int32(1)
+        first, stop, unsure = np.int64(start), np.int64(whole[FIRST, following]), np.int32(-1)
         if block.faces[1, slot] != ODD:
             unsure = lay_plainly(first, stop, slot, corner, pixel, block, geometry)
-        else:
+        if unsure < 0:
             plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
             lay_oddly(first, stop, corner, pixel, plane, block, geometry)
         if unsure != 0:
