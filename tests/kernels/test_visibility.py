@@ -506,10 +506,9 @@ def test_triangles_are_put_in_order(shift, spread):
     faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     listed = random.permutation(count).astype(np.int32)
     origin, first, some = np.array([128, 64]), 20, 250
-    asked, order = np.zeros(ASKED, np.int64), order_memory()
+    asked, (order, surveyed) = np.zeros(ASKED, np.int64), order_memory()
     asked[[FIRST, COUNT, TO_COME]] = first, some, count - first - some
     asked[[LEFT_COLUMN, TOP_ROW, GRID_BITS, SHIFT_X, SHIFT_Y]] = *origin, bits, *shift
-    surveyed = np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32)
     batch = nearest.scratch_memory()[2:4]
     order_triangles(asked, listed, faces, screen, *batch, surveyed, order)
     entries, ends, bounds = order

@@ -11,6 +11,8 @@ sorted by ranges of depth. Their own order within a range is of no account.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -418,15 +420,23 @@ ends, and what none in the range is nearer than.
 """
 
 
-def order_memory() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the memory of `ORDER`."""
-    return np.empty(ORDERED, np.int64), np.zeros(BUCKETS * WAYS + 1, np.int64), np.empty(BUCKETS)
+SURVEYED = float64[:, ::1], int32[:, ::1]
+"""The types of memory, (1, ORDERED) each, for how near triangles come and their boxes of cells."""
+
+
+def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
+    """Return the memory of `ORDER` and of `SURVEYED`."""
+    starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
+    return (
+        (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
+        (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32)),
+    )
 
 
 @kernel
 def order_triangles(
     asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
-    whole: int32[:, ::1], real: REAL, surveyed: (float64[:, ::1], int32[:, ::1]), order: ORDER,
+    whole: int32[:, ::1], real: REAL, surveyed: SURVEYED, order: ORDER,
 ):  # fmt: skip
     """
     Put listed triangles of a tile in order, nearest first as far as ranges of depth tell.
@@ -439,8 +449,8 @@ def order_triangles(
     faces, screen : records
     whole, real : (rows, columns)
         Scratch memory: a batch.
-    surveyed : ((1, ORDERED) float64, (1, ORDERED) int32)
-        Scratch memory.
+    surveyed : tuple
+        Scratch memory: as `SURVEYED` says.
     order : tuple
         Written: as `ORDER` says.
     """

@@ -771,7 +771,8 @@ def draw(
     tasks = -(-len(tiles) // per_task)
     threads = min(workers.threads, tasks)
     while len(drawers) < threads:
-        drawers.append(nearest.tile_drawer(binned, faces, screen, kind, alpha_tests))
+        memory = None if drawers else kept.made("tile memory", nearest.tile_memory, kind)
+        drawers.append(nearest.tile_drawer(binned, faces, screen, kind, alpha_tests, memory))
     taken = np.array([0, per_task], np.int64) if tasks > 1 else nearest.ALL
     own = tiles, taken, starts, tile_depths, viewport, frame
     workers.call(nearest.draw_tiles, [(*own, *drawer[:3]) for drawer in drawers[:threads]])

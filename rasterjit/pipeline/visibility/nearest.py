@@ -695,12 +695,33 @@ class TileDrawer(NamedTuple):
     """What is behind the addresses."""
 
 
+class TileMemory(NamedTuple):
+    """The memory of a `TileDrawer`: what was drawn before it leaves no trace in pictures."""
+
+    scratch: tuple[Any, ...]
+    """From `scratch_memory`."""
+    asked: NDArray[np.int64]
+    cell_depths: NDArray[Any]
+    order: tuple[Any, ...]
+    """From ``triangle_batches.order_memory``."""
+    kept: NDArray[np.int32]
+
+
+def tile_memory(depth_type: Any = np.float32) -> TileMemory:
+    """Return the memory to draw into a tile with, of stored depths of a type."""
+    return TileMemory(
+        scratch_memory(depth_type), np.zeros(ASKED, np.int64), np.empty((CELLS, CELLS), depth_type),
+        order_memory(), np.empty(3 * BATCH, np.int32),
+    )  # fmt: skip
+
+
 def tile_drawer(
     listed: NDArray[np.int32],
     faces: Faces,
     screen: ScreenVertices,
     depth_type: Any = np.float32,
     alpha_tests: AlphaTests | None = None,
+    memory: TileMemory | None = None,
 ) -> TileDrawer:
     """
     Return what a thread needs to draw into a tile.
@@ -714,30 +735,21 @@ def tile_drawer(
         The type in which depths are stored: float32, float64 or int32.
     alpha_tests : AlphaTests or None
         None: no object has holes.
+    memory : TileMemory or None
+        From `tile_memory` for the same type, for this thread alone; None: it is made here.
     """
-    scratch, asked = scratch_memory(depth_type), np.zeros(ASKED, np.int64)
-    cell_depths = np.empty((CELLS, CELLS), depth_type)
+    scratch, asked, cell_depths, (order, surveyed), kept = memory or tile_memory(depth_type)
     test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
     planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
     tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
     if alpha_tests is not None:
         own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
-    order, surveyed = order_memory(), (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32))
-    kept = np.empty(3 * BATCH, np.int32)
     sort = Bound(order_triangles, asked, listed, faces, screen, *scratch[2:4], surveyed, order)
     again = Bound(plan_batch, asked, kept, faces, screen, *scratch[2:4])
     drawing = Drawing(
-        asked,
-        cell_depths,
-        planned.words,
-        tile.words,
-        own.words,
-        sort.words,
-        again.words,
-        order,
-        cell_masks(),
-        kept,
-    )
+        asked, cell_depths, planned.words, tile.words, own.words, sort.words, again.words, order,
+        cell_masks(), kept,
+    )  # fmt: skip
     return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own, sort, again))
 
 
