@@ -31,9 +31,14 @@ next, the address that they go to, how many there are."""
 what reaches any sample of a pixel; they are there if pixels have several. Then how many there
 are."""
 
-CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER = range(4)
+CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_WHEN, CALL_LEAST, CALL_MOST = range(7)
 """Columns of what is called then: machine code, its state; the address of a block of samples, which
-is emptied before, or 0; the address of a word that is told the view's number, or 0."""
+is emptied before, or 0; the address of a word that is told the view's number, or 0; the address of
+a word that must be between the next two, or 0."""
+
+LIMIT_OF, LIMIT = range(2)
+"""Columns of what must hold when all is called: the address of a word, and the most that it may be;
+else there was no room for something."""
 
 OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, TOTALS = range(8)
 """Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
@@ -134,9 +139,20 @@ def list_for_samples(finding, cutting, listing, cut):
 
 
 @helper
-def call_all(calls, number):
-    """Call what follows when the faces are known."""
+def is_called(call):
+    """Tell whether something is called in this view."""
+    if call[CALL_WHEN] == 0:
+        return True
+    value = load_int64(call[CALL_WHEN])
+    return call[CALL_LEAST] <= value <= call[CALL_MOST]
+
+
+@helper
+def call_all(calls, limits, number):
+    """Call what follows when the faces are known; return whether there was room for all of it."""
     for k in range(calls.shape[0]):
+        if not is_called(calls[k]):
+            continue
         block, told = calls[k, CALL_BLOCK], calls[k, CALL_NUMBER]
         if block != 0:
             for n in range(COUNTS):
@@ -144,6 +160,10 @@ def call_all(calls, number):
         if told != 0:
             store_int64(told, number)
         call_at(calls[k, CALL_ADDRESS], calls[k, CALL_STATE], block, np.int64(0))
+    has_room = True
+    for k in range(limits.shape[0]):
+        has_room &= load_int64(limits[k, LIMIT_OF]) <= limits[k, LIMIT]
+    return has_room
 
 
 @kernel
@@ -152,7 +172,7 @@ def draw_views(
     cutting: (int64[::1], int64[::1], int64[::1], int64[::1], int64),
     listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
     listing_samples: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
-    tile_depths: float32[::1], face_id: int32[:, ::1], calls: int64[:, ::1],
+    tile_depths: float32[::1], face_id: int32[:, ::1], calls: int64[:, ::1], limits: int64[:, ::1],
     totals: int64[:, ::1], is_drawn: uint8[::1],
 ):  # fmt: skip
     """
@@ -179,8 +199,10 @@ def draw_views(
         Scratch memory of theirs.
     face_id : (H, W) int32
         The faces that they find.
-    calls : (C, 4) int64
+    calls : (C, 7) int64
         What is called then, see ``CALL_ADDRESS``.
+    limits : (L, 2) int64
+        What must hold after that, see ``LIMIT``; else the view is left out.
     totals : (n, 7) int64
         Written for those drawn: see ``OUTSIDE``.
     is_drawn : (n,) uint8
@@ -191,10 +213,9 @@ def draw_views(
         cut = find_faces(finding, cutting, listing, tile_depths)
         if cut >= 0:
             cut = list_for_samples(finding, cutting, listing_samples, cut)
-        if cut < 0:
+        if cut < 0 or not call_all(calls, limits, chosen[n, 1]):
             is_drawn[n] = 0
             continue
-        call_all(calls, chosen[n, 1])
         covered = np.int64(0)
         for row in range(face_id.shape[0]):
             for column in range(face_id.shape[1]):

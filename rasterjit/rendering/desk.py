@@ -31,7 +31,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import mixing, shade, stage_list
+from rasterjit.rendering import layering, mixing, shade, stage_list
 from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.mixing import Lists
 from rasterjit.rendering.stage_list import BLOCK, Shading
@@ -59,9 +59,12 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     arrays, (width, height) = cache.shapes.arrays, plan.size
     _, new_vertices = room_to_cut(len(arrays.faces))
     of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
+    of_layers = 0
+    if plan.layers is not None:
+        of_layers = (layering if plan.layers.samples == 1 else mixing).memory_of(plan)
     return (
         of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
-        + of_pixel * width * height + mixing.memory_of(plan)
+        + of_pixel * width * height + of_layers
     )  # fmt: skip
 
 
@@ -99,13 +102,19 @@ class Desk:
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
         self._plan, self._cache, self._calls = plan, cache, BoundCalls()
         self._lights = list(lights)
+        if plan.layers is not None:
+            # Objects that others of these views show count as well.
+            seen_through = cache.tables.inventory.is_see_through.astype(np.uint8)
+            plan = plan.with_(layers=plan.layers._replace(is_blended=seen_through))
+            self._plan = plan
+        self._is_mixed = plan.layers is not None and plan.layers.samples != 1
         self._places: list[tuple[str, int]] = []
         self._targets: list[tuple[str, int, int]] = []
         self._find()
         if plan.facts.is_colored:
             self._shade()
         self._fill()
-        self._table = self._calls.table()
+        self._table, self._limits = self._calls.table(), self._calls.limits()
 
     def write_to(self, outputs: Arrays) -> None:
         """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
@@ -148,7 +157,7 @@ class Desk:
         drawing_views.draw_views(
             chosen, np.array(loads, np.int64), self._finding, self._cutting,
             self._listing, self._listing_samples, self._tile_depths, self._face_id, self._table,
-            totals, is_drawn,
+            self._limits, totals, is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -285,7 +294,7 @@ class Desk:
         )  # fmt: skip
         listed, self._listing = self._list(lists, viewport, raised)
         found, self._listing_samples = (*listed, raised, drawn), self._listing
-        if self._plan.layers is not None:
+        if self._is_mixed:
             # The first lists are read no more then.
             around = bands.sampled_viewport(viewport, self._plan.layers.samples)
             listed, self._listing_samples = self._list(lists, around)
@@ -367,9 +376,8 @@ class Desk:
         if plan.layers is None:
             self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
         else:
-            mixing.add_mixing(
-                self._calls, self._lists, plan, finder, shading, effects, picture, block
-            )
+            add = mixing.add_mixing if self._is_mixed else layering.add_layering
+            add(self._calls, self._lists, plan, finder, shading, effects, picture, block)
         for place in ("background", "overlay") if plan.layers is None else ("overlay",):
             for one in acting(effects, place):
                 for kernel, arguments in one.effect.calls(one.record, plan, picture):

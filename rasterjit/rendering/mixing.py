@@ -84,8 +84,6 @@ class _Way(NamedTuple):
 
 def memory_of(plan: RenderPlan) -> int:
     """Return how much memory mixing takes beside the picture, about, bytes."""
-    if plan.layers is None:
-        return 0
     of_sample, of_pixel = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE, 52 * ROWS_MIXED_AT_ONCE
     return plan.size[0] * (int(plan.layers.samples) * of_sample + of_pixel)
 

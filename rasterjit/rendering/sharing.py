@@ -55,9 +55,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         return False
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False
-    if plan.layers is not None and not _is_mixed_in_groups(plan):
-        return False
-    if facts.contents.see_through or facts.contents.blended:
+    if plan.layers is not None and not _is_laid_in_groups(plan):
         return False
     if not facts.finds_faces or (facts.is_colored and not facts.draws_faces):
         return False
@@ -76,10 +74,14 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     )
 
 
-def _is_mixed_in_groups(plan: RenderPlan) -> bool:
-    """Tell whether what pixels show is opaque faces at several samples, mixed in light."""
+def _is_laid_in_groups(plan: RenderPlan) -> bool:
+    """Tell whether pixels show several samples, or transparent faces at one, mixed in light."""
     layers = plan.layers
-    return not (layers.has_blended or layers.mixes_codes or layers.samples == "area")
+    if layers.mixes_codes or layers.samples == "area":
+        return False
+    if not layers.has_blended:
+        return True
+    return layers.samples == 1 and layers.most is None and not plan.at("background")
 
 
 def _is_shared(light: Light) -> bool:

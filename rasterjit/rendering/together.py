@@ -6,9 +6,8 @@ has memory of its own, in which the kernels and stages of such a plan find what 
 (``desk.py``); of each view its matrices, lights and the like are prepared with NumPy for the whole
 group (`Prepared`) and loaded there before it is drawn (``pipeline/views.py``).
 
-Only plans whose stages read nothing else of a view are drawn so: nothing is seen through, lights
-have no shadows, effects need not look at the picture; see `can_share`. The others are for the
-caller to draw one by one.
+Only plans whose stages read nothing else of a view are drawn so: lights have no shadows, effects
+need not look at the picture; see `can_share`. The others are for the caller to draw one by one.
 """
 
 from __future__ import annotations

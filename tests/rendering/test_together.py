@@ -12,7 +12,7 @@ from batches import MODELS, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.rendering import batch, desk, together
+from rasterjit.rendering import batch, desk, layering, together
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
@@ -340,7 +340,9 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
         (None, {"eye_dome": rj.EyeDome()}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
-        (None, {"glass": 0.5}, {}),
+        (None, {"glass": 0.5, "environment": SKY}, {}),
+        (rj.Quality(transparency_layers=1), {"glass": 0.5}, {}),
+        (rj.Quality(blending="srgb8"), {"glass": 0.5}, {}),
         (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),
     ],
 )
@@ -382,6 +384,65 @@ def test_holes_are_drawn_in_groups(scene, kind, quality, alone):
     outputs = "color", "linear", "depth", "face_id", "uv"
     check(scene, [*around(5), away, *near], outputs=outputs, quality=quality, size=(90, 70))
     assert alone == []
+
+
+def make_glassy(scene, alpha=0.4):
+    """Let the first object and the last be seen through, and the second have holes."""
+    knot, cube, quad = (node.mesh for node in scene.nodes)
+    clear = {"base_color": (0.4, 0.6, 0.9, alpha), "alpha_mode": "blend"}
+    knot.material, quad.material = (replace(one.material, **clear) for one in (knot, quad))
+    colors = np.random.default_rng(8).random((len(cube.vertices), 4))
+    holed = rj.Material("flat", alpha_mode="mask", alpha_cutoff=0.4)
+    scene.nodes[1].mesh = rj.Mesh(cube.vertices, cube.faces, colors=colors, material=holed)
+
+
+@in_groups
+@pytest.mark.parametrize(
+    ("options", "change"),
+    [
+        ({"outputs": ("color", "linear", "depth", "face_id"), "size": (131, 90)}, {}),
+        ({"outputs": ("color",), "background": "transparent"}, {"tone_map": rj.ToneMap()}),
+        ({"outputs": ("linear", "color")}, {"tone_map": rj.ToneMap("reinhard"), "fog": HIGH}),
+        ({"outputs": ("color",), "cull": "back"}, {"vignette": rj.Vignette()}),
+        ({"outputs": ("linear",)}, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}),
+        ({"outputs": ("depth", "object_id")}, {}),
+    ],
+)
+def test_what_is_seen_through_is_laid_in_groups(scene, options, change, alone):
+    make_glassy(scene)
+    for name, value in change.items():
+        setattr(scene, name, value)
+    near = [replace(camera, near=0.01) for camera in around(4, 1.3)]
+    # One of them sees nothing that is seen through.
+    away = rj.PerspectiveCamera((1.4, 0.2, 4.0), (1.4, 0.2, 0.0), fov_y=3.0)
+    check(scene, [*around(5), away, *near], **options)
+    assert alone == []
+    alpha_one = replace(scene.nodes[0].mesh.material, base_color=(0.4, 0.6, 0.9))
+    scene.nodes[0].mesh.material = alpha_one
+    check(scene, around(3), **options)
+    assert alone == []
+
+
+@in_groups
+def test_any_camera_sees_through_the_same(scene):
+    make_glassy(scene)
+    check_quietly(scene, random_cameras(60, 7), outputs=("color", "depth"), threads=2)
+
+
+@in_groups
+def test_more_layers_than_there_is_room_for_are_drawn_one_by_one(alone):
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+    glass = rj.Material("unlit", (0.9, 0.5, 0.2, 0.2), alpha_mode="blend")
+    scene = rj.Scene()
+    for n in range(layering.MOST_LAYERS):
+        pane = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=glass)
+        scene.add(pane, rj.transforms.translate((0.1 * n, 0.0, -0.1 * n)))
+    camera = rj.PerspectiveCamera((0.4, 0.1, 4.0), (0.4, 0.0, 0.0))
+    check(scene, [camera], outputs=("color", "linear"), size=(80, 70))
+    assert alone == []
+    scene.add(rj.Mesh(corners - (0, 0, 3), [(0, 1, 2), (0, 2, 3)], material=glass))
+    check(scene, [camera], outputs=("color", "linear"), size=(80, 70))
+    assert alone == [0]
 
 
 @in_groups
