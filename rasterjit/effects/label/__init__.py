@@ -276,7 +276,9 @@ class Labels(Effect):
 
     def bent(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
         """Return the texts, each where a lens shows its point."""
-        return data._replace(places=pixels(data.points - eye))
+        # What is too far for numbers is seen nowhere.
+        with np.errstate(all="ignore"):
+            return data._replace(places=pixels(data.points - eye))
 
     def see(self, context: FrameContext) -> NDArray[np.int8]:
         """Return what a picture, or a part of it, knows of each text."""
