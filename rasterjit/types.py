@@ -20,6 +20,7 @@ from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.rendering.stream import Progress
+from rasterjit.scene.arrows import ArrowUnit
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike
@@ -27,6 +28,7 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
 from rasterjit.scene.framing import Projection
+from rasterjit.scene.label import Anchor
 from rasterjit.scene.light import Light, ShadowFilter
 from rasterjit.scene.material import AlphaMode, Shading
 from rasterjit.scene.mesh import OnInvalid
@@ -54,7 +56,9 @@ from rasterjit.viewer.show import Backend
 
 __all__ = [
     "AlphaMode",
+    "Anchor",
     "Anisotropy",
+    "ArrowUnit",
     "AttributeName",
     "Backend",
     "Background",

@@ -174,7 +174,11 @@ def load(
             ("max_bytes", max_bytes, DEFAULT_MAX_BYTES),
         ):
             if value != default:
-                said = "a trimesh object" if _is_trimesh(path) else f"a {foreign_name(path)}"
+                said = (
+                    "a trimesh object"
+                    if _is_trimesh(path)
+                    else f"an object of {foreign_package(path)}"
+                )
                 raise ValueError(f"{name} must not be given for {said}, got {value!r}")
         if _is_trimesh(path):
             return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)

@@ -329,8 +329,8 @@ def _faces(count: int, sides: int) -> NDArray[np.int32]:
             np.stack([cone + here, cone + after, tip + here], axis=1),
         ]
     )
-    firsts = (7 * sides + 1) * np.arange(count)[:, np.newaxis, np.newaxis]
-    return (one + firsts).reshape(-1, 3).astype(np.int32)
+    firsts = (7 * sides + 1) * np.arange(count, dtype=np.int32)[:, np.newaxis, np.newaxis]
+    return (one.astype(np.int32) + firsts).reshape(-1, 3)
 
 
 def _band(

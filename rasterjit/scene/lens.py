@@ -198,7 +198,9 @@ class PinholeDistortion:
         with np.errstate(all="ignore"):
             x, y = x / z, y / z
             is_seen = (z > 0.0) & (x * x + y * y < self._curve.fold * self._curve.fold)
-            return np.where(is_seen[..., np.newaxis], self.distort(np.stack((x, y), -1)), np.nan)
+            is_seen &= np.maximum(np.abs(x), np.abs(y)) <= LARGEST
+            points = np.where(is_seen[..., np.newaxis], np.stack((x, y), -1), 0.0)
+            return np.where(is_seen[..., np.newaxis], self.distort(points), np.nan)
 
     @property
     def limit(self) -> str:

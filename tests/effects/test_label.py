@@ -556,3 +556,23 @@ def test_far_away_places_and_offsets_are_out_of_the_picture(cube):
         rj.Label((1e12, 0, 9.9), "far", hidden=True),
     ):  # fmt: skip
         assert not is_shown(scene_of(cube, label))
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [rj.PinholeDistortion(k1=0.1), rj.PinholeDistortion(k1=-0.1), rj.FisheyeLens(field=150.0)],
+    ids=["unfolded", "folding", "fisheye"],
+)
+def test_at_the_eye_and_beside_it_it_is_not_drawn_by_a_lens(cube, lens):
+    for position in ((0, 0, 10), (1, 0, 10), (3, 3, 12)):
+        label = rj.Label(position, "beside", hidden=True)
+        assert not is_shown(scene_of(cube, label), lens=lens)
+
+
+@pytest.mark.parametrize("lens", [None, rj.PinholeDistortion(k1=-0.1)], ids=["", "lens"])
+def test_places_beyond_all_numbers_are_nowhere(cube, lens):
+    for position in ((1e300, 0, 0), (-1e300, 1e300, 1), (0, 0, -1e300)):
+        scene = scene_of(cube, rj.Label(position, "far", hidden=True), rj.Label(position, "far"))
+        for node in scene.labelled:
+            node.transform = rj.transforms.scale(1e200)
+        assert not is_shown(scene, lens=lens)

@@ -275,16 +275,20 @@ def test_points_that_a_depth_camera_did_not_measure_are_counted_and_keep_their_n
     assert len(node.mesh) == COUNT
     assert node.mesh.invalid_vertices == 3
     assert np.array_equal(node.mesh.vertices[3], xyz[3])
+    xyz[5] = np.inf
+    write(path, pcd("binary", xyz=xyz))
     with pytest.warns(rj.LoadWarning, match=r"point at infinity \(1\)"):
-        xyz[5] = np.inf
-        rj.load(write(path, pcd("binary", xyz=xyz)), on_invalid="drop")
+        rj.load(path, on_invalid="drop")
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda data: data.replace(b"DATA binary", b"DATA packed"), "DATA must be ascii, binary"),
-        (lambda data: data.replace(b"POINTS 60", b"POINTS 61"), "POINTS must be WIDTH times HEIGHT"),
+        (
+            lambda data: data.replace(b"POINTS 60", b"POINTS 61"),
+            "POINTS must be WIDTH times HEIGHT",
+        ),
         (lambda data: data.replace(b"SIZE 4 4", b"SIZE 4 3"), "field 'y' must be of a known type"),
         (lambda data: data.replace(b"SIZE 4 4", b"SIZE 4"), "must be as many, got 9, 8, 9 and 9"),
         (lambda data: data.replace(b"FIELDS x", b"FIELDS w"), "must have the fields x, y and z"),
@@ -366,20 +370,29 @@ def test_las_files_that_are_cut_short_are_refused(tmp_path):
 # All
 
 
+def outcome(path):
+    """Return the scene of a file, or what the error says about it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return rj.load(path)
+        except rj.MeshFileError as error:
+            return str(error)
+
+
 def test_no_cut_of_a_file_ends_in_anything_but_an_error_that_names_it(tmp_path):
     files = {"ply": ply("binary_little_endian"), "pcd": pcd("binary_compressed"),
              "xyz": rows(XYZ).encode(), "pts": rows(XYZ, CODES, head="60\n").encode()}  # fmt: skip
     for extension, whole in files.items():
         for length in RNG.integers(0, len(whole) - 1, 25).tolist():
             path = write(tmp_path / f"a.{extension}", whole[:length])
-            try:
-                (node,) = rj.load(path).nodes
-            except rj.MeshFileError as error:
-                assert str(path) in str(error)
-            else:
+            found = outcome(path)
+            if isinstance(found, rj.Scene):
                 # Rows of numbers may end behind any digit.
                 assert extension == "xyz"
-                assert len(node.mesh) <= COUNT
+                assert len(found.nodes[0].mesh) <= COUNT
+            else:
+                assert str(path) in found
 
 
 def test_bytes_of_a_pcd_file_may_be_anything(tmp_path):
@@ -388,12 +401,8 @@ def test_bytes_of_a_pcd_file_may_be_anything(tmp_path):
         data = bytearray(whole)
         for at in RNG.integers(0, len(data), 8).tolist():
             data[at] = int(RNG.integers(0, 256))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
-                rj.load(write(tmp_path / "a.pcd", bytes(data)))
-            except rj.MeshFileError as error:
-                assert "a.pcd" in str(error)
+        found = outcome(write(tmp_path / "a.pcd", bytes(data)))
+        assert isinstance(found, rj.Scene) or "a.pcd" in found
 
 
 def test_a_cloud_takes_no_more_memory_than_it_may(tmp_path):

@@ -147,3 +147,11 @@ def test_panorama():
 def test_what_is_wrong_is_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_directions_beside_a_pinhole_are_seen_nowhere():
+    for lens in (rj.PinholeDistortion(k1=0.1), rj.PinholeDistortion(k1=-0.1)):
+        directions = [[1, 0, 0], [0, -1, 0], [0, 0, 0], [1, 1, 1e-20], [0, 0, -1], [0, 0, 1]]
+        places = lens.places(directions)
+        assert np.isnan(places[:-1]).all()
+        assert places[-1].tolist() == [0.0, 0.0]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.label.text import PADDING, Float64, cover_text, lay_out
-from rasterjit.pipeline.encode import code_thresholds
+from rasterjit.pipeline.encode import BUCKET_BITS, encoding_table
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
 from rasterjit.scene.pixels import clip_from_relative, project
@@ -31,6 +31,9 @@ SHARES = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 
 FARTHEST = 1e9
 """Pixels from the picture's corner beyond which a place is nowhere near."""
+
+LOW_BITS = (1 << BUCKET_BITS) - 1
+"""Those of a float32 in one bucket."""
 
 SHOWN, HIDDEN, ELSEWHERE = 1, 0, -1
 """What a picture, or a part of it, knows of a label: seen, hidden, or that it lies elsewhere."""
@@ -138,19 +141,20 @@ def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_cod
         total = share + through
         some = share > 0.0
         mixed = share[..., np.newaxis] * values + through[..., np.newaxis] * light
-        light[some] = mixed[some] / total[some][:, np.newaxis]
-        alpha = np.where(some, total, alpha)
+        np.divide(mixed, total[..., np.newaxis], out=light, where=some[..., np.newaxis])
+        np.copyto(alpha, total, where=some)
         is_touched |= some
     codes = np.floor(255.0 * light + 0.5).astype(np.uint8) if in_codes else encoded(light)
-    pixels[is_touched, :3] = codes[is_touched]
-    pixels[is_touched, 3] = np.floor(255.0 * alpha[is_touched] + 0.5).astype(np.uint8)
+    np.copyto(pixels[..., :3], codes, where=is_touched[..., np.newaxis])
+    np.copyto(pixels[..., 3], np.floor(255.0 * alpha + 0.5).astype(np.uint8), where=is_touched)
 
 
 def encoded(light: Float64) -> NDArray[np.uint8]:
     """Return sRGB codes of linear light, rounded half up."""
-    return np.searchsorted(code_thresholds(), light.astype(np.float32), side="right").astype(
-        np.uint8
-    )
+    # As the kernels of `encode` do it, all values at once.
+    bits = light.astype(np.float32).view(np.int32)
+    entries = encoding_table()[bits >> BUCKET_BITS] + (bits & LOW_BITS)
+    return (entries >> BUCKET_BITS).astype(np.uint8)
 
 
 def find_seen(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
@@ -272,7 +276,9 @@ class Labels(Effect):
 
     def bent(self, data: Texts, eye: Any, pixels: Callable[[Any], Any]) -> Texts:
         """Return the texts, each where a lens shows its point."""
-        return data._replace(places=pixels(data.points - eye))
+        # What is too far for numbers is seen nowhere.
+        with np.errstate(all="ignore"):
+            return data._replace(places=pixels(data.points - eye))
 
     def see(self, context: FrameContext) -> NDArray[np.int8]:
         """Return what a picture, or a part of it, knows of each text."""

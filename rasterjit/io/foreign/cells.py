@@ -73,7 +73,8 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         else:
             left_out.note(f"{kind} cell", len(data))
     polygons.add_all(solids.outer())
-    return _things(points, of_points, of_cells, (polygons, strips, lone), source)
+    is_solid = bool(solids.blocks)
+    return _things(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
 
 
 class _Rows:
@@ -124,7 +125,7 @@ def _joined(blocks: list[NDArray[Any]]) -> NDArray[Any]:
 
 def _things(
     points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
-    rows: tuple[_Rows, _Rows, _Rows], source: str,
+    rows: tuple[_Rows, _Rows, _Rows], is_solid: bool, source: str,
 ) -> list[Thing]:  # fmt: skip
     """Return meshes, lines and points; a file without cells is a cloud of its points."""
     polygons, strips, lone = rows
@@ -144,11 +145,16 @@ def _things(
         corners = np.concatenate([one.reshape(-1) for one, _ in polygons.blocks])
         places, which = triangles(counts, by_size=False)
         _check(corners, len(points), source)
-        cells = polygons.numbers()[which]
+        cells, used = polygons.numbers()[which], None
+        if is_solid:
+            # Most points of a solid lie inside.
+            used, corners = np.unique(corners, return_inverse=True)
+            corners = corners.reshape(-1)
         found.append(
             Part(
-                "", points, corners[places], None, None, None, None, own,
-                rows_of(cell_own, cells), scalars,
+                "", points if used is None else points[used], corners[places], None, None, None,
+                None, rows_of(own, used), rows_of(cell_own, cells),
+                scalars if scalars is None or used is None else scalars[used],
                 None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip

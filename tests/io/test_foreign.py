@@ -1,0 +1,296 @@
+"""Objects of PyVista, Open3D and meshio are drawn as they are, and files that these read."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.scene.color import srgb_to_linear
+
+RNG = np.random.default_rng(26)
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+CUBE = np.array([[x, y, z] for z in (0.0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+
+
+def only(what):
+    """Load something, without a warning, and return its one mesh; objects can be added, too."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (node,) = rj.load(what).nodes
+        added = node.mesh if isinstance(what, Path) else rj.Scene().add(what).mesh
+    assert np.array_equal(added.vertices, node.mesh.vertices)
+    return node.mesh
+
+
+# Open3D, of which only what is read is made here
+
+
+def open3d(kind, **values):
+    """Return an object as Open3D has it."""
+    return type(kind, (), {"__module__": "open3d.cpu.pybind.geometry", **values})()
+
+
+def test_a_point_cloud_of_open3d_is_points():
+    colors = RNG.integers(0, 256, (4, 3)) / 255.0
+    normals = np.eye(4, 3) + [0, 0, 0.5]
+    points = only(open3d("PointCloud", points=CORNERS, colors=colors, normals=normals))
+    assert isinstance(points, rj.Points)
+    codes = np.round(colors * 255).astype(np.uint8)
+    assert np.array_equal(points.vertex_colors[:, :3], srgb_to_linear(codes))
+    assert points.normals is not None
+    bare = only(open3d("PointCloud", points=CORNERS, colors=np.zeros((0, 3)), normals=[]))
+    assert (bare.vertex_colors, bare.normals) == (None, None)
+    with pytest.raises(rj.MeshFileError, match="open3d PointCloud holds a point cloud of no poi"):
+        rj.load(open3d("PointCloud", points=np.zeros((0, 3)), colors=[], normals=[]))
+
+
+def test_points_of_a_depth_camera_that_are_nan_are_counted_in_objects_too():
+    xyz = CORNERS.copy()
+    xyz[2] = np.nan
+    with pytest.warns(rj.LoadWarning, match=r"open3d PointCloud: left out point without a pos.*1"):
+        (node,) = rj.load(open3d("PointCloud", points=xyz, colors=[], normals=[])).nodes
+    assert node.mesh.invalid_vertices == 1
+
+
+def test_lines_of_open3d_have_their_colours():
+    lines = only(open3d("LineSet", points=CORNERS, lines=[[0, 1], [3, 1]], colors=np.eye(2, 3)))
+    assert lines.segments.tolist() == [[0, 1], [3, 1]]
+    assert lines.face_colors.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
+    with pytest.raises(rj.MeshFileError, match="holds no lines"):
+        rj.load(open3d("LineSet", points=CORNERS, lines=np.zeros((0, 2), int), colors=[]))
+
+
+def triangles(**values):
+    """Return a mesh of Open3D's."""
+    said = {
+        "vertices": CORNERS, "triangles": np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        "vertex_normals": [], "vertex_colors": [], "has_textures": lambda self: False,
+    }  # fmt: skip
+    return open3d("TriangleMesh", **{**said, **values})
+
+
+def test_a_mesh_of_open3d_keeps_its_faces_and_normals():
+    tilted = np.tile([0.6, 0.0, 0.8], (4, 1))
+    mesh = only(triangles(vertex_normals=tilted, vertex_colors=CORNERS))
+    assert np.array_equal(mesh.vertices, CORNERS)
+    assert mesh.normals == pytest.approx(tilted)
+    assert mesh.vertex_colors[2].tolist() == [1, 1, 0, 1]
+    assert only(triangles()).normals[:, 2].tolist() == [1.0] * 4
+    with pytest.warns(rj.LoadWarning, match="textures of a TriangleMesh"):
+        rj.load(triangles(has_textures=lambda self: True))
+    with pytest.raises(rj.MeshFileError, match="holds a mesh of 4 vertices, no faces"):
+        rj.load(triangles(triangles=np.zeros((0, 3), int)))
+
+
+def test_averaged_normals_of_a_box_do_not_round_its_edges():
+    quads = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    faces = np.array([row for a, b, c, d in quads for row in ([a, b, c], [a, c, d])])
+    mesh = only(triangles(vertices=CUBE, triangles=faces, vertex_normals=CUBE - 0.5))
+    assert np.abs(mesh.normals).max(axis=1).tolist() == [1.0] * len(mesh.vertices)
+
+
+class Tensor:
+    """Values as Open3D's tensors have them."""
+
+    def __init__(self, values):
+        self.values = np.asarray(values)
+
+    def numpy(self):
+        return self.values
+
+
+def test_geometries_of_open3d_of_tensors_keep_values_of_their_own():
+    def cpu(self):
+        return self
+
+    xyz, heat = Tensor(CORNERS.astype(np.float32)), Tensor(np.arange(4.0).reshape(4, 1))
+    cloud = open3d("PointCloud", point={"positions": xyz, "heat": heat}, cpu=cpu)
+    assert only(cloud).vertex_attributes["heat"].tolist() == [[0], [1], [2], [3]]
+    faces = {"indices": Tensor([[0, 1, 2]])}
+    mesh = open3d("TriangleMesh", vertex={"positions": xyz}, triangle=faces, cpu=cpu)
+    assert only(mesh).faces.tolist() == [[0, 1, 2]]
+    pairs = {"indices": Tensor([[0, 1]])}
+    lines = open3d("LineSet", point={"positions": xyz}, line=pairs, cpu=cpu)
+    assert only(lines).segments.tolist() == [[0, 1]]
+
+
+def test_other_objects_of_open3d_are_refused_by_name():
+    said = "open3d VoxelGrid must be a TriangleMesh, a PointCloud or a LineSet"
+    with pytest.raises(rj.MeshFileError, match=said):
+        rj.render(open3d("VoxelGrid"))
+    with pytest.raises(
+        ValueError, match="max_bytes must not be given for an object of open3d, got 7"
+    ):
+        rj.load(open3d("VoxelGrid"), max_bytes=7)
+
+
+# meshio
+
+
+def cells(*blocks, points=CUBE, **values):
+    """Return a mesh of meshio's."""
+    meshio = pytest.importorskip("meshio")
+    return meshio.Mesh(points, list(blocks), **values)
+
+
+def test_a_solid_is_shown_by_its_outer_faces_which_look_outwards():
+    two = np.concatenate([CUBE, CUBE[4:] + [0, 0, 1]])
+    blocks = ("hexahedron", [[0, 1, 2, 3, 4, 5, 6, 7], [4, 5, 6, 7, 8, 9, 10, 11]])
+    mesh = only(cells(blocks, points=two, cell_data={"number": [[3.0, 8.0]]}))
+    assert len(mesh.faces) == 20
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outwards = corners.mean(axis=1) - [0.5, 0.5, 1.0]
+    assert (np.einsum("ij,ij->i", normals, outwards) > 0).all()
+    assert mesh.field.of_faces
+    assert sorted(mesh.field.values.tolist()) == [3.0] * 10 + [8.0] * 10
+    below = corners[mesh.field.values == 3.0]
+    assert below[..., 2].max() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "count"),
+    [
+        ("tetra", [[0, 1, 2, 4]], 4),
+        ("wedge", [[0, 2, 1, 4, 6, 5]], 8),
+        ("pyramid", [[0, 1, 2, 3, 4]], 6),
+        ("hexahedron", [list(range(8))], 12),
+    ],
+)
+def test_every_kind_of_solid_is_closed_and_looks_outwards(kind, numbers, count):
+    mesh = only(cells((kind, numbers)))
+    assert len(mesh.faces) == count
+    assert mesh.is_closed()
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middle = CUBE[numbers[0]].mean(axis=0)
+    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - middle) > 0).all()
+
+
+def test_points_are_shown_by_their_first_scalar_and_keep_the_others():
+    heat, flow = np.arange(8.0), RNG.random((8, 3))
+    data = {"flow": flow, "same": np.ones(8), "heat": heat, "more": heat**2}
+    mesh = only(cells(("quad", [[0, 1, 2, 3], [4, 5, 6, 7]]), point_data=data))
+    assert not mesh.field.of_faces
+    assert sorted(set(mesh.field.values.tolist())) == list(range(8))
+    assert sorted(mesh.vertex_attributes) == ["flow", "more", "same"]
+
+
+def test_cells_of_every_kind_become_faces_lines_and_points():
+    mixed = cells(("triangle6", [[0, 1, 2, 3, 4, 5]]), ("line3", [[0, 1, 2]]), ("vertex", [[7]]))
+    scene = rj.load(mixed)
+    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "lines"]
+    assert scene.nodes[1].mesh.segments.tolist() == [[0, 2], [2, 1]]
+    assert only(cells(("vertex", [[7], [2]]))).vertices.tolist() == CUBE[[7, 2]].tolist()
+    assert len(only(cells())) == 8
+    with pytest.warns(rj.LoadWarning, match=r"left out VTK_LAGRANGE_CURVE cell \(1\)"):
+        rj.load(cells(("VTK_LAGRANGE_CURVE", [[0, 1, 2]]), ("vertex", [[7]])))
+    with pytest.raises(rj.MeshFileError, match="must have cells of points below 8, got 9"):
+        rj.load(cells(("triangle", [[0, 1, 9]])))
+
+
+@pytest.mark.parametrize("extension", ["vtu", "vtk", "msh", "inp", "su2", "mesh"])
+def test_files_that_meshio_writes_are_read(tmp_path, extension):
+    mesh = cells(("hexahedron", [list(range(8))]))
+    path = tmp_path / f"a.{extension}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mesh.write(path)
+        found = only(path)
+    assert len(found.faces) == 12
+    assert found.bounds()[1].tolist() == [1, 1, 1]
+
+
+def test_values_of_a_vtu_file_are_kept(tmp_path):
+    mesh = cells(("quad", [[0, 1, 2, 3]]), point_data={"heat": np.arange(8.0)},
+                 cell_data={"part": [[4.0]]})  # fmt: skip
+    mesh.write(tmp_path / "a.vtu")
+    found = only(tmp_path / "a.vtu")
+    assert sorted(found.field.values.tolist()) == list(range(8))
+    assert found.face_attributes["part"].tolist() == [[4], [4]]
+
+
+def test_files_that_are_none_say_so(tmp_path, capfd):
+    pytest.importorskip("meshio")
+    (tmp_path / "a.vtu").write_text("<VTKFile")
+    with pytest.raises(rj.MeshFileError, match=r"a\.vtu could not be read as \.vtu: "):
+        rj.load(tmp_path / "a.vtu")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_no_package_reads_names_the_way_out(tmp_path, monkeypatch):
+    from rasterjit.io.foreign import files
+
+    monkeypatch.setattr(files, "find_spec", lambda name: None)
+    monkeypatch.setitem(__import__("sys").modules, "meshio", None)
+    for name, said in (("a.vtu", r"pip install 'rasterjit\[vtk\]'"), ("a.vtp", "install pyvista")):
+        (tmp_path / name).write_text("<VTKFile>")
+        with pytest.raises(rj.MeshFileError, match=said):
+            rj.load(tmp_path / name)
+
+
+# PyVista
+
+
+def test_a_surface_of_pyvista_is_shown_by_its_active_scalars():
+    pv = pytest.importorskip("pyvista")
+    ball = pv.Sphere()
+    ball["height"] = ball.points[:, 2]
+    mesh = only(ball)
+    assert len(mesh.faces) == ball.n_cells
+    assert np.array_equal(mesh.vertices, ball.points)
+    assert np.array_equal(mesh.field.values, ball["height"])
+    ball.cell_data["number"] = np.arange(ball.n_cells)
+    ball.set_active_scalars("number")
+    mesh = only(ball)
+    assert mesh.field.values.tolist() == list(range(ball.n_cells))
+    assert list(mesh.vertex_attributes) == ["height"]
+
+
+def test_polygons_and_strips_of_pyvista_keep_the_values_of_their_cells():
+    pv = pytest.importorskip("pyvista")
+    surface = pv.PolyData(CORNERS, faces=[4, 0, 1, 2, 3, 3, 0, 1, 2])
+    surface.cell_data["part"] = [5.0, 7.0]
+    assert only(surface).field.values.tolist() == [5, 5, 7]
+    strip = pv.PolyData(CORNERS, strips=[4, 0, 1, 3, 2])
+    mesh = only(strip)
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert normals[:, 2].tolist() == [1, 1]
+
+
+def test_lines_and_points_of_pyvista_are_drawn_as_such():
+    pv = pytest.importorskip("pyvista")
+    lines = only(pv.PolyData(CORNERS, lines=[3, 0, 1, 2, 2, 3, 0]))
+    assert lines.segments.tolist() == [[0, 1], [1, 2], [3, 0]]
+    cloud = pv.PolyData(CORNERS)
+    cloud["rgb"] = np.eye(4, 3, dtype=np.uint8) * 255
+    cloud.set_active_scalars("rgb")
+    points = only(cloud)
+    assert points.vertex_colors[1].tolist() == [0, 1, 0, 1]
+    assert isinstance(only(pv.PointSet(CORNERS)), rj.Points)
+
+
+def test_grids_of_pyvista_are_shown_by_their_surface_and_blocks_by_name():
+    pv = pytest.importorskip("pyvista")
+    grid = pv.ImageData(dimensions=(3, 3, 3))
+    grid["heat"] = np.arange(27.0)
+    mesh = only(grid)
+    assert len(mesh.faces) == 48
+    assert mesh.field.values.max() == 26
+    blocks = pv.MultiBlock({"ball": pv.Sphere(), "none": None, "dots": pv.PolyData(CORNERS)})
+    assert [node.name for node in rj.load(blocks).nodes] == ["ball", "dots"]
+    with pytest.raises(rj.MeshFileError, match="pyvista PolyData holds no faces, lines or points"):
+        rj.load(pv.PolyData())
+
+
+@pytest.mark.parametrize("name", ["a.vtp", "a.vtk", "a.vtm"])
+def test_files_of_vtk_that_meshio_does_not_read_go_through_pyvista(tmp_path, name):
+    pv = pytest.importorskip("pyvista")
+    ball = pv.Sphere()
+    (pv.MultiBlock([ball]) if name == "a.vtm" else ball).save(tmp_path / name)
+    assert len(only(tmp_path / name).faces) == ball.n_cells
