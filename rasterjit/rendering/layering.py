@@ -109,7 +109,8 @@ def add_layering(
     drawer, alone = fragments.layer_drawer(
         nearest.tile_drawer(parted, lists.faces, lists.screen, np.float32, finder.alpha_tests)
     )
-    calls.kept += [drawer, alone]
+    points = bands.no_points(np.float32)
+    calls.kept += [drawer, alone, points]
     used = np.empty((1, lists.columns), np.int64)
     for top in range(0, viewport.height, TILE_SIZE):
         rows = top, min(top + TILE_SIZE, viewport.height)
@@ -121,8 +122,8 @@ def add_layering(
         )
         deepest = np.zeros(3, np.int64)
         found = calls.bound(
-            fragments.find_layers, rows, lists.starts, middles, viewport, shifts, opaque, layers,
-            used, deepest, *drawer[:3], alone,
+            fragments.find_layers, rows, lists.starts, middles, points, viewport, shifts, opaque,
+            layers, used, deepest, *drawer[:3], alone,
         )  # fmt: skip
         calls.call(found)
         calls.limit(deepest.ctypes.data, MOST_LAYERS)

@@ -145,7 +145,8 @@ def add_mixing(
     drawer, alone = fragments.layer_drawer(
         nearest.tile_drawer(lists.binned, lists.faces, lists.screen, np.float32, finder.alpha_tests)
     )
-    calls.kept += [drawer, alone, behind]
+    points = bands.no_points(np.float32)
+    calls.kept += [drawer, alone, points, behind]
     none = np.empty((samples, 0, 0, width), np.float32), np.empty((samples, 0, 0, width), np.int32)
     used, deepest = np.empty((samples, lists.columns), np.int64), np.empty(3, np.int64)
     for top in range(0, viewport.height, TILE_SIZE):
@@ -154,8 +155,8 @@ def add_mixing(
         opaque = memory.opaque[: samples * height * width].reshape(samples, height, width)
         # Of opaque faces alone, lists end where transparent ones would begin.
         found = calls.bound(
-            fragments.find_layers, rows, lists.starts, lists.starts[1:], viewport, shifts, opaque,
-            none, used, deepest, *drawer[:3], alone,
+            fragments.find_layers, rows, lists.starts, lists.starts[1:], points, viewport, shifts,
+            opaque, none, used, deepest, *drawer[:3], alone,
         )  # fmt: skip
         calls.call(found)
         for part in parts_of(height, ROWS_MIXED_AT_ONCE):

@@ -138,7 +138,7 @@ def part_lists(
         starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
     )
     kind = coverage.depth.dtype
-    points = np.empty((0, 0), kind), np.empty((0, 0), np.int32)
+    points = no_points(kind)
     if coverage.points is not None and coverage.points.picture is not None:
         points = coverage.points.picture
     return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points)
@@ -158,6 +158,11 @@ def kernels_of(samples: int | str, depth_type: Any) -> list[tuple[str, str, str]
     if samples == "area":
         found = ("areas.find_areas", "", "")
     return [("fragments.split_lists", "", ""), found]
+
+
+def no_points(depth_type: Any) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """Return what `Lists.points` are where all that is drawn has triangles."""
+    return np.empty((0, 0), depth_type), np.empty((0, 0), np.int32)
 
 
 def find_layers(
