@@ -89,8 +89,8 @@ class Label:
     >>> import rasterjit as rj
     >>> scene = rj.load("models/teapot.obj")
     >>> node = scene.add(rj.Label((0.0, 3.15, 0.0), "lid", anchor="bottom"), name="lid")
-    >>> node.label.text
-    'lid'
+    >>> node
+    Node('lid', 0 children, label 'lid')
     """
 
     position: VectorLike
