@@ -53,6 +53,8 @@ class _Way(NamedTuple):
     shading: Shading
     toned: Sequence[Active]
     """Effects that act on what is laid."""
+    hidden: Sequence[Active]
+    """Effects that show something where no face is."""
     picture: Picture
     block: NDArray[np.int64]
     memory: _Memory
@@ -98,7 +100,8 @@ def add_layering(
         A block of samples.
     """
     viewport, memory = finder.geometry.viewport, _memory(plan.size[0])
-    way = _Way(calls, plan, shading, acting(effects, "mixed"), picture, block, memory)
+    own = acting(effects, "mixed"), acting(effects, "background")
+    way = _Way(calls, plan, shading, *own, picture, block, memory)
     width, shifts = viewport.width, bands.sample_shifts(1, viewport.grid_bits)
     parted, middles = np.empty_like(lists.binned), np.empty(len(lists.starts) - 1, np.int64)
     split = calls.bound(
@@ -164,6 +167,10 @@ def _lay_part(
             calls.call(laid, when=when)
     # What is mapped comes over the background when it is mapped.
     shade(opaque, target, (np.zeros(4, np.float32), 0) if way.toned else None)
+    behind_all = Picture(opaque, target, np.empty((count, 0), np.uint32))
+    for one in way.hidden:
+        for kernel, arguments in one.effect.calls(one.record, way.plan, behind_all, first):
+            calls.call(calls.bound(kernel, *arguments))
     calls.call(calls.bound(compositing.finish_sums, sums, target), when=any_layer)
     color, table = way.picture.color[of_frame], encode.encoding_table()
     for one in way.toned:

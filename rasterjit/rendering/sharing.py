@@ -79,9 +79,7 @@ def _is_laid_in_groups(plan: RenderPlan) -> bool:
     layers = plan.layers
     if layers.mixes_codes or layers.samples == "area":
         return False
-    if not layers.has_blended:
-        return True
-    return layers.samples == 1 and layers.most is None and not plan.at("background")
+    return not layers.has_blended or (layers.samples == 1 and layers.most is None)
 
 
 def _is_shared(light: Light) -> bool:

@@ -303,8 +303,14 @@ class Effect:
         """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
         return {}
 
-    def calls(self, record: Any, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
-        """Return how it acts on a whole picture, in groups; background and overlay do."""
+    def calls(
+        self, record: Any, plan: RenderPlan, picture: Picture, first_row: int = 0
+    ) -> list[KernelCall]:
+        """
+        Return how it acts at "background" or "overlay", in groups.
+
+        Overlays get whole pictures, backgrounds may get some rows, of which the first is given.
+        """
         return []
 
     def calls_mixed(

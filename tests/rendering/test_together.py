@@ -340,7 +340,7 @@ def test_settings_are_kept_in_groups(scene, quality, options, change, alone):
         (None, {"ambient_occlusion": rj.AmbientOcclusion()}, {}),
         (None, {"eye_dome": rj.EyeDome()}, {}),
         (None, {"lights": [rj.DirectionalLight((0, -1, -1), shadow=rj.Shadow(64))]}, {}),
-        (None, {"glass": 0.5, "environment": SKY}, {}),
+        (rj.Quality(samples=2), {"glass": 0.5, "environment": SKY}, {}),
         (rj.Quality(transparency_layers=1), {"glass": 0.5}, {}),
         (rj.Quality(blending="srgb8"), {"glass": 0.5}, {}),
         (None, {}, {"background": np.full((28, 40, 3), 99, np.uint8)}),
@@ -405,6 +405,8 @@ def make_glassy(scene, alpha=0.4):
         ({"outputs": ("linear", "color")}, {"tone_map": rj.ToneMap("reinhard"), "fog": HIGH}),
         ({"outputs": ("color",), "cull": "back"}, {"vignette": rj.Vignette()}),
         ({"outputs": ("linear",)}, {"lights": [rj.SpotLight((0, 4, 0), (0, -1, 0))]}),
+        ({"outputs": ("color", "linear"), "size": (131, 90)}, {"environment": SKY}),
+        ({"size": (131, 90)}, {"environment": SKY, "tone_map": rj.ToneMap()}),
         ({"outputs": ("depth", "object_id")}, {}),
     ],
 )

@@ -251,9 +251,12 @@ class EnvironmentBackground(Effect):
             return {}
         return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}
 
-    def calls(self, record: Sky, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
-        """Return how it is shown in a whole picture."""
-        arguments = record.arguments(picture, record.corner)
+    def calls(
+        self, record: Sky, plan: RenderPlan, picture: Picture, first_row: int = 0
+    ) -> list[KernelCall]:
+        """Return how it is shown in some rows of a picture."""
+        left, top = record.corner
+        arguments = record.arguments(picture, (left, top + first_row))
         return [(environment_stage.show_environment, arguments)]
 
     def without(self, scene: Scene) -> Scene:

@@ -73,7 +73,9 @@ class Vignetting(Effect):
         """Return the scene with the usual vignette."""
         return "on", add_to_field(scene, self.field, Vignette())
 
-    def calls(self, record: Vignette, plan: RenderPlan, picture: Picture) -> list[KernelCall]:
+    def calls(
+        self, record: Vignette, plan: RenderPlan, picture: Picture, first_row: int = 0
+    ) -> list[KernelCall]:
         """Return how a whole picture is darkened."""
         return [(darken_rows, _arguments(record, plan, picture.color, (0, len(picture.color))))]
 
