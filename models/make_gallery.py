@@ -406,6 +406,33 @@ def scalar_fields(size: Size) -> Picture:
 
 
 @picture
+def lines(size: Size) -> Picture:
+    """A teapot in its box, a grid, the way of a camera around it, and what one of them sees."""
+    scene = rj.Scene()
+    scene.add(floor(40.0, MATT))
+    pot = scene.add(dressed(model("teapot.obj"), rj.Material(base_color="#c98a4b")))
+    scene.lights = [rj.AmbientLight(intensity=0.3), sun(shadow=rj.Shadow(size=2048))]
+    scene.add(rj.Grid(24.0, 24, center=(0.0, 0.01, 0.0), color="#8d877c"))
+    scene.add(rj.BoundingBox(pot, color="#1d4a7a", width=2.0))
+    scene.add(rj.Axes(2.6, width=0.09, unit="world"), PLACE.translate((-3.0, 0.1, 3.4)))
+    angles = np.linspace(-0.6, 1.45, 12)
+    eyes = [(5.2 * np.sin(a), 2.0 + 0.3 * np.sin(n), 5.2 * np.cos(a)) for n, a in enumerate(angles)]
+    poses = [
+        rj.transforms.inverse(rj.PerspectiveCamera(eye, (0.0, 1.4, 0.0)).view_matrix())
+        for eye in eyes
+    ]
+    scene.add(rj.Lines.from_poses(poses, axes=0.45, color="#5b2a86", width=2.5))
+    seen = rj.PerspectiveCamera(eyes[-1], (0.0, 1.4, 0.0), fov_y=32.0)
+    scene.add(rj.Frustum(seen, 2.6, color="#a3201b", width=2.0))
+    around = np.linspace(0.0, 2.0 * np.pi, 97)
+    ring = np.stack([4.4 * np.sin(around), np.full(97, 0.06), 4.4 * np.cos(around)], axis=1)
+    scene.add(rj.Lines(ring, width=0.1, unit="world", dashes=[0.5, 0.25], scalars=around,
+                       colormap="turbo"))  # fmt: skip
+    camera = rj.PerspectiveCamera(eye=(4.5, 6.2, 11.5), target=(0.3, 0.9, 0.4), fov_y=40.0)
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
+@picture
 def tone_curves(size: Size) -> Picture:
     """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
     part, pictures = part_of(size, 2, 2), []

@@ -433,9 +433,11 @@ def _segment_weights(
     )
     along, down = x1 * w0 - x0 * w1, y1 * w0 - y0 * w1
     first, second = x0 * along + y0 * down, x1 * along + y1 * down
-    if first == second:
+    if first == second or (first >= 0 and w0 > 0):
         return Fraction(1), Fraction(0), Fraction(0)
+    is_behind = second <= 0 and w1 > 0
     share = min(max(first / (first - second), Fraction(0)), Fraction(1))
+    share = Fraction(1) if is_behind else share
     return 1 - share, share, Fraction(0)
 
 

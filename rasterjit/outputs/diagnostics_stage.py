@@ -301,8 +301,7 @@ def segment_error(a, b, column, row, geometry):
     )  # fmt: skip
     if not abs(length) > 2.0 * (off + other):
         return np.inf
-    t = min(max(first / length, 0.0), 1.0)
-    error = 2.0 * (off + t * (off + other)) / (abs(length) - (off + other)) + CLIPPED_SUM
+    error = 2.0 * (2.0 * off + other) / (abs(length) - (off + other)) + CLIPPED_SUM
     return error if error == error else np.inf
 
 

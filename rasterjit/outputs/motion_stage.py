@@ -19,6 +19,7 @@ from rasterjit.pipeline.geometry.barycentric import (
     interpolate,
     lowest_first,
     sample_weights,
+    share_along,
 )
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
@@ -107,7 +108,7 @@ def plane_at(corners, owner, positions, matrices, x, y):
     if corners[1] == corners[2]:
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
-        t = 0.0 if first == second else min(max(first / (first - second), 0.0), 1.0)
+        t = share_along(first, second, w0, w1)
         return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     turn = b0 * w0 + b1 * w1 + b2 * w2

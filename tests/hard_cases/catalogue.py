@@ -20,6 +20,7 @@ STAGES = {
     "S": ("shadows", 6),
     "M": ("samples and analytic coverage", 10),
     "P": ("platform traps", 8),
+    "W": ("segments with a width", 17),
     "G": ("effects that are not called for", 12),
 }
 """What each letter stands for, and how many cases it has."""

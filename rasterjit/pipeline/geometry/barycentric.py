@@ -178,6 +178,23 @@ def seen_from_sample(a, b, c, column, row, clip, viewport):
 
 
 @helper
+def share_along(first, second, first_w, second_w):
+    """
+    Return the weight of the second end of a segment, in 0..1; 0 where it has no length.
+
+    Takes how far before each end a sample lies along the segment, times its w, and the w. Beyond an
+    end, where the line may be behind the eye, it is the weight at the end.
+    """
+    length = first - second
+    t = first / (length if length != 0.0 else 1.0)
+    # NaN is at the first end, too.
+    t = t if (t > 0.0) & (length != 0.0) else 0.0
+    t = t if t < 1.0 else 1.0
+    t = 1.0 if (second <= 0.0) & (second_w > 0.0) & (length != 0.0) else t
+    return 0.0 if (first >= 0.0) & (first_w > 0.0) else t
+
+
+@helper
 def segment_weights(a, b, from_sample, clip, viewport):
     """
     Return the weights of the ends of a segment at the foot of the perpendicular from a sample.
@@ -192,11 +209,7 @@ def segment_weights(a, b, from_sample, clip, viewport):
     y = height * (clip[b, 1] * clip[a, 3] - clip[a, 1] * clip[b, 3])
     first = width * u0 * x + height * v0 * y
     second = width * u1 * x + height * v1 * y
-    length = first - second
-    t = first / (length if length != 0.0 else 1.0)
-    # NaN is at the first end, too.
-    t = t if (t > 0.0) & (length != 0.0) else 0.0
-    t = t if t < 1.0 else 1.0
+    t = share_along(first, second, clip[a, 3], clip[b, 3])
     return 1.0 - t, t, 0.0
 
 
