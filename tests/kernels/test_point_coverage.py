@@ -275,3 +275,25 @@ def test_a_sphere_of_a_pixel_covers_one():
     _, faces, counts = draw(cloud_of([(0.5, 0.5, -2.0)], points, matrix))
     assert (faces == 0).sum() == 0
     assert counts[point_coverage.POINTS_UNSAMPLED] == 1
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
+@pytest.mark.parametrize("name", ["perspective", "parallel"])
+def test_spheres_may_be_drawn_in_any_order(kind, name):
+    # Those behind others are passed over: what is seen, and what is counted, is the same.
+    matrix, coefficients = perspective(60.0, WIDTH / HEIGHT, 0.5, 20.0), (1000.0, 0.0, 0.0)
+    if name == "parallel":
+        matrix, coefficients = np.diag([0.4, 0.4, -0.1, 1.0]), (0.0, -500.0, 1000.0)
+    rng = np.random.default_rng(13)
+    centres = rng.uniform((-2, -2, -9), (2, 2, -1), (60, 3))
+    sizes = rng.uniform(0.1, 3.0, 60)
+    seen = []
+    for order in (np.arange(60), np.argsort(-centres[:, 2]), np.argsort(centres[:, 2])):
+        points = rows_of(point_coverage.SPHERE, sizes[order], point_coverage.IN_UNITS)
+        cloud = cloud_of(centres[order], points, matrix)
+        depth, faces, counts = draw(cloud._replace(depth_coefficients=coefficients), kind=kind)
+        seen.append((depth.tolist(), counts))
+        owners = np.append(order, -1)[faces]
+        if kind == np.float64:
+            seen[-1] += (owners.tolist(),)
+    assert seen[0] == seen[1] == seen[2]

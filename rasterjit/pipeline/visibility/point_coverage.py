@@ -365,6 +365,31 @@ def is_out_of_sight(centre, radius, sight):
 
 
 @helper
+def nearest_depth(centre, radius, sight, depth_coefficients):
+    """
+    Return a depth that no point of a sphere has, as it is stored; inf where that is not plain.
+
+    What is stored as nearer is nearer than all of them.
+    """
+    m = sight.matrix
+    x, y, z = m[3, 0], m[3, 1], m[3, 2]
+    sign = -1.0
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        x, y, z = m[2, 0], m[2, 1], m[2, 2]
+        sign = 1.0 if depth_coefficients[1] > 0.0 else -1.0
+    elif depth_coefficients[1] != 0.0:
+        return np.inf
+    # A little farther out, and nearer, for rounding, to float32 as well.
+    reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(scalar(x, y, z, x, y, z))
+    point = centre[0] + reach * x, centre[1] + reach * y, centre[2] + reach * z
+    w = clip_row(m, 3, point)
+    if not w > 0.0:
+        return np.inf
+    depth = stored_depth(clip_row(m, 2, point), w, depth_coefficients)
+    return depth + 2.0**-20 * abs(depth)
+
+
+@helper
 def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport):
     """Draw the pixels whose lines of sight meet a sphere; return what became of it."""
     depths, faces = frame
@@ -377,9 +402,13 @@ def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport
     left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
     top, bottom = pixels_between(-high_y, -low_y, height, viewport.top, viewport.height)
     outcome = POINTS_UNSAMPLED if left <= right and top <= bottom else POINTS_OUTSIDE
+    bound = nearest_depth(centre, radius, sight, depth_coefficients)
     for row in range(top, bottom + 1):
         start = row * viewport.width
         for column in range(left, right + 1):
+            # Once it is known to cover a pixel: what is hidden counts as well.
+            if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
+                continue
             ndc = ndc_of(column, row, viewport)
             offset, is_seen = meet_sphere(centre, radius, ndc, sight)
             if is_seen == 1:
