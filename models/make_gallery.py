@@ -472,6 +472,73 @@ def labels(size: Size) -> Picture:
 
 
 @picture
+def points(size: Size) -> Picture:
+    """A scan of a teapot as points of a pixel, as discs with normals, and as spheres."""
+    pot, random = model("teapot.obj"), np.random.default_rng(3)
+    corners = pot.vertices[pot.faces]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+
+    def scan(count: int) -> tuple[Picture, Picture]:
+        """Return points spread evenly over the teapot, and their normals."""
+        faces = random.choice(len(areas), count, p=areas / areas.sum())
+        weights = random.dirichlet((1.0, 1.0, 1.0), count)[:, :, np.newaxis]
+        normals = pot.vertex_normals()[pot.faces[faces]]
+        return (corners[faces] * weights).sum(axis=1), (normals * weights).sum(axis=1)
+
+    part, pictures = part_of(size, 2, 2), []
+    fine, coarse = scan(60_000), scan(1500)
+    look = rj.Material(base_color="#c98a4b", specular=0.4)
+    for cloud in (
+        rj.Points(fine[0], scalars=fine[0][:, 1], colormap="turbo", size=1.0),
+        rj.Points(fine[0], normals=fine[1], size=0.09, unit="world", shape="disc", material=look),
+        rj.Points(coarse[0], scalars=coarse[0][:, 1], colormap="turbo", size=0.2, unit="world",
+                  shape="sphere", material=rj.Material(specular=0.4)),
+        rj.Points(random.uniform((-3, 0.4, -2), (3, 3.6, 2), (60, 3)),
+                  colors=random.uniform(0.1, 0.9, (60, 3)), size=random.uniform(0.3, 1.2, 60),
+                  unit="world", shape="sphere", material=rj.Material("pbr", roughness=0.25)),
+    ):  # fmt: skip
+        scene = rj.Scene()
+        scene.add(cloud)
+        if cloud.shape != "square":
+            scene.add(floor(40.0, MATT))
+        scene.lights = [
+            rj.AmbientLight(intensity=0.3), sun(0.9, shadow=rj.Shadow(size=1024, filter="pcf"))
+        ]  # fmt: skip
+        quality = rj.Quality() if cloud.shape == "square" else SMOOTH
+        pictures.append(shown(scene, TEAPOT_VIEW, part, quality=quality))
+    return in_rows(pictures, 2)
+
+
+@picture
+def lines(size: Size) -> Picture:
+    """A teapot in its box, a grid, the way of a camera around it, and what one of them sees."""
+    scene = rj.Scene()
+    scene.add(floor(40.0, MATT))
+    pot = scene.add(dressed(model("teapot.obj"), rj.Material(base_color="#c98a4b")))
+    scene.lights = [rj.AmbientLight(intensity=0.3), sun(shadow=rj.Shadow(size=2048))]
+    scene.add(rj.Grid(24.0, 24, center=(0.0, 0.01, 0.0), color="#8d877c"))
+    scene.add(rj.BoundingBox(pot, color="#1d4a7a", width=2.0))
+    scene.add(rj.Axes(2.6, width=0.09, unit="world"), PLACE.translate((-3.0, 0.1, 3.4)))
+    angles = np.linspace(-0.6, 1.45, 12)
+    eyes = [(5.2 * np.sin(a), 2.0 + 0.3 * np.sin(n), 5.2 * np.cos(a)) for n, a in enumerate(angles)]
+    poses = [
+        rj.transforms.inverse(rj.PerspectiveCamera(eye, (0.0, 1.4, 0.0)).view_matrix())
+        for eye in eyes
+    ]
+    scene.add(rj.Lines.from_poses(poses, axes=0.45, color="#5b2a86", width=2.5))
+    seen = rj.PerspectiveCamera(eyes[-1], (0.0, 1.4, 0.0), fov_y=32.0)
+    scene.add(rj.Frustum(seen, 2.6, color="#a3201b", width=2.0))
+    around = np.linspace(0.0, 2.0 * np.pi, 97)
+    ring = np.stack([4.4 * np.sin(around), np.full(97, 0.06), 4.4 * np.cos(around)], axis=1)
+    scene.add(rj.Lines(ring, width=0.1, unit="world", dashes=[0.5, 0.25], scalars=around,
+                       colormap="turbo"))  # fmt: skip
+    camera = rj.PerspectiveCamera(eye=(4.5, 6.2, 11.5), target=(0.3, 0.9, 0.4), fov_y=40.0)
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
+@picture
 def tone_curves(size: Size) -> Picture:
     """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
     part, pictures = part_of(size, 2, 2), []

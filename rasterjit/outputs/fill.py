@@ -23,7 +23,8 @@ from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import fields, point_shapes
 from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.points import SPHERE, PointsSeen
+from rasterjit.pipeline.visibility.point_coverage import SPHERE
+from rasterjit.pipeline.visibility.points import PointsSeen
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera

@@ -32,8 +32,18 @@ class Lines(Mesh):
     Segments between points, drawn with a width: trajectories, frames, drawings, wireframes.
 
     They stand in a scene as a `Mesh` does: nodes, transforms, names and materials are the same, and
-    so are all outputs. ``face_id`` counts segments where it counts faces of a mesh. Like a mesh
-    they own their arrays, which are read-only.
+    so are all outputs. ``face_id`` counts segments where it counts faces of a mesh; ``barycentric``
+    and ``uv`` hold nothing, and normals turn toward the viewer. Like a mesh they own their arrays,
+    which are read-only.
+
+    A pixel, or a sample, belongs to a segment if its centre lies within half the width of it in the
+    picture; ends are rounded to the sub-pixel grid, and widths up to it, so that a line of a pixel
+    or more has no gap. It has the depth, and values between those of its ends, of the nearest point
+    of the segment in the picture. Joints are round. What is round is a polygon, at most 1/16 of a
+    pixel, or 0.3 in lines up to two pixels wide, inside the circle. Where a line bends, the two
+    segments overlap on the inner side: see-through lines show twice there.
+
+    Widths in scene units are cut to 7680 pixels. Those in pixels cast no shadows.
 
     Parameters
     ----------
@@ -59,7 +69,8 @@ class Lines(Mesh):
         always cut off.
     dashes : sequence of float, optional
         Lengths of dash, gap, dash, gap ... in the unit of the width, an even number of them; they
-        begin anew with each strip. Default: solid.
+        begin anew with each strip. Those in pixels are measured from where it comes into reach of
+        the picture; a segment on which a period takes less than a pixel is solid. Default: solid.
     attributes : mapping of str to (V, D) or (S, D) array_like, optional
         Values of one's own by name, as `Mesh` takes them.
     scalars, colormap, range, nan_color

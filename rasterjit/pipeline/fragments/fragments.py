@@ -57,7 +57,7 @@ from rasterjit.pipeline.visibility.nearest import (
     plan_listed,
     tile_window,
 )
-from rasterjit.pipeline.visibility.points import put
+from rasterjit.pipeline.visibility.point_coverage import put
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, stored, uint8
 

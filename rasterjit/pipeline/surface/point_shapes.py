@@ -1,7 +1,7 @@
 """
 Find where on their points samples lie: on spheres, and which way points face.
 
-A sphere is met once more where its pixel's line of sight meets it, as `points.draw_points` does.
+A sphere is met once more where its pixel's line of sight meets it, as ``point_coverage`` does.
 Other points have the normals that they were given, turned to the side that is seen; those without
 any face the viewer.
 """
@@ -33,7 +33,7 @@ from rasterjit.pipeline.surface.samples import (
     A,
     Block,
 )
-from rasterjit.pipeline.visibility.points import (
+from rasterjit.pipeline.visibility.point_coverage import (
     NOT_POINTS,
     SPHERE,
     PointRows,

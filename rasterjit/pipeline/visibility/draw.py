@@ -606,8 +606,8 @@ def kernels_of(
         ]  # fmt: skip
     if find_faces and "points" in kinds:
         rows += [
-            ("points.draw_points", "; ".join(filter(None, (single, depth))), ""),
-            ("points.merge_pictures", depth, "several threads draw points"),
+            ("point_coverage.draw_points", "; ".join(filter(None, (single, depth))), ""),
+            ("point_coverage.merge_pictures", depth, "several threads draw points"),
         ]  # fmt: skip
     if find_faces and has_alpha_tests:
         rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
