@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.visibility.primitives import triangle_runs
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
@@ -114,8 +115,12 @@ class Shapes:
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:
-        """Every edge of the faces once, (N, 2)."""
-        return unique_edges(self.arrays.faces)
+        """Every edge of the faces once, (N, 2), but for what are segments and points."""
+        faces = self.arrays.faces
+        if self.arrays.primitives:
+            runs = triangle_runs(self.arrays.primitives, len(faces))
+            faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])
+        return unique_edges(faces)
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:

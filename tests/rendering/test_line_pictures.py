@@ -180,6 +180,17 @@ def test_effects_see_lines_as_they_see_faces():
     assert one.color.tobytes() == draw(scene).color.tobytes()
 
 
+def test_wireframes_draw_no_edges_of_lines():
+    scene = rj.Scene()
+    scene.add(rj.Lines(helix(), width=7.0))
+    plain = draw(scene)
+    scene.wireframe = rj.Wireframe("red")
+    assert draw(scene).color.tobytes() == plain.color.tobytes()
+    scene.add(rj.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    color = draw(scene).color.astype(int)
+    assert ((color[..., 0] > 200) & (color[..., 1] < 50)).any()
+
+
 def test_a_scene_of_triangles_compiles_nothing_of_lines():
     mesh = rj.Mesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     lines = rj.Lines([[0.0, 0, 0], [1, 0, 0]])

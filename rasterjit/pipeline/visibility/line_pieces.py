@@ -275,6 +275,18 @@ def count_halvings(ux, uy, vx, vy, around, half, unit):
 
 
 @helper
+def count_cap_halvings(half, unit):
+    """Return how often a half circle is halved: `count_halvings` of opposite vectors."""
+    flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
+    halvings, total = 0, 0.0
+    while halvings < MOST_HALVINGS and half * (1.0 - 0.5 * total) > flatness:
+        # The length of the sum of two unit vectors, of half the angle.
+        total = np.sqrt(2.0 + total)
+        halvings += 1
+    return halvings
+
+
+@helper
 def fill_fan(ux, uy, vx, vy, around, halvings, fan):
     """Write the unit vectors of a fan, from the first to the last."""
     count = np.int64(1) << halvings
@@ -322,7 +334,7 @@ def cap_of(s, at_end, placed, unit):
         x, y = 0.0, 1.0
     around = -1.0 if at_end else 1.0
     half = numbers[s, HALF_B if at_end else HALF_A]
-    return x, y, -x, -y, around, count_halvings(x, y, -x, -y, around, half, unit)
+    return x, y, -x, -y, around, count_cap_halvings(half, unit)
 
 
 @helper
@@ -455,10 +467,10 @@ def count_pieces(
             if shows_dashes:
                 before, behind = dashed_ends(before, behind, s, dashes)
             if before[0] == CAPPED:
-                sides = np.int64(1) << cap_of(s, False, placed, unit)[5]
+                sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_A], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
             if behind[0] == CAPPED:
-                sides = np.int64(1) << cap_of(s, True, placed, unit)[5]
+                sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_B], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
             elif behind[0] == WEDGE:
                 sides = np.int64(1) << wedge_of(s, np.uintp(links[s, 1]), placed, unit)[5]
