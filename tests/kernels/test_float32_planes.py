@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.pipeline.surface.samples import COUNTS
 from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.stage_list import BLOCKS
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.survey.facts import float64_reason
 
@@ -135,6 +137,18 @@ def test_both_sides_and_turned_faces_are_alike(threads):
     assert one.tobytes() == other.tobytes()
     first, second = pair(scene, below)
     assert np.abs(codes(first.linear) - codes(second.linear)).max() <= SIXTEENTH
+
+
+@pytest.mark.parametrize("garbage", [0, -1, 0x7FF0_0000_7F80_0000, 0x7FFF_FFFF_7FFF_FFFF])
+@pytest.mark.parametrize("squares", [2, 120])
+def test_what_a_block_held_before_changes_no_bit(garbage, squares):
+    scene, camera = hills(squares), EYES["inside"]
+    first = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1).linear
+    other = hills(squares, seed=5)
+    rj.render(other, camera, size=SIZE, outputs=("linear",), threads=1)
+    BLOCKS.block[COUNTS:] = garbage
+    again = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1).linear
+    assert again.tobytes() == first.tobytes()
 
 
 LAMP = rj.PointLight((0.0, 1.0, 0.0))
