@@ -73,7 +73,7 @@ def brightness_of(lights: Sequence[Light]) -> float:
     for light in lights:
         if isinstance(light, DirectionalLight):
             total += light.intensity * max(light.color)
-        elif not isinstance(light, AmbientLight):
+        elif not isinstance(light, AmbientLight) and light.intensity > 0.0:
             return math.inf
     return total
 
