@@ -161,10 +161,16 @@ def planar_steps(
     materials, colors, own = surface.materials, surface.vertex_colors, surface.textures
     colors = np.empty((0, 4), np.float32) if colors is None else colors
     shown = geometry, placement, surface.normals, materials, colors, surface.limits
-    steps = [Step(float32_planes.find_float32_surface, shown)]
     is_faded = surface.alphas is not None and surface.vertex_colors is not None
-    if own is not None or is_faded or acting(effects, "rows") or acting(effects, "light"):
-        steps.append(Step(weights.find_weights, (geometry, placement)))
+    are_read = own is not None or is_faded or acting(effects, "rows") or acting(effects, "light")
+    weighed = [Step(weights.find_weights, (geometry, placement))]
+    steps = [Step(float32_planes.find_float32_surface, shown)]
+    if geometry.viewport.reach != 0:
+        steps = [*weighed, *steps]
+        # What steps of textures are found from has made way for something else.
+        are_read = own is not None and has_levels(own)
+    if are_read:
+        steps += weighed
     if own is not None:
         steps += coordinate_steps(own, geometry)
     if surface.face_colors is not None:

@@ -183,6 +183,11 @@ class Facts:
         return 0 < contents.objects == contents.phong + contents.pbr
 
     @cached_property
+    def is_surrounded(self) -> bool:
+        """Whether light comes from an environment, seen or not."""
+        return self.environment is not None and self.environment.lights
+
+    @cached_property
     def is_exposed(self) -> bool:
         """Whether light is made much brighter before it is shown."""
         tones = self.asked["tone_map"]
@@ -198,10 +203,9 @@ class Facts:
         contents = self.contents
         if (
             self.quality.interpolation_precision == "float64"
-            or self.quality.samples not in (1, *SUPERSAMPLED)
             or not self.is_smooth
             or contents.with_field > 0
-            or self.environment is not None
+            or self.is_surrounded
             or self.is_exposed
         ):
             return None
@@ -431,11 +435,11 @@ def float64_reason(facts: Facts) -> str | None:
             quality.interpolation_precision == "float64",
             "quality.interpolation_precision is 'float64'",
         ),
+        *smooth_reasons(facts),
         (
             quality.samples != 1 and facts.picture_samples is None,
             f"quality.samples is {quality.samples!r}",
         ),
-        *smooth_reasons(facts),
         (contents.blended > 0, "an object is blended"),
         (contents.unlit < contents.objects, "an object is lit"),
         (contents.has_textures, "an object has a texture"),
@@ -452,7 +456,7 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         return []
     return [
         (contents.with_field > 0, "an object has scalars of its vertices"),
-        (facts.environment is not None, "the scene has an environment"),
+        (facts.is_surrounded, "the scene has an environment"),
         (math.isinf(facts.brightness), "a light has a place"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
         (True, "lights are too bright, or highlights too sharp"),

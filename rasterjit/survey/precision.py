@@ -32,8 +32,10 @@ RELATIVE_SLOPE = 255.0 / 2.4
 NORMAL_SHARE, POINT_SHARE = 1.0 / 32.0, 1.0 / 64.0
 """Of a code that errors of normals, and of points, may come to."""
 
-MOST_STOPS = 1.0
-"""Exposures above this take float64; those below are reckoned as this."""
+MOST_STOPS, EXPOSED = 1.0, 2.0
+"""Exposures above this take float64; those below are reckoned as this. What it multiplies by."""
+
+LOG_2 = 0.6931472
 
 LEAST_ALPHA = 0.002
 """As ``lighting.pbr`` has it."""
@@ -71,7 +73,7 @@ def brightness_of(lights: Sequence[Light]) -> float:
     for light in lights:
         if isinstance(light, DirectionalLight):
             total += light.intensity * max(light.color)
-        elif not isinstance(light, AmbientLight):
+        elif not isinstance(light, AmbientLight) and light.intensity > 0.0:
             return math.inf
     return total
 
@@ -86,11 +88,13 @@ def limits_of(gloss: Gloss, brightness: float) -> NDArray[np.float32] | None:
     """
     if not math.isfinite(brightness):
         return None
-    light = brightness * 2.0**MOST_STOPS
-    peak = max(light * gloss.specular, 1.0)
+    light = brightness * EXPOSED
+    peak = light * gloss.specular
+    # Its logarithm is below that of the next power of two, which has the same bits everywhere.
+    doublings = math.frexp(peak)[1] if peak > 1.0 else 0
     shine = 4.0 / gloss.alpha
     if gloss.specular > 0.0:
-        shine += math.sqrt(gloss.shininess) * (1.0 + math.sqrt(2.0 * math.log(peak)))
+        shine += math.sqrt(gloss.shininess) * (1.0 + math.sqrt(2.0 * LOG_2 * doublings))
     shine *= RELATIVE_SLOPE
     bent = (SLOPE * light + shine) * ROUNDING / NORMAL_SHARE
     moved = 20.0 * shine * ROUNDING / POINT_SHARE

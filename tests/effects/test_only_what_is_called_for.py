@@ -35,8 +35,8 @@ print(json.dumps(sorted((short_name(module), name) for module, _, name in names)
 """
 
 OF_EVERY_SCENE = {
-    "attributes", "binning", "driver", "encode", "light_stages", "listing",
-    "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches", "weights",
+    "attributes", "binning", "driver", "encode", "float32_planes", "light_stages", "listing",
+    "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
 

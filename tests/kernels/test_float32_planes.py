@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.pipeline.surface.samples import COUNTS
 from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.stage_list import BLOCKS
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.survey.facts import float64_reason
 
@@ -51,12 +53,15 @@ def codes(linear):
     )
 
 
-def pair(scene, camera, **options):
+def pair(scene, camera, **settings):
     """Return a frame in float32 and one in float64."""
     assert rj.explain(scene, camera, size=SIZE).facts.limits is not None
+    qualities = (
+        rj.Quality(**settings, interpolation_precision=level) for level in ("adaptive", "float64")
+    )
     return [
-        rj.render(scene, camera, size=SIZE, outputs=OUTPUTS, quality=quality, **options)
-        for quality in (None, FLOAT64)
+        rj.render(scene, camera, quality=quality, size=SIZE, outputs=OUTPUTS)
+        for quality in qualities
     ]
 
 
@@ -78,6 +83,30 @@ def test_codes_move_by_a_sixteenth_at_most(eye, squares, material):
     assert apart.max() <= 1
     assert (apart > 0).mean() < 1e-3
     assert (one.linear != other.linear).any()
+
+
+@pytest.mark.parametrize("eye", EYES)
+@pytest.mark.parametrize("squares", [2, 90])
+@pytest.mark.parametrize("samples", [4, 16, "area", 64])
+def test_several_samples_move_as_little(eye, squares, samples):
+    one, other = pair(hills(squares), EYES[eye], samples=samples)
+    assert np.abs(codes(one.linear) - codes(other.linear)).max() <= SIXTEENTH
+    assert (one.linear != other.linear).any()
+
+
+@pytest.mark.parametrize("squares", [2, 90])
+def test_pixels_of_one_face_have_the_bits_of_one_sample(squares):
+    scene, camera = hills(squares), EYES["above"]
+    shown = rj.render(scene, camera, size=(16 * 160, 16 * 120), outputs=("face_id",)).face_id
+    blocks = shown.reshape(120, 16, 160, 16).transpose(0, 2, 1, 3).reshape(120, 160, -1)
+    plain = (blocks == blocks[:, :, :1]).all(axis=2) & (blocks[:, :, 0] >= 0)
+    assert plain.mean() > 0.05
+    one = rj.render(scene, camera, size=SIZE, outputs=("linear",)).linear
+    for samples in (2, 4, 8):
+        many = rj.render(
+            scene, camera, quality=rj.Quality(samples=samples), size=SIZE, outputs=("linear",)
+        ).linear
+        assert many[plain].tobytes() == one[plain].tobytes()
 
 
 @pytest.mark.parametrize("bent", [2.0, 1e3])
@@ -106,11 +135,13 @@ def test_any_size_is_lit_alike(scale):
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("squares", [2, 30, 120])
-def test_parts_have_the_bits_of_the_whole(eye, squares):
+@pytest.mark.parametrize("samples", [1, 4])
+def test_parts_have_the_bits_of_the_whole(eye, squares, samples):
     # Narrow parts show runs of other lengths: these are worked on in other ways.
-    scene, camera = hills(squares), EYES[eye]
-    whole = rj.render(scene, camera, size=SIZE, outputs=("linear",)).linear
-    with RegionRenderer(scene, camera, size=SIZE, outputs=("linear",)) as renderer:
+    scene, camera, quality = hills(squares), EYES[eye], rj.Quality(samples=samples)
+    options = {"size": SIZE, "outputs": ("linear",), "quality": quality}
+    whole = rj.render(scene, camera, **options).linear
+    with RegionRenderer(scene, camera, **options) as renderer:
         for left, width in ((0, 128), (64, 5), (64, 1), (64, 17), (64, 96)):
             part = renderer.render_region(Region(left, 0, width, 90)).linear
             assert part.tobytes() == whole[:90, left : left + width].tobytes()
@@ -137,6 +168,18 @@ def test_both_sides_and_turned_faces_are_alike(threads):
     assert np.abs(codes(first.linear) - codes(second.linear)).max() <= SIXTEENTH
 
 
+@pytest.mark.parametrize("garbage", [0, -1, 0x7FF0_0000_7F80_0000, 0x7FFF_FFFF_7FFF_FFFF])
+@pytest.mark.parametrize("squares", [2, 120])
+def test_what_a_block_held_before_changes_no_bit(garbage, squares):
+    scene, camera = hills(squares), EYES["inside"]
+    first = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1).linear
+    other = hills(squares, seed=5)
+    rj.render(other, camera, size=SIZE, outputs=("linear",), threads=1)
+    BLOCKS.block[COUNTS:] = garbage
+    again = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1).linear
+    assert again.tobytes() == first.tobytes()
+
+
 LAMP = rj.PointLight((0.0, 1.0, 0.0))
 
 
@@ -144,7 +187,6 @@ LAMP = rj.PointLight((0.0, 1.0, 0.0))
     ("scene", "quality", "words"),
     [
         (hills(), FLOAT64, "quality.interpolation_precision is 'float64'"),
-        (hills(), rj.Quality(samples=4), "quality.samples is 4"),
         (hills(lights=(SUN, LAMP)), None, "a light has a place"),
         (hills(lights=(rj.DirectionalLight((0, -1, 0), intensity=50.0),)), None,
          "lights are too bright, or highlights too sharp"),

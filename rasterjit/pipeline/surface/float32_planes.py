@@ -94,6 +94,12 @@ EDGES, RIGHT, DOWN, COLUMN_THERE, ROW_THERE = 0, 3, 6, 9, 10
 LEAST_RATIO, LARGEST_RATIO = np.float32(2.0**-60), np.float32(2.0**60)
 """Ratios of w between these keep sums of weights far from the ends of float32."""
 
+VAST = np.float32(2.0**123)
+"""
+Squared distances from here on take float64: scenes of 1e18 units, whose lamps, too far for float32
+to tell that they shine, must not change a bit either.
+"""
+
 
 @helper
 def turned(x, y, z, m):
@@ -165,6 +171,17 @@ def lay_normals(plane, corner, turn, side, normals, limits):
 
 
 @helper
+def least_distance(first, moved, limit):
+    """
+    Return the least squared distance of a point that is sure.
+
+    Takes the squared lengths of the first vertex and of the longer way from there to another. None
+    is sure on a face that is vast.
+    """
+    return limit * moved if first + moved < VAST else np.float32(np.inf)
+
+
+@helper
 def lay_points(plane, corner, owner, matrix, placement, limits):
     """Write where the first vertex lies, and the ways to the others."""
     p, (a, b, c) = placement.positions, corner
@@ -173,10 +190,12 @@ def lay_points(plane, corner, owner, matrix, placement, limits):
     ux, uy, uz = turned(f(p[b, 0] - ax), f(p[b, 1] - ay), f(p[b, 2] - az), matrix)
     vx, vy, vz = turned(f(p[c, 0] - ax), f(p[c, 1] - ay), f(p[c, 2] - az), matrix)
     x, y, z = place(ax, ay, az, owner, placement.relative_from_model)
-    put(plane, POINTS, f(x), f(y), f(z))
+    x, y, z = f(x), f(y), f(z)
+    put(plane, POINTS, x, y, z)
     put(plane, POINTS + 4, ux, uy, uz)
     put(plane, POINTS + 8, vx, vy, vz)
-    plane[LEAST_POINT] = limits[2] * max(square(ux, uy, uz), square(vx, vy, vz))
+    moved = max(square(ux, uy, uz), square(vx, vy, vz))
+    plane[LEAST_POINT] = least_distance(square(x, y, z), moved, limits[2])
 
 
 @helper
@@ -295,26 +314,67 @@ def lay_plainly(first, stop, slot, corner, pixel, block, geometry):
             at, gains = (-at[0], -at[1], -at[2]), (-gains[0], -gains[1], -gains[2])
         if not total * last > 0.0:
             return np.int32(-1)
-    return blend_planes(block.samples, first, stop - first, at, gains, way, plane)
+    unsure = blend_planes(block.samples, first, stop - first, at, gains, way, plane)
+    if geometry.viewport.reach != 0 and block.faces[1, slot] == PLAIN:
+        unsure |= lay_outside(first, stop, at, gains, plane, block)
+    return unsure
+
+
+@helper
+def lay_sample(n, weights, plane, samples):
+    """Write a sample with given weights."""
+    w0, w1, w2 = weights
+    for k in range(3):
+        value = w0 * plane[COLORS + k] + w1 * plane[COLORS + 4 + k] + w2 * plane[COLORS + 8 + k]
+        most, least = plane[COLORS + 12 + k], plane[COLORS + 16 + k]
+        value = value if value > least else least
+        samples[row.RED + k, n] = value if value < most else most
+        bent = w1 * plane[NORMALS + 4 + k] + w2 * plane[NORMALS + 8 + k]
+        samples[row.NORMAL_X + k, n] = plane[NORMALS + k] + bent
+        moved = w1 * plane[POINTS + 4 + k] + w2 * plane[POINTS + 8 + k]
+        samples[row.POINT_X + k, n] = plane[POINTS + k] + moved
+
+
+@helper
+def held_to_face(n, weights, block):
+    """Return weights, or those of `find_weights` where a sample lies beside its face."""
+    if min(weights[0], min(weights[1], weights[2])) >= np.float32(0.0):
+        return weights
+    second, third = block.weights[0, n], block.weights[1, n]
+    return np.float32(1.0 - second - third), np.float32(second), np.float32(third)
 
 
 @helper
 def lay_oddly(first, stop, corner, pixel, plane, block, geometry):
     """Write the samples of a run with weights that are found one by one."""
-    s = block.samples
+    a, b, c = corner
     for n in range(np.uintp(first), np.uintp(stop)):
         column = pixel[0] + np.int64(n) - first
-        w0, w1, w2 = weights_at(corner[0], corner[1], corner[2], column, pixel[1], geometry)
-        for k in range(3):
-            value = w0 * plane[COLORS + k] + w1 * plane[COLORS + 4 + k]
-            value += w2 * plane[COLORS + 8 + k]
-            most, least = plane[COLORS + 12 + k], plane[COLORS + 16 + k]
-            value = value if value > least else least
-            s[row.RED + k, n] = value if value < most else most
-            bent = w1 * plane[NORMALS + 4 + k] + w2 * plane[NORMALS + 8 + k]
-            s[row.NORMAL_X + k, n] = plane[NORMALS + k] + bent
-            moved = w1 * plane[POINTS + 4 + k] + w2 * plane[POINTS + 8 + k]
-            s[row.POINT_X + k, n] = plane[POINTS + k] + moved
+        weights = weights_at(a, b, c, column, pixel[1], geometry)
+        if geometry.viewport.reach != 0:
+            weights = held_to_face(n, weights, block)
+        lay_sample(n, weights, plane, block.samples)
+
+
+@helper
+def lay_outside(first, stop, at, gains, plane, block):
+    """
+    Write the samples of a run that lie beside their face anew, given edge functions.
+
+    Returns not 0 if there are any.
+    """
+    last = np.float64(stop - first - 1)
+    least = min(at[0], min(at[1], at[2]))
+    ends = min(at[0] + last * gains[0], min(at[1] + last * gains[1], at[2] + last * gains[2]))
+    if min(least, ends) >= 0.0:
+        return np.int32(0)
+    outside = np.float32(-1.0), np.float32(0.0), np.float32(0.0)
+    for n in range(np.uintp(first), np.uintp(stop)):
+        way = np.float64(np.int64(n) - first)
+        e0, e1, e2 = at[0] + way * gains[0], at[1] + way * gains[1], at[2] + way * gains[2]
+        if min(e0, min(e1, e2)) < 0.0:
+            lay_sample(n, held_to_face(n, outside, block), plane, block.samples)
+    return np.int32(1)
 
 
 @helper
@@ -459,13 +519,26 @@ def move_points(px, py, pz, xb, yb, zb, xc, yc, zc, second, third, matrix, limit
         w1, w2 = second[n], third[n]
         ux, uy, uz = turned(xb[n], yb[n], zb[n], matrix)
         vx, vy, vz = turned(xc[n], yc[n], zc[n], matrix)
-        least = limit * max(square(ux, uy, uz), square(vx, vy, vz))
+        moved = max(square(ux, uy, uz), square(vx, vy, vz))
+        least = least_distance(square(px[n], py[n], pz[n]), moved, limit)
         x, y, z = (
             px[n] + (w1 * ux + w2 * vx), py[n] + (w1 * uy + w2 * vy), pz[n] + (w1 * uz + w2 * vz)
         )  # fmt: skip
         px[n], py[n], pz[n] = x, y, z
         found = np.int32(found | np.int32(is_doubtful(x, y, z, least) & (np.int32(n) < count)))
     return found
+
+
+@disjoint_helper
+def hold_to_faces(first, second, third, exact_second, exact_third):
+    """Take weights in float64, rounded, where samples lie beside their faces."""
+    f = np.float32
+    for n in range(first.shape[0]):
+        is_beside = min(first[n], min(second[n], third[n])) < f(0.0)
+        w1, w2 = exact_second[n], exact_third[n]
+        first[n] = f(1.0 - w1 - w2) if is_beside else first[n]
+        second[n] = f(w1) if is_beside else second[n]
+        third[n] = f(w2) if is_beside else third[n]
 
 
 @helper
@@ -486,6 +559,9 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
     first, second, third = (
         part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e)
     )  # fmt: skip
+    if geometry.viewport.reach != 0:
+        exact = block.weights
+        hold_to_faces(first, second, third, part(exact, 0, s, e), part(exact, 1, s, e))
     red, green, blue = (
         part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e)
     )  # fmt: skip
@@ -534,10 +610,11 @@ def find_float32_surface(
     materials: float32[:, ::1], colors: float32[:, ::1], limits: float32[::1],
 ):  # fmt: skip
     """
-    Write base colours, normals and points of samples that lie on their faces, in float32.
+    Write base colours, normals and points of samples in float32.
 
-    All objects have smooth normals. ``colors`` are those of the vertices, (V, 4) or (0, 4);
-    ``limits``, (3,), see ``survey.precision.Bounds``.
+    After `find_weights` where samples may lie beside their faces. All objects have smooth normals.
+    ``colors`` are those of the vertices, (V, 4) or (0, 4); ``limits``, (3,), see
+    ``survey.precision.limits_of``.
     """
     has_wide = may_be_wide(geometry.viewport)
     if block.counts[KNOWS_PLANES] == 0:
