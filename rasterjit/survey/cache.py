@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
-from rasterjit.pipeline.visibility.primitives import triangle_runs
+from rasterjit.pipeline.visibility.primitives import runs_between
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
@@ -118,7 +118,7 @@ class Shapes:
         """Every edge of the faces once, (N, 2), but for what are segments and points."""
         faces = self.arrays.faces
         if self.arrays.primitives:
-            runs = triangle_runs(self.arrays.primitives, len(faces))
+            runs = runs_between([one.faces for one in self.arrays.primitives], len(faces))
             faces = np.concatenate([faces[:0], *(faces[first:stop] for first, stop in runs)])
         return unique_edges(faces)
 

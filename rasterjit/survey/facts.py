@@ -205,6 +205,7 @@ class Facts:
             self.quality.interpolation_precision == "float64"
             or not self.is_smooth
             or contents.with_field > 0
+            or contents.primitives
             or self.is_surrounded
             or self.is_exposed
         ):
