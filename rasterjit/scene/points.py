@@ -30,6 +30,10 @@ MOST_PIXELS = 4096.0
 """Largest size of a point, and width of a line, in pixels."""
 
 
+GRAY = 0.2, 0.2, 0.2
+"""Linear light of points that are told neither colours nor light: seen on white, and on black."""
+
+
 class Points(Mesh):
     """
     Points, drawn as squares, discs or spheres: a scan, particles, keypoints.
@@ -115,7 +119,8 @@ class Points(Mesh):
             if normals is not None:
                 raise ValueError("normals must be None where shape is 'sphere', which has its own")
         if material is None and normals is None and shape != "sphere":
-            material = Material("unlit")
+            plain = colors is None and scalars is None
+            material = Material("unlit", base_color=GRAY if plain else None)
         super().__init__(
             positions, None, colors=colors, normals=normals, attributes=attributes,
             scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
