@@ -435,6 +435,8 @@ def soup_in_a_tile(seed, count, kind):
     """Return faces and screen vertices of a soup of which others hide much, and its viewport."""
     size = (64, 64)
     points, depths = hiding_soup(np.random.default_rng(seed), count - 128)
+    # Lists hold what reaches the tile.
+    points[::3] = np.clip(points[::3], 0, 64)
     viewport, workers = viewport_of(size, 8), threads.Workers(1)
     positions = naive.clip_from_screen(points, size, depths, 1.0)
     scale = 2.0**20 if kind == np.int32 else 1.0

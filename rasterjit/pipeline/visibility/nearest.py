@@ -68,7 +68,6 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     BLOCK_BITS,
     BOTTOM,
     BOTTOM_ROW,
-    BUCKETS,
     BX,
     BY,
     CELL_BITS,
@@ -548,31 +547,29 @@ def draw_ordered(first, count, scratch, drawing):
     drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
     order, ends, bounds = drawing.order
     kept, found, begin, touched = drawing.kept, np.int64(0), np.int64(0), np.int64(0)
-    for bucket in range(BUCKETS):
-        end = ends[(bucket + 1) * WAYS - 1]
-        while begin < end:
-            mask = open_cells(bounds[bucket], drawing.cell_depths)
-            stop = min(begin + 2 * BATCH, end)
-            found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
-            touched |= some
-            begin = stop
-            drawn = np.int64(0)
-            while found - drawn >= BATCH:
-                draw_kept(drawing, drawn, BATCH)
-                drawn += BATCH
+    bucket = 0
+    while begin < count:
+        while ends[(bucket + 1) * WAYS - 1] <= begin:
+            bucket += 1
+        mask = open_cells(bounds[bucket], drawing.cell_depths)
+        stop = min(begin + 2 * BATCH, ends[(bucket + 1) * WAYS - 1])
+        found, some = keep_seen(order, begin, stop, mask, drawing.cells, kept, found)
+        touched |= some
+        begin = stop
+        drawn, least = np.int64(0), np.int64(BATCH if begin < count else 1)
+        while found - drawn >= least:
+            batch = min(np.int64(BATCH), found - drawn)
+            draw_kept(drawing, drawn, batch)
+            drawn += batch
+        if drawn > 0:
+            for n in range(found - drawn):
+                kept[n] = kept[drawn + n]
+            found -= drawn
             drawing.asked[SEEN_OF_THEM] += drawn
-            if drawn > 0:
-                for n in range(found - drawn):
-                    kept[n] = kept[drawn + n]
-                found -= drawn
-                raise_cells(scratch[0], drawing.cell_depths, touched)
-                touched = some
-    if found > 0:
-        draw_kept(drawing, 0, found)
-        raise_cells(scratch[0], drawing.cell_depths, touched)
+            raise_cells(scratch[0], drawing.cell_depths, touched)
+            touched = some
     drawing.asked[MIXED] = 0
     drawing.asked[PUT_IN_ORDER] += count
-    drawing.asked[SEEN_OF_THEM] += found
 
 
 @cache
