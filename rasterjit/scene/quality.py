@@ -119,10 +119,10 @@ class Quality:
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
         on their grid.
     interpolation_precision : {"adaptive", "float64"}
-        Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32, with
-        1, 64 or 256 ``samples``, in scenes of two kinds, whatever is in view. Where all objects are
-        unlit, with no texture and none blended, it finds the colours, and moves each by at most a
-        millionth of itself. Where all are ``"phong"`` or ``"pbr"`` and all lights directional or
+        Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32 in
+        scenes of two kinds, whatever is in view. Where all objects are unlit, with no texture and
+        none blended, it finds the colours with 1, 64 or 256 ``samples``, and moves each by at most
+        a millionth of itself. Where all are ``"phong"`` or ``"pbr"`` and all lights directional or
         ambient, it finds colours, normals and the points that highlights are seen from, sample by
         sample where that moves a colour by at most a sixteenth of an 8-bit step; lamps, an
         environment, an exposure above 1, very bright light and very sharp highlights leave all to

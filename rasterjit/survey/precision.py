@@ -29,7 +29,7 @@ from rasterjit.scene.mesh import Mesh
 ROUNDING = 2.0**-24
 SLOPE = 12.92 * 255.0
 RELATIVE_SLOPE = 255.0 / 2.4
-NORMAL_SHARE, POINT_SHARE = 1.0 / 32.0, 1.0 / 64.0
+NORMAL_SHARE, POINT_SHARE = 3.0 / 64.0, 1.0 / 64.0
 """Of a code that errors of normals, and of points, may come to."""
 
 MOST_STOPS, EXPOSED = 1.0, 2.0
@@ -40,8 +40,8 @@ LOG_2 = 0.6931472
 LEAST_ALPHA = 0.002
 """As ``lighting.pbr`` has it."""
 
-LARGEST_LIMIT = 0.5
-"""A limit above this, for normals that do not change over a face, leaves nothing to float32."""
+LARGEST_LIMIT = 0.125
+"""A limit above this, for normals that do not change over a face, leaves too little to float32."""
 
 
 class Gloss(NamedTuple):

@@ -71,7 +71,7 @@ def pair(scene, camera, **settings):
     "material",
     [
         {}, {"specular": 0.0}, {"shininess": 1500.0}, {"shading": "pbr", "roughness": 0.4},
-        {"shading": "pbr", "roughness": 0.15, "metallic": 1.0},
+        {"shading": "pbr", "roughness": 0.25, "metallic": 1.0},
     ],
 )  # fmt: skip
 def test_codes_move_by_a_sixteenth_at_most(eye, squares, material):
