@@ -413,6 +413,12 @@ def test_a_cloud_takes_no_more_memory_than_it_may(tmp_path):
         rj.load(write(tmp_path / "a.xyz", rows(XYZ)), max_bytes=2000)
 
 
+def test_a_cloud_of_places_alone_is_black_on_white_paper(tmp_path):
+    points = only(write(tmp_path / "a.xyz", rows(XYZ)))
+    assert points.material.shading == "unlit"
+    assert points.material.base_color[:3] == (0, 0, 0)
+
+
 def test_large_clouds_have_small_points():
     sizes = [default_size(count) for count in (1, 100_000, 160_001, 444_000, 500_000, 10**8)]
     assert sizes == [3, 3, 2, 2, 1, 1]
