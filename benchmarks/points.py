@@ -59,10 +59,15 @@ def start(name: str, count: int, threads: int, pythons: list[str]) -> Contestant
         if told is not None and not told["missing"]:
             return Contestant(name, process, [], [])
         reason = "it ended" if told is None else told["missing"]
-        process.kill()
-        process.wait()
+        end(process)
     print(f"{name:<10}  left out ({reason})")
     return None
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """End a process, and let its pipes go."""
+    process.kill()
+    process.communicate()
 
 
 def measure(contestants: list[Contestant], rounds: int) -> list[dict[str, Any]]:
@@ -98,8 +103,7 @@ def main() -> None:
         rows = measure(contestants, options.rounds)
     finally:
         for one in contestants:
-            one.process.kill()
-            one.process.wait()
+            end(one.process)
     print(f"{'':<10}  {'ms':>8}  {'x RasterJIT':>11}  {'pixels':>9}  check")
     for row in rows:
         print(

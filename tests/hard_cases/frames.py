@@ -157,7 +157,9 @@ def respelled(scene: rj.Scene, turn: int, again: dict[int, rj.Mesh]) -> rj.Scene
 
 
 def with_faces(mesh: rj.Mesh, faces: np.ndarray) -> rj.Mesh:
-    """Return a mesh with other faces, as many as it had."""
+    """Return a mesh with other faces, as many as it had; lines and points as they are."""
+    if mesh.primitive != "triangles":
+        return mesh
     colors = mesh.vertex_colors if mesh.face_colors is None else mesh.face_colors
     return rj.Mesh(
         mesh.vertices, faces, colors=colors, normals=mesh.normals, uv=mesh.uv,
@@ -638,6 +640,22 @@ def vast_and_tiny() -> Shot:
     return Shot(scene, looking(near=1e-3, far=1e9))
 
 
+def points_of_all_shapes() -> Shot:
+    places = numbers(12, 180, -64, 64).reshape(60, 3) / 32.0
+    colors = rainbow(60)
+    scene = rj.Scene()
+    scene.add(rj.Points(places, colors=colors, size=3.0))
+    scene.add(rj.Points(places[::-1], colors=colors, size=0.3, unit="world", shape="disc",
+                        normals=places + 0.125))  # fmt: skip
+    scene.add(rj.Points(places[:, ::-1], colors=colors, size=0.5, unit="world", shape="sphere"))
+    scene.add(plane(4, 3.0))
+    scene.lights = [
+        rj.AmbientLight(intensity=0.25),
+        rj.DirectionalLight((-1, -2, -1.5), intensity=1.5, shadow=rj.Shadow(size=256)),
+    ]
+    return Shot(scene, looking(near=0.5, far=20.0))
+
+
 def whole_pixels() -> Shot:
     return Shot(scene_of(colored(ball(5), "face", "unlit")), looking(fov_y=35.0), bits=0)
 
@@ -727,7 +745,8 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
-        whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,
+        points_of_all_shapes, whole_pixels, equal_depths, soup, wild_soup, lines_and_curves,
+        many_lines,
         filled_triangles,
     )
 }  # fmt: skip
