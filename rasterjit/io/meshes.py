@@ -114,7 +114,7 @@ def load(
     Points keep the file's order too. Those whose position is NaN, as depth cameras write them where
     they measured nothing, are not drawn and are counted in the warning. Points have a size of 3
     pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1; without
-    colours and normals they are shown by their intensity, if they have one, else in black. Cells
+    colours and normals they are shown by their intensity, if they have one, else in grey. Cells
     are shown by the active scalars, or by the first that are one number for each point or cell, and
     the others become attributes.
 
@@ -424,7 +424,7 @@ def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
 
     extension = _extension(file)
     loaders = trimesh.exchange.load
-    known = loaders.available_formats() | set(loaders.voxel_loaders)
+    known = loaders.available_formats() | set(loaders.voxel_loaders) | set(_NEEDED)
     if extension not in known and extension not in loaders.mesh_loaders:
         named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
         shown = ", ".join(f".{name}" for name in named)

@@ -164,6 +164,11 @@ class Points(Mesh):
         return self._shape
 
     @property
+    def attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own of the points, by name: (N, D) float32, read-only."""
+        return self.face_attributes
+
+    @property
     def sizes(self) -> NDArray[np.float64]:
         """(N,) float64, or (1,) where all are the same; read-only: sides or diameters."""
         return self._sizes

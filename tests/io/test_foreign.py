@@ -40,10 +40,10 @@ def test_a_point_cloud_of_open3d_is_points():
     points = only(open3d("PointCloud", points=CORNERS, colors=colors, normals=normals))
     assert isinstance(points, rj.Points)
     codes = np.round(colors * 255).astype(np.uint8)
-    assert np.array_equal(points.vertex_colors[:, :3], srgb_to_linear(codes))
+    assert np.array_equal(points.colors[:, :3], srgb_to_linear(codes))
     assert points.normals is not None
     bare = only(open3d("PointCloud", points=CORNERS, colors=np.zeros((0, 3)), normals=[]))
-    assert (bare.vertex_colors, bare.normals) == (None, None)
+    assert (bare.colors, bare.normals) == (None, None)
     with pytest.raises(rj.MeshFileError, match="open3d PointCloud holds a point cloud of no poi"):
         rj.load(open3d("PointCloud", points=np.zeros((0, 3)), colors=[], normals=[]))
 
@@ -109,7 +109,7 @@ def test_geometries_of_open3d_of_tensors_keep_values_of_their_own():
 
     xyz, heat = Tensor(CORNERS.astype(np.float32)), Tensor(np.arange(4.0).reshape(4, 1))
     cloud = open3d("PointCloud", point={"positions": xyz, "heat": heat}, cpu=cpu)
-    assert only(cloud).vertex_attributes["heat"].tolist() == [[0], [1], [2], [3]]
+    assert only(cloud).attributes["heat"].tolist() == [[0], [1], [2], [3]]
     faces = {"indices": Tensor([[0, 1, 2]])}
     mesh = open3d("TriangleMesh", vertex={"positions": xyz}, triangle=faces, cpu=cpu)
     assert only(mesh).faces.tolist() == [[0, 1, 2]]
@@ -271,7 +271,7 @@ def test_lines_and_points_of_pyvista_are_drawn_as_such():
     cloud["rgb"] = np.eye(4, 3, dtype=np.uint8) * 255
     cloud.set_active_scalars("rgb")
     points = only(cloud)
-    assert points.vertex_colors[1].tolist() == [0, 1, 0, 1]
+    assert points.colors[1].tolist() == [0, 1, 0, 1]
     assert isinstance(only(pv.PointSet(CORNERS)), rj.Points)
 
 

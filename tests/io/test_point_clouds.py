@@ -83,9 +83,9 @@ def ply(form):
 def test_points_of_a_ply_file_keep_all_their_properties(tmp_path, form):
     points = only(write(tmp_path / "a.ply", ply(form)))
     assert np.array_equal(points.vertices, XYZ)
-    assert np.array_equal(points.vertex_colors[:, :3], LINEAR)
+    assert np.array_equal(points.colors[:, :3], LINEAR)
     assert points.normals == pytest.approx(NORMALS, abs=1e-6)
-    assert np.array_equal(points.vertex_attributes["heat"][:, 0], HEAT)
+    assert np.array_equal(points.attributes["heat"][:, 0], HEAT)
 
 
 def test_a_ply_file_of_an_independent_library_is_read(tmp_path):
@@ -98,7 +98,7 @@ def test_a_ply_file_of_an_independent_library_is_read(tmp_path):
     plyfile.PlyData([vertex], byte_order=">").write(str(tmp_path / "a.ply"))
     points = only(tmp_path / "a.ply")
     assert np.array_equal(points.vertices, XYZ)
-    assert np.array_equal(points.vertex_attributes["heat"][:, 0], HEAT)
+    assert np.array_equal(points.attributes["heat"][:, 0], HEAT)
 
 
 def test_edges_of_a_ply_file_without_faces_are_lines(tmp_path):
@@ -148,24 +148,24 @@ def rows(*columns, separator=" ", head=""):
 def test_rows_of_numbers_are_what_their_number_and_values_say(tmp_path, name, text, has):
     points = only(write(tmp_path / name, text))
     assert points.vertices == pytest.approx(XYZ, abs=1e-7)
-    assert (points.vertex_colors is not None) == ("colors" in has)
+    assert (points.colors is not None and points.field is None) == ("colors" in has)
     if "colors" in has:
-        assert np.array_equal(points.vertex_colors[:, :3], LINEAR)
+        assert np.array_equal(points.colors[:, :3], LINEAR)
     assert (points.normals is not None) == ("normals" in has)
     if "normals" in has:
         assert points.normals == pytest.approx(NORMALS, abs=1e-6)
-    assert list(points.vertex_attributes) == (["intensity"] if "heat" in has else [])
+    assert list(points.attributes) == (["intensity"] if "heat" in has else [])
     if "heat" in has:
-        assert points.vertex_attributes["intensity"][:, 0] == pytest.approx(HEAT, abs=1e-7)
+        assert points.attributes["intensity"][:, 0] == pytest.approx(HEAT, abs=1e-7)
         assert (points.field is not None) == (has == ("heat",))
 
 
 def test_columns_of_no_known_meaning_are_attributes(tmp_path):
     points = only(write(tmp_path / "a.csv", "x,y,z,label,Depth\n0,0,0,3,7\n1,0,0,4,8\n"))
-    assert points.vertex_attributes["label"].tolist() == [[3], [4]]
-    assert points.vertex_attributes["depth"].tolist() == [[7], [8]]
+    assert points.attributes["label"].tolist() == [[3], [4]]
+    assert points.attributes["depth"].tolist() == [[7], [8]]
     points = only(write(tmp_path / "b.txt", "0 0 0 300 9\n1 0 0 -4 8\n"))
-    assert points.vertex_attributes["column 4"].tolist() == [[300], [-4]]
+    assert points.attributes["column 4"].tolist() == [[300], [-4]]
 
 
 @pytest.mark.parametrize(
@@ -260,10 +260,10 @@ def pcd(form, count=COUNT, xyz=XYZ):
 def test_points_of_a_pcd_file_keep_all_their_fields(tmp_path, form):
     points = only(write(tmp_path / "a.pcd", pcd(form)))
     assert np.array_equal(points.vertices.astype(np.float32), XYZ)
-    assert np.array_equal(points.vertex_colors[:, :3], LINEAR)
+    assert np.array_equal(points.colors[:, :3], LINEAR)
     assert points.normals == pytest.approx(NORMALS, abs=1e-6)
-    assert list(points.vertex_attributes) == ["heat"]
-    assert points.vertex_attributes["heat"][:, 0] == pytest.approx(HEAT, rel=1e-6)
+    assert list(points.attributes) == ["heat"]
+    assert points.attributes["heat"][:, 0] == pytest.approx(HEAT, rel=1e-6)
 
 
 def test_points_that_a_depth_camera_did_not_measure_are_counted_and_keep_their_numbers(tmp_path):
@@ -337,8 +337,8 @@ def test_points_of_a_las_file_keep_places_to_the_millimetre_and_what_differs(tmp
     wanted = np.round(XYZ.astype(np.float64), 3) + [500_000.0, 5_400_000.0, 100.0]
     assert np.abs(points.vertices - wanted).max() < 1.5e-3
     assert len(np.unique(points.vertices[:, 1])) > COUNT // 2
-    assert np.array_equal(points.vertex_colors[:, :3], LINEAR)
-    assert sorted(points.vertex_attributes) == ["classification", "heat"]
+    assert np.array_equal(points.colors[:, :3], LINEAR)
+    assert sorted(points.attributes) == ["classification", "heat"]
 
 
 def test_points_of_a_las_file_without_colours_are_shown_by_their_intensity(tmp_path):
@@ -347,7 +347,7 @@ def test_points_of_a_las_file_without_colours_are_shown_by_their_intensity(tmp_p
         data.intensity = np.arange(COUNT)
 
     points = only(las(tmp_path / "a.las", change))
-    assert points.vertex_colors is None
+    assert points.colors is None
     assert points.field.values.tolist() == list(range(COUNT))
 
 
@@ -413,10 +413,11 @@ def test_a_cloud_takes_no_more_memory_than_it_may(tmp_path):
         rj.load(write(tmp_path / "a.xyz", rows(XYZ)), max_bytes=2000)
 
 
-def test_a_cloud_of_places_alone_is_black_on_white_paper(tmp_path):
+def test_a_cloud_of_places_alone_is_grey_on_white_paper(tmp_path):
     points = only(write(tmp_path / "a.xyz", rows(XYZ)))
-    assert points.material.shading == "unlit"
-    assert points.material.base_color[:3] == (0, 0, 0)
+    assert points.material == rj.Points(XYZ).material
+    frame = rj.render(points, size=(64, 48), outputs=("linear", "face_id"), background="white")
+    assert frame.linear[frame.face_id >= 0].max(axis=0) == pytest.approx([0.2, 0.2, 0.2, 1.0])
 
 
 def test_large_clouds_have_small_points():
@@ -428,7 +429,7 @@ def test_a_point_cloud_of_trimesh_keeps_its_colours():
     cloud = trimesh.PointCloud(XYZ, colors=CODES)
     (node,) = rj.load(cloud).nodes
     assert np.array_equal(node.mesh.vertices, XYZ)
-    assert np.array_equal(node.mesh.vertex_colors[:, :3], LINEAR)
+    assert np.array_equal(node.mesh.colors[:, :3], LINEAR)
     scene = rj.Scene()
     assert scene.add(cloud).mesh.primitive == "points"
 
@@ -436,7 +437,7 @@ def test_a_point_cloud_of_trimesh_keeps_its_colours():
 def test_points_of_an_obj_file_are_those_named_or_all_if_it_has_nothing_else(tmp_path):
     vertices = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\n"
     points = only(write(tmp_path / "a.obj", vertices))
-    assert points.vertex_colors.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]]
+    assert points.colors.tolist() == [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]]
     points = only(write(tmp_path / "b.obj", f"{vertices}p 3 1\np -2\n"))
     assert points.vertices.tolist() == [[0, 1, 0], [0, 0, 0], [1, 0, 0]]
     with pytest.raises(rj.MeshFileError, match="line 4: expected vertices among 3 v, got 'p 4'"):

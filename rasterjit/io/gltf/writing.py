@@ -274,14 +274,15 @@ class _Writer:
         return self._once(key, "meshes", {"primitives": [primitive]})
 
     def _add_own(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
-        """Add the attributes of vertices, of some rows."""
-        for name, values in mesh.vertex_attributes.items():
+        """Add the attributes of vertices, or of points, of some rows."""
+        of_rows = mesh.attributes if isinstance(mesh, Points) else mesh.vertex_attributes
+        for name, values in of_rows.items():
             if values.shape[1] in _KINDS:
                 kind = _KINDS[values.shape[1]]
                 attributes[f"_{name}"] = self._accessor(values[rows], kind, _FLOAT)
             else:
                 self.left_out.note(f"attribute {name!r} of more than 4 numbers")
-        for name in mesh.face_attributes:
+        for name in () if isinstance(mesh, Points) else mesh.face_attributes:
             self.left_out.note(f"attribute {name!r} of faces")
 
     def _points(self, node: Node, mesh: Points) -> dict[str, Any]:
@@ -294,7 +295,7 @@ class _Writer:
         attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(self._units(mesh.normals[rows]), "VEC3", _FLOAT)
-        return self._without_faces(mesh, POINTS, rows, mesh.shown_vertex_colors(), attributes)
+        return self._without_faces(mesh, POINTS, rows, mesh.colors, attributes)
 
     def _lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
         """Add segments, whose points are their own if they have colours; return their primitive."""

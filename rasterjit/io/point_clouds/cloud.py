@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.scene.lines import INK
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.points import Points
@@ -111,17 +110,15 @@ def points_of(
         # What was measured nowhere has no values either.
         attributes = {key: _held(values, sound) for key, values in attributes.items()}
         normals = None if normals is None else _held(normals, sound)
-    usable, material = usable_attributes(attributes, count, left_out), cloud.material
+    usable = usable_attributes(attributes, count, left_out)
     normals = _usable_normals(normals, left_out)
     scalars = cloud.scalars if cloud.colors is None else None
-    if cloud.colors is None and normals is None and material is None:
-        scalars = _shown_intensity(usable) if scalars is None else scalars
-        # Unlit, they would hardly be seen in the grey of surfaces.
-        material = Material("unlit", base_color=INK) if scalars is None else None
+    if scalars is None and cloud.colors is None and normals is None and cloud.material is None:
+        scalars = _shown_intensity(usable)
     try:
         return Points(
             positions, colors=cloud.colors, normals=normals,
-            attributes=usable, size=default_size(count), scalars=scalars, material=material,
+            attributes=usable, size=default_size(count), scalars=scalars, material=cloud.material,
             on_invalid="drop",
         )  # fmt: skip
     except ValueError as error:

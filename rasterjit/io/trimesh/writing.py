@@ -129,7 +129,7 @@ class _Converter:
         if mesh.invalid_vertices:
             self.left_out.note("points that are NaN or infinite")
         self._note_without_faces(mesh)
-        colors = mesh.shown_vertex_colors()
+        colors = mesh.colors
         codes = None if colors is None else self._bytes(colors[rows], "srgb", "colours")
         return trimesh.PointCloud(mesh.vertices[rows], colors=codes)
 
