@@ -672,7 +672,7 @@ ELSEWHERE = {
     "Node": "what Scene.add returns",
     **dict.fromkeys(
         ("Lines", "Axes", "BoundingBox", "Grid", "Frustum"),
-        "descriptions; tests/scene/test_lines.py refuses their bad input",
+        "descriptions; tests/scene/test_wide_lines.py refuses their bad input",
     ),
     "Points": "a description; tests/scene/test_points.py refuses its bad input",
     "CalibrationWarning": "a warning of the dial",
