@@ -1093,7 +1093,7 @@ def test_two_results_in_one_file_are_wrong_usage(tmp_path):
 
 BAD_FILES = {
     "empty.obj": "",
-    "no_faces.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "no_vertices.obj": "# nothing but a name\no cube\n",
     "past_the_end.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n",
     "negative.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n",
     "nan.obj": TRIANGLE.replace("v 1", "v nan"),
