@@ -136,7 +136,7 @@ def make_field(
     ----------
     scalars : (V,) or (F,) array_like
     counts : (int, int)
-        V and F.
+        V and F; V is -1 where scalars cannot be those of vertices.
     colormap, range, nan_color, contours
         As `Mesh` takes them.
 
@@ -183,10 +183,10 @@ def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.flo
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != 1 or len(array) not in counts:
-        raise ValueError(
-            f"scalars must have one number per vertex ({counts[0]}) or per face ({counts[1]}), "
-            f"got shape {array.shape}"
-        )
+        wanted = f"one number per vertex ({counts[0]}) or per face ({counts[1]})"
+        if counts[0] < 0:
+            wanted = f"shape ({counts[1]},)"
+        raise ValueError(f"scalars must have {wanted}, got shape {array.shape}")
     values = np.array(array, np.float64)
     finite = np.abs(values[np.isfinite(values)])
     if finite.size and finite.max() > _LARGEST_FLOAT32:

@@ -99,6 +99,7 @@ class Lines(Mesh):
     primitive: ClassVar[Primitive] = "lines"
     _INSTEAD = "make other Lines"
     _PLACES = "points", "point"
+    _PLAIN = Material("unlit", base_color=INK)
 
     def __init__(
         self,
@@ -122,7 +123,7 @@ class Lines(Mesh):
         if segments is not None and strips is not None:
             raise ValueError("strips must be None where segments are given")
         if material is None and colors is None and scalars is None:
-            material = Material("unlit", base_color=INK)
+            material = self._PLAIN
         self._unit: Unit = one_of("unit", unit, UNITS)
         self._caps: Cap = one_of("caps", caps, CAPS)
         super().__init__(

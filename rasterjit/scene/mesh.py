@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
@@ -146,6 +147,8 @@ class Mesh(Guarded, Previewed):
     _INSTEAD = "make another Mesh"
     _PLACES: ClassVar[tuple[str, str]] = "vertices", "vertex"
     """What the constructor calls its vertices, and one of them."""
+    _PLAIN: ClassVar[Material | None] = None
+    """Material of those that are told nothing, whose colour gives way to that of scalars."""
 
     def __init__(
         self,
@@ -180,7 +183,7 @@ class Mesh(Guarded, Previewed):
                 raise ValueError(
                     "colors must be None where scalars are given, which have their own"
                 )
-            counts = len(self._vertices), len(self._faces)
+            counts = self._scalar_counts()
             self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
             if self._field.of_faces:
                 self._face_colors = read_only(self._field.colors())
@@ -549,16 +552,22 @@ class Mesh(Guarded, Previewed):
         >>> mesh = rj.Mesh(np.eye(3), [[0, 1, 2]], attributes={"heat": [[20.0], [30.0], [25.0]]})
         >>> frame = rj.render(mesh.with_scalars("heat", "inferno", contours=5), size=(64, 48))
         """
-        counts = len(self.vertices), len(self.faces)
+        counts = self._scalar_counts()
         if isinstance(scalars, str):
             scalars, is_of_faces = self._attribute_of_one_column(scalars)
             # Where there are as many vertices as faces, the number of rows does not tell.
             counts = (-1, counts[1]) if is_of_faces else counts
         result = self.without_colors()
+        if result._material == self._PLAIN:
+            result._material = replace(result._material, base_color=None)
         result._field = make_field(scalars, counts, colormap, range, nan_color, contours)
         if result._field.of_faces:
             result._face_colors = read_only(result._field.colors())
         return result
+
+    def _scalar_counts(self) -> tuple[int, int]:
+        """Return how many scalars there may be: of vertices, and of faces."""
+        return len(self._vertices), len(self._faces)
 
     @property
     def scalar_attributes(self) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -90,6 +89,7 @@ class Points(Mesh):
     primitive: ClassVar[Primitive] = "points"
     _INSTEAD = "make other Points"
     _PLACES = "positions", "position"
+    _PLAIN = Material("unlit", base_color=GRAY)
 
     def __init__(
         self,
@@ -119,18 +119,14 @@ class Points(Mesh):
             if normals is not None:
                 raise ValueError("normals must be None where shape is 'sphere', which has its own")
         if material is None and normals is None and shape != "sphere":
-            plain = colors is None and scalars is None
-            material = Material("unlit", base_color=GRAY if plain else None)
+            is_plain = colors is None and scalars is None
+            material = self._PLAIN if is_plain else Material("unlit")
         super().__init__(
             positions, None, colors=colors, normals=normals, attributes=attributes,
             scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
         self._sizes = read_only(sizes_of("size", size, len(self), unit))
-        if self._field is not None:
-            # Values of points are those of faces: nothing is interpolated.
-            self._field = replace(self._field, of_faces=True)
-            self._face_colors = read_only(self._field.colors())
 
     @property
     def material(self) -> Material:
@@ -193,6 +189,10 @@ class Points(Mesh):
         """Store attributes as those of faces."""
         super()._store_attributes(attributes)
         self._face_attributes, self._vertex_attributes = self._vertex_attributes, {}
+
+    def _scalar_counts(self) -> tuple[int, int]:
+        """Return that scalars are those of faces: between points nothing is interpolated."""
+        return -1, len(self._faces)
 
     def used_vertices(self) -> NDArray[np.bool_]:
         """Mark the points, (N,) bool, that are finite."""

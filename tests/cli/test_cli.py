@@ -774,6 +774,25 @@ def test_scalars_of_a_file_are_shown_by_colours(tmp_path, measured):
     assert np.array_equal(found, rendered(scene=scene).color[..., : found.shape[2]])
 
 
+def test_points_of_a_file_are_shown_by_colours_beside_their_bar(tmp_path):
+    values = np.arange(6.0)
+    xyz = np.random.default_rng(5).random((6, 3)).round(3)
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "quality"))
+    rows = "".join(f"{x} {y} {z} {value}\n" for (x, y, z), value in zip(xyz, values, strict=True))
+    head = f"ply\nformat ascii 1.0\nelement vertex 6\n{names}end_header\n"
+    scan = write(tmp_path, "scan.ply", head + rows)
+    scene = rj.load(scan)
+    (node,) = scene.nodes
+    node.mesh = node.mesh.with_scalars(values, "inferno")
+    frame = rendered(scene=scene)
+    wanted = np.concatenate([frame.color, frame.colorbar("quality")], axis=1)
+    options = "--colormap", "inferno", "--colorbar"
+    found = render(tmp_path, "--scalars", "quality", *options, file=scan)
+    assert np.array_equal(found, wanted[..., : found.shape[2]])
+    words = "--scalars", "quality", "--contours", "3", "-o", tmp_path / "b.png"
+    assert_one_line(run("render", scan, *words), 1)
+
+
 def test_a_colour_bar_stands_beside_the_picture(tmp_path, measured):
     found = render(tmp_path, "--scalars", "quality", "--contours", 4, "--colorbar", file=measured)
     frame = rendered(scene=shown_by(measured, QUALITY, contours=4))
@@ -1093,7 +1112,7 @@ def test_two_results_in_one_file_are_wrong_usage(tmp_path):
 
 BAD_FILES = {
     "empty.obj": "",
-    "no_faces.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "no_vertices.obj": "# nothing but a name\no cube\n",
     "past_the_end.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n",
     "negative.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n",
     "nan.obj": TRIANGLE.replace("v 1", "v nan"),

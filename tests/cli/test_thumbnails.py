@@ -48,7 +48,7 @@ def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
 
 @pytest.mark.parametrize("spelled", ["meshes", "./meshes/", ".", "..", "../linked"])
 def test_a_folder_may_be_relative_or_a_link(folder, tmp_path, monkeypatch, spelled):
-    (folder / "bad.obj").write_text("v 0 0 0\n")
+    (folder / "bad.obj").write_text("o nothing\n")
     (tmp_path / "linked").symlink_to(folder, target_is_directory=True)
     places = {".": folder, "..": folder / "below", "../linked": folder}
     monkeypatch.chdir(places.get(spelled, tmp_path))

@@ -21,6 +21,7 @@ OWN = {"rasterjit", "benchmarks"} | {
 
 ELSEWHERE = {
     "IPython": "ipykernel, which the extra names, requires it",
+    "svg": "svg.path, which the extra names, provides it; without it what needs it is skipped",
     "pyvista": "the extra bench-large names it; what needs it is skipped before",
     "tomllib": "Python has it from 3.11 on; what needs it is skipped before",
 }

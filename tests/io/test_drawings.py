@@ -182,19 +182,22 @@ def test_points_and_lines_come_back_from_gltf(tmp_path, extension):
         corners, others = mesh.vertices[mesh.faces], found.vertices[found.faces]
         assert np.array_equal(corners.astype(np.float32), others)
         assert (mesh.normals is None) == (found.normals is None)
-        colors = mesh.face_colors
-        if colors is not None:
+        colors = None if isinstance(mesh, rj.Points) else mesh.face_colors
+        if isinstance(mesh, rj.Points):
+            assert (mesh.colors is None) == (found.colors is None)
+            assert mesh.colors is None or np.array_equal(found.colors, mesh.colors)
+        elif colors is not None:
             assert np.array_equal(found.vertex_colors[found.segments[:, 0]], colors)
         elif mesh.vertex_colors is not None:
             assert np.array_equal(found.vertex_colors, mesh.vertex_colors)
-        ours = mesh.material.base_color_over(mesh.vertex_colors is not None)
+        is_colored = mesh.vertex_colors is not None or mesh.face_colors is not None
+        ours = mesh.material.base_color_over(is_colored)
         assert found.material.base_color_over(True) == pytest.approx(
             (1, 1, 1, 1) if colors is not None else ours
         )
     assert np.array_equal(loaded.nodes[4].mesh.segments, scene.nodes[4].mesh.segments)
     assert np.array_equal(
-        loaded.nodes[0].mesh.vertex_attributes["heat"],
-        scene.nodes[0].mesh.vertex_attributes["heat"],
+        loaded.nodes[0].mesh.attributes["heat"], scene.nodes[0].mesh.attributes["heat"]
     )
 
 

@@ -194,6 +194,37 @@ def test_scalars_and_attributes_are_those_of_the_point(shape):
     np.testing.assert_allclose(frame.linear[seen], expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("normals", [None, np.tile([0.0, 0.0, 1.0], (80, 1))])
+def test_points_are_shown_by_an_attribute(normals):
+    values = np.linspace(-3, 9, 80)
+    heat = {"heat": values[:, np.newaxis]}
+    points = cloud(colors=None, attributes=heat, normals=normals)
+    expected = cloud(colors=None, scalars=np.float32(values), normals=normals, colormap="plasma")
+    wanted = draw(expected, ("color", "scalar"))
+    for scalars in ("heat", np.float32(values), points.attributes["heat"]):
+        shown = points.with_scalars(scalars, "plasma")
+        assert isinstance(shown, rj.Points)
+        assert shown.field.of_faces
+        assert np.array_equal(shown.colors, expected.colors)
+        frame = draw(shown, ("color", "scalar"))
+        np.testing.assert_array_equal(frame.color, wanted.color)
+        np.testing.assert_array_equal(frame.scalar, wanted.scalar)
+    assert points.field is None
+    assert points.colors is None
+    assert shown.without_colors().colors is None
+    with pytest.raises(ValueError, match=r"scalars must have shape \(80,\), got shape \(2,\)"):
+        points.with_scalars([1, 2])
+    for scalars in ("heat", values):
+        with pytest.raises(ValueError, match="contours must be None"):
+            points.with_scalars(scalars, contours=3)
+
+
+def test_scalars_keep_a_material_that_was_given():
+    material = rj.Material("unlit", base_color=(1.0, 0.5, 0.25))
+    points = cloud(colors=None, material=material)
+    assert points.with_scalars(np.arange(80.0)).material == material
+
+
 def test_motion_is_that_of_centres():
     points = of_shape("sphere")
     before = rj.View(points, CAMERA)

@@ -40,6 +40,14 @@ def test_lines_are_black_unless_they_have_colours():
     assert rj.Lines(POINTS, scalars=np.arange(3.0)).material.base_color is None
 
 
+def test_scalars_are_not_drawn_in_ink():
+    lines = rj.Lines(np.eye(3))
+    shown = lines.with_scalars([0.0, 1.0, 2.0])
+    assert isinstance(shown, rj.Lines)
+    assert shown.material == rj.Lines(np.eye(3), scalars=[0.0, 1.0, 2.0]).material
+    assert lines.material.base_color == (0, 0, 0, 1)
+
+
 def test_material_must_be_unlit():
     lines = rj.Lines(POINTS)
     lines.material = rj.Material("unlit", base_color="red")
