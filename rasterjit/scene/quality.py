@@ -89,7 +89,8 @@ class Quality:
     precision : {"float32", "float64"}
         Arithmetic that takes vertices from model space to the screen, by way of the eye; the
         matrices are found in float64. In float32 the vertices take half the memory, and those
-        beyond 1e18 in clip space are left out. Shadow maps keep float64.
+        beyond 1e18 in clip space are left out. Shadow maps keep float64, and points that are no
+        triangles are taken there in float64 from positions rounded to float32.
     shading : {"face", "vertex", "pixel"}
         The finest unit that is lit by itself: materials that ask for more are shaded like
         ``"flat"`` or ``"gouraud"`` ones. Metallic-roughness is lit by the pixel always.

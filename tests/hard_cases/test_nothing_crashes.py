@@ -674,6 +674,10 @@ ELSEWHERE = {
         ("Lines", "Axes", "BoundingBox", "Grid", "Frustum"),
         "descriptions; tests/scene/test_wide_lines.py refuses their bad input",
     ),
+    **dict.fromkeys(
+        ("Arrow", "Arrows"), "descriptions; tests/scene/test_arrows.py refuses their bad input"
+    ),
+    "Label": "a description; tests/effects/test_label.py refuses its bad input",
     "Points": "a description; tests/scene/test_points.py refuses its bad input",
     "CalibrationWarning": "a warning of the dial",
     "ViewWarning": "a warning of what is in view",

@@ -68,7 +68,10 @@ def test_one_value_everywhere_is_one_color_bit_for_bit(material, samples):
         scene.lights = [rj.AmbientLight(), rj.DirectionalLight((-0.3, -0.5, -1.0))]
         # Areas are of opaque faces.
         is_blended = material.alpha_mode == "blend" and samples == "area"
-        quality = rj.Quality(samples=16 if is_blended else samples)
+        # Lit meshes without scalars else take float32.
+        quality = rj.Quality(
+            samples=16 if is_blended else samples, interpolation_precision="float64"
+        )
         frame = rj.render(
             scene, CAMERA, size=SIZE, quality=quality, outputs=("color", "linear"), threads=1
         )

@@ -280,7 +280,7 @@ def test_labels_are_shown_and_switched_off_and_on(cube):
     pictures = []
     for _ in range(3):
         pictures.append(viewer.draw().copy())
-        key(viewer, "y")
+        key(viewer, "j")
     assert not np.array_equal(pictures[0], pictures[1])
     np.testing.assert_array_equal(pictures[0], pictures[2])
     assert len(scene.labelled) == 1

@@ -540,7 +540,7 @@ def find_visible(
         )  # fmt: skip
         if has_points:
             cloud = painting.Cloud(
-                vertices.positions, vertices.relative_from_model, vertices.clip_from_relative,
+                vertices.positions, vertices.relative_from_model,
                 painting.only(points.rows, painted), points.sight, depth_coefficients,
             )  # fmt: skip
             target = frame
@@ -606,7 +606,7 @@ def kernels_of(
         ]  # fmt: skip
     if find_faces and "points" in kinds:
         rows += [
-            ("point_coverage.draw_points", "; ".join(filter(None, (single, depth))), ""),
+            ("point_coverage.draw_points", depth, ""),
             ("point_coverage.merge_pictures", depth, "several threads draw points"),
         ]  # fmt: skip
     if find_faces and has_alpha_tests:

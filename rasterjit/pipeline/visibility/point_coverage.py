@@ -60,7 +60,7 @@ from rasterjit.pipeline.geometry.setup import (
 from rasterjit.pipeline.records import Viewport
 from rasterjit.runtime.intrinsics import fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
-from rasterjit.runtime.state import float64, int32, int64, real, stored
+from rasterjit.runtime.state import float64, int32, int64, stored
 
 NOT_POINTS, SQUARE, DISC, SPHERE = range(4)
 """Shapes, as ``PointRows.shapes`` numbers them."""
@@ -433,10 +433,7 @@ def draw_sphere_pixel(x, y, centre, radius, face, frame, sight, depth_coefficien
 def centre_of(positions, vertex, matrices, owner):
     """Return where a point lies in world axes, relative to the eye, float64."""
     m = matrices
-    x, y, z = (
-        np.float64(positions[vertex, 0]), np.float64(positions[vertex, 1]),
-        np.float64(positions[vertex, 2]),
-    )  # fmt: skip
+    x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
     return (
         m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
         m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
@@ -512,7 +509,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
     scale = points.scales[owner]
     for i in range(count):
         n = np.uintp(i)
-        code, w = whole[CODE, n], np.float64(numbers[W, n])
+        code, w = whole[CODE, n], numbers[W, n]
         face = np.int32(first_face + i)
         x, y = np.int64(whole[SNAPPED_X, n]), np.int64(whole[SNAPPED_Y, n])
         if code & INVALID:
@@ -555,11 +552,10 @@ def are_pixels(owner, points):
 
 @kernel
 def draw_points(
-    vertices: (int64, int64), positions: real[:, ::1], relative_from_model: real[:, :, ::1],
-    clip_from_relative: real[:, ::1], points: PointRows, exact: (float64[:, :, :], Sight),
-    depth_coefficients: (float64, float64, float64), viewport: Viewport,
+    vertices: (int64, int64), positions: float64[:, ::1], relative_from_model: float64[:, :, ::1],
+    points: PointRows, sight: Sight, depth_coefficients: (float64, float64, float64), viewport: Viewport,
     frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
-    scratch: (real[:, ::1], int32[:, ::1], real[::1]),
+    scratch: (float64[:, ::1], int32[:, ::1], float64[::1]),
 ):  # fmt: skip
     """
     Draw the points among some vertices into a picture.
@@ -568,13 +564,11 @@ def draw_points(
     ----------
     vertices : (int, int)
         The first, and one past the last; they may belong to several objects, of any kind.
-    positions : (V, 3) float64 or float32, model space
-    relative_from_model : (O, 4, 4) of the same type
+    positions : (V, 3) float64, model space
+    relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
-    clip_from_relative : (4, 4) of the same type
     points : PointRows
-    exact : (relative_from_model (O, 3, 4) float64, Sight)
-        What spheres are found with.
+    sight : Sight
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
@@ -583,9 +577,8 @@ def draw_points(
     counts : (4,) int64
         What became of the points is added: see ``POINTS_OUTSIDE``.
     scratch : tuple
-        This call's own, from `projection.scratch_memory`, of the positions' type.
+        This call's own, from `projection.scratch_memory`.
     """
-    matrices, sight = exact
     numbers, whole, largest = scratch
     pixels = flat(frame[0]), flat(frame[1])
     objects = points.vertex_starts, relative_from_model
@@ -604,7 +597,7 @@ def draw_points(
             load_relative(positions, first, first + count, objects, owner, numbers)
             x, y = part(numbers, X, 0, count), part(numbers, Y, 0, count)
             z, w = part(numbers, Z, 0, count), part(numbers, W, 0, count)
-            transform_rows(clip_from_relative, x, y, z, w)
+            transform_rows(sight.matrix, x, y, z, w)
             project_rows(
                 depth_coefficients, viewport, largest[0], x, y, z, w,
                 part(numbers, DEPTH, 0, count), part(whole, SNAPPED_X, 0, count),
@@ -616,8 +609,9 @@ def draw_points(
             else:
                 lens = sight, depth_coefficients, viewport
                 draw_shapes(
-                    first, count, o, positions, matrices, points, lens, pixels, scratch, counts
-                )
+                    first, count, o, positions, relative_from_model, points, lens, pixels,
+                    scratch, counts,
+                )  # fmt: skip
             first += count
 
 

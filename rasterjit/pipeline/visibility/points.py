@@ -82,11 +82,9 @@ class Cloud(NamedTuple):
     """All points of a picture, and the way to its screen."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
-    """(V, 3), model space."""
+    """(V, 3), model space; the way to the screen is float64 for both types."""
     relative_from_model: NDArray[np.float64]
     """(O, 4, 4): to world axes with the origin at the eye."""
-    clip_from_relative: NDArray[np.float64]
-    """(4, 4)."""
     points: PointRows
     sight: Sight
     depth_coefficients: tuple[float, float, float]
@@ -136,7 +134,7 @@ def draw_cloud(
     (4,) int64
         What became of the points: see ``POINTS_OUTSIDE``.
     """
-    points, kind = cloud.points, cloud.positions.dtype
+    points = cloud.points
     starts = points.vertex_starts
     owners = np.flatnonzero(points.shapes[:, 0] != NOT_POINTS)
     first, end = int(starts[owners[0]]), int(starts[owners[-1] + 1])
@@ -155,9 +153,8 @@ def draw_cloud(
     clear(drawn)
     counts = np.zeros((chunks, 4), np.int64)
     own = (
-        cloud.positions, _rounded(cloud.relative_from_model, kind),
-        _rounded(cloud.clip_from_relative, kind), points,
-        (np.ascontiguousarray(cloud.relative_from_model[:, :3]), cloud.sight),
+        np.ascontiguousarray(cloud.positions, np.float64),
+        np.ascontiguousarray(cloud.relative_from_model), points, cloud.sight,
         cloud.depth_coefficients, viewport,
     )  # fmt: skip
     workers.call(
@@ -166,7 +163,7 @@ def draw_cloud(
             (
                 (edges[n], edges[n + 1]), *own,
                 frame if n == 0 else (drawn[0][n - 1], drawn[1][n - 1]), counts[n],
-                scratch_memory(kind),
+                scratch_memory(),
             )
             for n in range(chunks)
         ],
@@ -193,12 +190,6 @@ def merge(
         merge_pictures,
         [((row, min(row + per_task, height)), drawn, frame) for row in range(0, height, per_task)],
     )
-
-
-def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
-    """Return matrices in the type of the points that they take elsewhere."""
-    with np.errstate(over="ignore"):
-        return np.ascontiguousarray(matrices, kind)
 
 
 def is_painted(one: Primitive, keeps_lists: bool) -> bool:
