@@ -12,7 +12,7 @@ import numpy as np
 import rasterjit as rj
 from benchmarks.fuzz_files.mutations import mutated
 from benchmarks.fuzz_files.samples import SAMPLES, Files, opened
-from benchmarks.fuzz_files.strict import triangles_of
+from benchmarks.fuzz_files.strict import points_of, triangles_of
 from benchmarks.memory import reset_peak, resident
 from rasterjit.io.skipped import LoadWarning
 
@@ -120,15 +120,21 @@ def _read(path: Path, sample: str, on_damage: str, faults: list[str]) -> tuple[A
 
 def _lost(scene: Any, sample: str, files: Files) -> list[str]:
     """Return what a scene that was loaded without a word lacks or has beyond its file."""
+    points = points_of(sample, files)
+    if points is not None:
+        drawn = [node.mesh for node in scene.nodes if node.mesh.primitive == "points"]
+        count = sum(len(mesh) for mesh in drawn)
+        return [] if count == points else [f"lost without a word: {count} of {points} points"]
     held = triangles_of(sample, files)
     if held is None:
         return []
-    count = sum(len(node.mesh.faces) for node in scene.nodes)
+    meshes = [node.mesh for node in scene.nodes if node.mesh.primitive == "triangles"]
+    count = sum(len(mesh.faces) for mesh in meshes)
     if isinstance(held, int):
         return [] if count == held else [f"lost without a word: {count} of {held} triangles"]
     if 3 * count != len(held):
         return [f"lost without a word: {count} of {len(held) // 3} triangles"]
-    found = [node.mesh.vertices[node.mesh.faces].reshape(-1, 3) for node in scene.nodes]
+    found = [np.empty((0, 3)), *(mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes)]
     mine, expected = (
         np.sort(np.array(rows, np.float32).view("f4,f4,f4").reshape(-1))
         for rows in (np.concatenate(found), np.array(held).reshape(-1, 3))

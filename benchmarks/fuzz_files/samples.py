@@ -352,12 +352,12 @@ def binvox() -> Files:
 
 
 def xyz() -> Files:
-    """Return a cloud of points, which shows nothing."""
+    """Return a cloud of points."""
     return {"a.xyz": rows_of(grid()[0]).encode()}
 
 
 def dxf() -> Files:
-    """Return a drawing of a line, which shows nothing."""
+    """Return a drawing of a line."""
     codes = [0, "SECTION", 2, "ENTITIES", 0, "LINE", 8, 0, 10, 0.0, 20, 0.0, 11, 1.0, 21, 1.0,
              0, "ENDSEC", 0, "EOF"]  # fmt: skip
     return {"a.dxf": "".join(f"{code}\n" for code in codes).encode()}

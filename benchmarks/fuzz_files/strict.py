@@ -1,5 +1,5 @@
 """
-Read files once more, slowly and word by word, to tell how many triangles they hold.
+Read files once more, slowly and word by word, to tell how many triangles or points they hold.
 
 Nothing here is shared with the readers of the package. What is not sound by the letter of a format
 has no answer: there a reader may refuse, warn or mend.
@@ -53,7 +53,16 @@ def triangles_of(name: str, files: Files) -> int | Corners | None:
         Of the sample.
     files : dict
     """
-    reader = READERS.get(name)
+    return _answer(READERS.get(name), files)
+
+
+def points_of(name: str, files: Files) -> int | None:
+    """Return the number of points of a file without faces, or None where nothing can be said."""
+    return _answer(READERS_OF_POINTS.get(name), files)
+
+
+def _answer(reader: Callable[[bytes, Files], Any] | None, files: Files) -> Any:
+    """Return what a reader says of the file that is opened, or None."""
     if reader is None:
         return None
     try:
@@ -127,6 +136,28 @@ def _obj(content: bytes, _files: Files) -> Corners | int:
             return _UNKNOWN
     points = known["v"]
     return [tuple(_picked(points, place)[:3]) for place in corners]
+
+
+def _obj_points(content: bytes, files: Files) -> int:
+    """Count the vertices of an OBJ file that has nothing but them."""
+    if _obj(content, files) != []:
+        raise NotSoundError("faces")
+    text = _text(content).replace("\\\r\n", " ").replace("\\\n", " ")
+    first = [line.split("#", 1)[0].split()[:1] for line in re.split(r"\r?\n", text)]
+    if ["l"] in first or ["p"] in first:
+        raise NotSoundError("lines or points")
+    return first.count(["v"])
+
+
+def _xyz(content: bytes, _files: Files) -> int:
+    """Count the rows of an XYZ file of three numbers each."""
+    rows = [line.split() for line in _text(content).split("\n") if line.strip()]
+    for row in rows:
+        if len(row) != 3:
+            raise NotSoundError(row)
+        for word in row:
+            _number(word)
+    return len(rows)
 
 
 def _place(number: int, before: int) -> int:
@@ -399,3 +430,8 @@ READERS: dict[str, Callable[[bytes, Files], int | Corners]] = {
     **{f"picture {kind}": _obj for kind in ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")},
 }  # fmt: skip
 """What tells the triangles of each sample."""
+
+READERS_OF_POINTS: dict[str, Callable[[bytes, Files], int]] = {
+    "xyz": _xyz, "obj": _obj_points, "obj plain": _obj_points,
+}  # fmt: skip
+"""What tells the points of samples that are points, or are where their faces are gone."""

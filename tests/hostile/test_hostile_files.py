@@ -86,14 +86,22 @@ def test_a_sound_file_is_read_without_a_word(tmp_path, name):
         pytest.importorskip("OpenEXR")
     found = judging.judge_files(name, samples.SAMPLES[name](), tmp_path, "error")
     assert found["faults"] == []
-    shows_nothing = name in ("xyz", "dxf", "tar.bz2")
-    assert found["outcome"] == ("refused" if shows_nothing else "loaded"), found["said"]
+    assert found["outcome"] == ("refused" if name == "tar.bz2" else "loaded"), found["said"]
 
 
 @pytest.mark.parametrize("name", FACES)
 def test_triangles_are_counted_by_the_letter(name):
     held = strict.triangles_of(name, samples.SAMPLES[name]())
     assert (len(held) // 3 if isinstance(held, list) else held) == FACES[name]
+
+
+def test_points_are_counted_by_the_letter():
+    assert strict.points_of("xyz", samples.xyz()) == 16
+    assert strict.points_of("xyz", {"a.xyz": b"0 0 0\n1 x 0\n"}) is None
+    assert strict.points_of("off", samples.off()) is None
+    plain = samples.obj_plain()["a.obj"]
+    assert strict.points_of("obj plain", {"a.obj": plain}) is None
+    assert strict.points_of("obj plain", {"a.obj": plain.partition(b"\nf")[0]}) == 16
 
 
 def test_what_is_not_sound_is_not_counted():
@@ -120,6 +128,12 @@ def move_a_vertex(path, **options):
     scene = rj.Scene()
     mesh = rj.load(path, **options).nodes[0].mesh
     scene.add(rj.Mesh(mesh.vertices + [[0.0, 0.0, 1.0]], mesh.faces))
+    return scene
+
+
+def lose_a_point(path, **options):
+    scene = rj.Scene()
+    scene.add(rj.Points(rj.load(path, **options).nodes[0].mesh.vertices[1:]))
     return scene
 
 
@@ -167,6 +181,12 @@ def test_what_a_reader_does_wrong_is_found(tmp_path, monkeypatch, load, fault):
     monkeypatch.setattr(judging, "rj", Patched(load))
     found = judging.judge_files("off", samples.off(), tmp_path, "error")
     assert [one for one in found["faults"] if one.startswith(fault)], found["faults"]
+
+
+def test_a_point_that_is_lost_is_found(tmp_path, monkeypatch):
+    monkeypatch.setattr(judging, "rj", Patched(lose_a_point))
+    found = judging.judge_files("xyz", samples.xyz(), tmp_path, "error")
+    assert found["faults"] == ["lost without a word: 15 of 16 points"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="it limits the process as Linux does")
