@@ -3,7 +3,9 @@ Decide where the near and the far plane are that a camera leaves open; count wha
 
 Boxes settle most frames: those around objects, then, of an object that may reach a plane, its
 sphere, and the boxes around some hundred faces each. Of the faces in those that are left, the part
-inside the four sides of the view is found, as exactly as float64 has it.
+inside the four sides of the view is found, as exactly as float64 has it. An open plane is put where
+it leaves points and lines as well: they count as large as the largest of their object. Those that
+given planes cut are not told of.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from rasterjit.pipeline.geometry import seen_depths
 from rasterjit.pipeline.geometry.seen_depths import DEPTH, SURE
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MOST_STEPS, Camera, OrthographicCamera, Planes, planes_of
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node
 from rasterjit.survey.arrays import writable
@@ -157,10 +161,14 @@ def look_at_planes(
         return Look(most_near_steps=most_steps)
     # Look at those of faces, and at the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
-    found = [
-        _look_at_mesh(nodes[k].mesh, rows, boxes.relative_from_model[k], (near, far))
-        for k in np.flatnonzero(crosses).tolist()
-    ]
+    found, is_open = [NOTHING], planes.is_near_open or planes.is_far_open
+    for k in np.flatnonzero(crosses).tolist():
+        mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
+        if mesh.primitive == "triangles":
+            found.append(_look_at_mesh(mesh, rows, matrix, (near, far)))
+        elif is_open:
+            wide = np.concatenate((_sides(boxes.widened(clip_from_relative)), row[np.newaxis]))
+            found.append(_look_at_primitives(mesh, wide, matrix, (near, far)))
     least, most, before, behind = (
         combine(values)
         for combine, values in zip((min, max, sum, sum), zip(*found, strict=True), strict=True)
@@ -285,6 +293,41 @@ many of them reach before the near one and behind the far one."""
 
 NOTHING = (math.inf, -math.inf, 0.0, 0.0)
 
+CORNERS = {"triangles": 3, "lines": 2, "points": 1}
+"""Of a face of an object of each kind."""
+
+
+def _look_at_primitives(
+    mesh: Points | Lines, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
+) -> Found:
+    """
+    Find between which depths points or lines are seen that reach a plane, and count none.
+
+    Takes what `_look_at_mesh` does, of a view that is wider by what is as large as in pixels.
+    """
+    radius = _reach_of(mesh, relative_from_model)
+    rows = rows.copy()
+    rows[:DEPTH, 3] += radius * np.sqrt(np.add.reduce(rows[:DEPTH, :3] ** 2, axis=1))
+    # Spheres alone reach toward the viewer, and away; all else has the depth of its middle.
+    deep = 0.0
+    if isinstance(mesh, Points) and mesh.shape == "sphere":
+        deep = radius * math.sqrt(float(np.add.reduce(rows[DEPTH, :3] ** 2)))
+    planes = planes[0] + deep, planes[1] - deep
+    least, most, *_ = _look_at_mesh(mesh, rows, relative_from_model, planes)
+    return max(least - deep, 0.0), most + deep, 0.0, 0.0
+
+
+def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
+    """Return half the largest size of points or lines, scene units; 0 if sizes are in pixels."""
+    if mesh.unit != "world":
+        return 0.0
+    sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
+    axes = relative_from_model[:3, :3]
+    products = (axes.T[:, :, np.newaxis] * axes).sum(axis=1)
+    # Not less than the square of how much the matrix scales where it does most.
+    square = float(np.abs(products).sum(axis=1).max())
+    return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
+
 
 def _look_at_mesh(
     mesh: Mesh, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
@@ -312,8 +355,8 @@ def _look_at_mesh(
         blocks = _blocks_reaching(mesh, rows, planes)
         if len(blocks):
             seen_depths.find_seen_depths(
-                writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes, told,
-                np.empty((8, 4)),
+                writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
+                CORNERS[mesh.primitive], told, np.empty((8, 4)),
             )  # fmt: skip
         if len(known) >= MOST_KNOWN:
             known.clear()

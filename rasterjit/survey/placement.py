@@ -255,12 +255,17 @@ class Boxes:
             return np.ones(len(self._bounds), np.bool_)
         if self._beyond is None:
             return self._measures.in_view
-        reaches, across, down = self._beyond
-        wide = self._clip_from_relative.copy()
-        wide[0] /= 1.0 + across
-        wide[1] /= 1.0 + down
+        wide = self.widened(self._clip_from_relative)
         around = measure_boxes(self._extents, self.relative_from_model, wide)
-        return self._measures.in_view | (reaches & around.in_view)
+        return self._measures.in_view | (self._beyond[0] & around.in_view)
+
+    def widened(self, clip_from_relative: Float64) -> Float64:
+        """Return a projection, (4, 4), that shows all that is as large as in pixels."""
+        wide = clip_from_relative.copy()
+        if self._beyond is not None:
+            wide[0] /= 1.0 + self._beyond[1]
+            wide[1] /= 1.0 + self._beyond[2]
+        return wide
 
     def _are_middles_in_view(self) -> bool:
         """Tell whether there are few boxes, and the middles of all are inside of every plane."""

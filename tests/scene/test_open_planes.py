@@ -461,3 +461,54 @@ def test_an_empty_view_is_warned_of():
         material=rj.Material(alpha_mode="mask", base_color=(1.0, 1.0, 1.0, 0.0)),
     )  # fmt: skip
     assert told_by(rj.render, holes, size=SIZE) == nothing
+
+
+@pytest.mark.parametrize("shape", ["square", "disc", "sphere"])
+@pytest.mark.parametrize("unit", ["pixel", "world"])
+def test_points_close_by_are_whole(shape, unit):
+    if (shape, unit) == ("sphere", "pixel"):
+        pytest.skip("no such points")
+    size = 9.0 if unit == "pixel" else 0.004
+    # Beside the view by less than half of what it is large.
+    places = np.array([[0.0, 0.0, -0.02], [0.00625 * 4 / 3, 0.0, -0.01], [0.3, 0.2, -1.0]])
+    cloud = rj.Points(places, size=size, unit=unit, shape=shape)
+    frame = draw(cloud, rj.PerspectiveCamera(**LOOK, fov_y=60.0))
+    near = planes_of(frame.plan.camera).near
+    assert near <= 0.01
+    same(frame, draw(cloud, rj.PerspectiveCamera(**LOOK, fov_y=60.0, near=near / 64)))
+    assert 0 in frame.face_id
+    size = 9.0 if unit == "pixel" else 0.2
+    far = rj.Points(places[2:], size=size, unit=unit, shape=shape)
+    assert planes_of(draw(far, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+    # Those behind the eye, and beside the view, call for nothing.
+    beside = np.array([[0.0, 0.0, 0.5], [0.5, 0.0, -0.05], [0.0, 0.0, -2.0], [np.nan, 0.0, -0.01]])
+    unseen = rj.Points(beside, size=size, unit=unit, shape=shape, on_invalid="drop")
+    assert planes_of(draw(unseen, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+
+
+def test_a_sphere_is_whole_though_its_middle_is_behind_the_plane():
+    cloud = rj.Points([[0.0, 0.0, -0.16]], size=0.2, unit="world", shape="sphere")
+    frame = draw(cloud, rj.PerspectiveCamera(**LOOK))
+    assert planes_of(frame.plan.camera).near == 0.05
+    np.testing.assert_allclose(frame.depth.min(), 0.06, rtol=1e-2)
+    # As large by way of its transform.
+    scene = rj.Scene()
+    scene.add(rj.Points([[0.0, 0.0, 0.0]], size=0.1, unit="world", shape="sphere"),
+              np.array([[0, 2, 0, 0], [2, 0, 0, 0], [0, 0, 2, -0.16], [0, 0, 0, 1.0]]))  # fmt: skip
+    assert planes_of(draw(scene, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.05
+
+
+@pytest.mark.parametrize("unit", ["pixel", "world"])
+def test_lines_close_by_are_whole(unit):
+    width = 3.0 if unit == "pixel" else 0.002
+    # It goes across the view from one side to the other; its ends are out of view.
+    line = rj.Lines([[-0.5, 0.001, -0.03], [0.5, 0.001, -0.03]], width=width, unit=unit)
+    frame = draw(line, rj.PerspectiveCamera(**LOOK))
+    near = planes_of(frame.plan.camera).near
+    assert near == 0.1 / 4
+    same(frame, draw(line, rj.PerspectiveCamera(**LOOK, near=near / 64)))
+    assert (frame.face_id == 0).any(axis=0).all()
+    away = rj.Lines(
+        [[-0.5, 0.2, -0.03], [0.5, 0.2, -0.03], [0.5, 0.2, -3.0]], width=width, unit=unit
+    )
+    assert planes_of(draw(away, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1

@@ -2,7 +2,8 @@
 Find how near and how far what is seen of faces lies, where a camera has no near and no far plane.
 
 The part of a face inside the four sides of the view ends at its corners, where its edges meet
-sides, and where the lines in which two sides meet go through it.
+sides, and where the lines in which two sides meet go through it. Segments and points are faces of
+two corners and of one: they have no inside, and are seen all the same.
 """
 
 from __future__ import annotations
@@ -53,13 +54,17 @@ def reach(values, doubts, at, ends):
 
 
 @helper
-def may_be_seen(values, doubts):
+def may_be_seen(values, doubts, corners):
     """Tell whether a face is neither beside the view nor edge on; write what is doubtful."""
+    all_terms = 0.0
     for side in range(DEPTH):
         a, b, c = values[side, 0], values[side, 1], values[side, 2]
         if not (a >= 0.0 or b >= 0.0 or c >= 0.0):
             return False
         doubts[side] = SURE * (abs(a) + abs(b) + abs(c))
+        all_terms += doubts[side]
+    if corners < 3:
+        return all_terms < np.inf
     volume, terms = 0.0, 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -130,7 +135,7 @@ def box_faces(
 @kernel
 def find_seen_depths(
     vertices: float64[:, ::1], faces: int32[:, ::1], blocks: int64[::1], rows: float64[:, ::1],
-    planes: (float64, float64), found: float64[::1], scratch: float64[:, ::1],
+    planes: (float64, float64), corners: int64, found: float64[::1], scratch: float64[:, ::1],
 ):  # fmt: skip
     """
     Find between which depths faces are seen that reach before a near or behind a far plane.
@@ -146,6 +151,8 @@ def find_seen_depths(
         the view a point is, and its depth along the viewing axis.
     planes : (float, float)
         Depths of the near and the far plane.
+    corners : int
+        How many a face has: 3, of segments 2, of points 1. Then face ``n`` is vertex ``n``.
     found : (4,) float64
         Changed by these faces: see ``LEAST`` and those after it.
     scratch : (8, 4) float64
@@ -156,6 +163,11 @@ def find_seen_depths(
     for n in range(blocks.shape[0]):
         block = blocks[n]
         for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+            if corners == 1:
+                # Of most points this is all that is looked at.
+                depth = along(rows, DEPTH, vertices[np.uintp(face)])
+                if not depth > 0.0 or (depth >= near and depth <= far):
+                    continue
             a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
             first, second, third = (
                 along(rows, DEPTH, a),
@@ -169,7 +181,7 @@ def find_seen_depths(
                 values[row, 0] = along(rows, row, a)
                 values[row, 1] = along(rows, row, b)
                 values[row, 2] = along(rows, row, c)
-            if not may_be_seen(values, doubts):
+            if not may_be_seen(values, doubts, corners):
                 continue
             find_ends(values, doubts, at, ends)
             least, most = ends[0], ends[1]

@@ -553,8 +553,8 @@ def are_pixels(owner, points):
 @kernel
 def draw_points(
     vertices: (int64, int64), positions: float64[:, ::1], relative_from_model: float64[:, :, ::1],
-    points: PointRows, sight: Sight, depth_coefficients: (float64, float64, float64), viewport: Viewport,
-    frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
+    points: PointRows, sight: Sight, depth_coefficients: (float64, float64, float64),
+    viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]), counts: int64[::1],
     scratch: (float64[:, ::1], int32[:, ::1], float64[::1]),
 ):  # fmt: skip
     """
