@@ -319,7 +319,7 @@ def find_visible(
     clock("plan")
     vertices = drawing.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
-        views.relative_from_model, views.clip_from_relative,
+        views.relative_from_model, views.clip_from_relative, arrays.unused,
     )  # fmt: skip
     wanted = {
         "keep_depth": plan.needs_depth,

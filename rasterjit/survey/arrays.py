@@ -50,6 +50,12 @@ MODELS = {
     "pbr": records.PBR,
 }
 
+MANY_VERTICES = 1 << 16
+"""Fewest vertices of a mesh of which those are looked for that no face uses."""
+
+VERTEX_BLOCK = 1 << 12
+"""Vertices in a row that are left out together, if no face uses any of them."""
+
 NORMAL = 1
 """Place of normal maps among the textures of a material."""
 
@@ -81,6 +87,8 @@ class SceneArrays(NamedTuple):
     """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
     primitives: tuple[Primitive, ...] = ()
     """The objects whose faces are segments or points."""
+    unused: tuple[tuple[int, int], ...] = ()
+    """Runs of vertices that belong to no face, ascending: the first, and one past the last."""
 
     @property
     def sideless(self) -> tuple[int, ...]:
@@ -102,7 +110,8 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     if len(meshes) == 1:
         positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
         primitives = _join_primitives(meshes, vertex_starts, face_starts)
-        return SceneArrays(positions, faces, vertex_starts, face_starts, primitives)
+        unused = _unused_runs(meshes, vertex_starts)
+        return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
     positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
     faces = np.empty((face_starts[-1], 3), np.int32)
     place = 0
@@ -112,7 +121,27 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
         place += count
     primitives = _join_primitives(meshes, vertex_starts, face_starts)
-    return SceneArrays(positions, faces, vertex_starts, face_starts, primitives)
+    unused = _unused_runs(meshes, vertex_starts)
+    return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
+
+
+def _unused_runs(
+    meshes: Sequence[Mesh], vertex_starts: NDArray[np.int64]
+) -> tuple[tuple[int, int], ...]:
+    """Return the runs of ``SceneArrays.unused``, of meshes with many more vertices than faces."""
+    found: list[tuple[int, int]] = []
+    masks: dict[Mesh, list[tuple[int, int]]] = {}
+    for mesh, start in zip(meshes, vertex_starts.tolist(), strict=False):
+        count = len(mesh.vertices)
+        if count < MANY_VERTICES or count <= len(mesh.faces):
+            continue
+        if mesh not in masks:
+            blocks = np.arange(0, count, VERTEX_BLOCK)
+            is_unused = ~np.logical_or.reduceat(mesh.used_vertices(), blocks)
+            edges = np.flatnonzero(np.diff(is_unused, prepend=False, append=False)) * VERTEX_BLOCK
+            masks[mesh] = np.minimum(edges, count).reshape(-1, 2).tolist()
+        found += [(start + first, start + end) for first, end in masks[mesh]]
+    return tuple(found)
 
 
 def _join_primitives(

@@ -109,6 +109,8 @@ class ModelVertices(NamedTuple):
     """(O, 4, 4): to world axes with the origin at the eye."""
     clip_from_relative: NDArray[np.float64]
     """(4, 4)."""
+    unused: tuple[tuple[int, int], ...] = ()
+    """Runs of vertices that nothing is drawn of, ascending: the first, and one past the last."""
 
 
 class Coverage(NamedTuple):
@@ -473,16 +475,18 @@ def find_visible(
     if primitives is not None:
         painted = [one for one in primitives.objects if painting.is_painted(one, keep_lists)]
     if isinstance(vertices, ModelVertices):
-        runs = None
-        if painted and not (keep_lists or keep_clip_positions):
+        runs, left_out = None, list(vertices.unused)
+        if not (keep_lists or keep_clip_positions):
             # Points are taken to the screen when they are drawn.
-            runs = list(runs_between([one.vertices for one in painted], len(vertices.positions)))
+            left_out += [one.vertices for one in painted]
+        if left_out:
+            runs = list(runs_between(sorted(left_out), len(vertices.positions)))
         screen, seen = transform_and_project(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
         if keep_clip_positions or seen & setup.CLIPPED or primitives is not None:
-            clip_positions = transform(*vertices, workers, runs)
+            clip_positions = transform(*vertices[:4], workers, runs)
     else:
         clip_positions = vertices
         screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
