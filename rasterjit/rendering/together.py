@@ -231,7 +231,8 @@ class Together:
             own = self.cache.extents
             if places is not None:
                 own = Extents(self.cache.shapes.boxes, known.world_from_model[n])
-            boxes = Boxes(own, eyes[n], relative, clip, of_all)
+            beyond = self.cache.tables.inventory.beyond(self.options.size)
+            boxes = Boxes(own, eyes[n], relative, clip, of_all, beyond)
             look = look_at_planes(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
             if look.cut:
                 cuts[n] = notices.cuts_of(look)

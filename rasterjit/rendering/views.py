@@ -153,7 +153,7 @@ def look_from(
     views = placing.view_places(cache.places, shown, size)
     boxes = Boxes(
         cache.extents, shown.eye_position(), views.relative_from_model,
-        views.clip_from_relative,
+        views.clip_from_relative, beyond=cache.tables.inventory.beyond(size),
     )  # fmt: skip
     return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)
 

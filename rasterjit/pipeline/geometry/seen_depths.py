@@ -77,6 +77,21 @@ def may_be_seen(values, doubts, corners):
 
 
 @helper
+def may_skip(rows, vertices, vertex, near, far):
+    """Tell whether a point lies between the planes, behind the eye or beside the view: most do."""
+    x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
+    depth = rows[DEPTH, 0] * x + rows[DEPTH, 1] * y + rows[DEPTH, 2] * z + rows[DEPTH, 3]
+    # One branch, which is foreseen.
+    if not ((depth > 0.0) & ((depth < near) | (depth > far))):
+        return True
+    is_in = True
+    for side in range(DEPTH):
+        inside = rows[side, 0] * x + rows[side, 1] * y + rows[side, 2] * z + rows[side, 3]
+        is_in &= inside >= 0.0
+    return not is_in
+
+
+@helper
 def find_ends(values, doubts, at, ends):
     """Write between which depths a face is seen: inf and -inf if it is not."""
     ends[0], ends[1] = np.inf, -np.inf
@@ -163,11 +178,8 @@ def find_seen_depths(
     for n in range(blocks.shape[0]):
         block = blocks[n]
         for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
-            if corners == 1:
-                # Of most points this is all that is looked at.
-                depth = along(rows, DEPTH, vertices[np.uintp(face)])
-                if not depth > 0.0 or (depth >= near and depth <= far):
-                    continue
+            if corners == 1 and may_skip(rows, vertices, np.uintp(face), near, far):
+                continue
             a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
             first, second, third = (
                 along(rows, DEPTH, a),
