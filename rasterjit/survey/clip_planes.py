@@ -166,7 +166,7 @@ def look_at_planes(
         mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
         if mesh.primitive == "triangles":
             found.append(_look_at_mesh(mesh, rows, matrix, (near, far)))
-        elif is_open:
+        elif is_open and isinstance(mesh, Points | Lines):
             wide = np.concatenate((_sides(boxes.widened(clip_from_relative)), row[np.newaxis]))
             found.append(_look_at_primitives(mesh, wide, matrix, (near, far)))
     least, most, before, behind = (
