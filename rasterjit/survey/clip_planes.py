@@ -322,10 +322,9 @@ def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
     if mesh.unit != "world":
         return 0.0
     sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
-    axes = relative_from_model[:3, :3]
-    products = (axes.T[:, :, np.newaxis] * axes).sum(axis=1)
-    # Not less than the square of how much the matrix scales where it does most.
-    square = float(np.abs(products).sum(axis=1).max())
+    x, y, z = relative_from_model[:3, :3]
+    # Sizes are scaled along the axis where the matrix does most.
+    square = float(((x * x + y * y) + z * z).max())
     return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
 
 
