@@ -149,8 +149,10 @@ def look_at_planes(
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
     most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
     # Look at the box around all objects.
+    is_open = planes.is_near_open or planes.is_far_open
+    beyond = spheres_beyond(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
-    if boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
+    if not beyond and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
         return Look(most_near_steps=most_steps)
     # Look at those of each.
     crosses = boxes.may_cross(*margins.inside)
@@ -158,11 +160,12 @@ def look_at_planes(
         # Where the far plane is many times as far as the near one, w tells more than z.
         lows, highs, _ = boxes.w_ranges(row, crosses)
         crosses[crosses] = ~((lows >= near) & (highs <= far))
+    crosses[beyond] = True
     if not crosses.any():
         return Look(most_near_steps=most_steps)
     # Look at those of faces, and at the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
-    found, is_open = [NOTHING], planes.is_near_open or planes.is_far_open
+    found = [NOTHING]
     for k in np.flatnonzero(crosses).tolist():
         mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
         if mesh.primitive == "triangles":
@@ -187,6 +190,31 @@ def look_at_planes(
             if count and not is_open
         ),
     )
+
+
+def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
+    """
+    Return the numbers of objects that are spheres and reach beyond their boxes.
+
+    Matrices, (O, 4, 4), that scale unevenly scale the boxes so, but spheres stay round.
+    """
+    return [
+        k
+        for k, node in enumerate(nodes)
+        if isinstance(node.mesh, Points)
+        and node.mesh.shape == "sphere"
+        and _is_uneven(matrices[k, :3, :3].T.tolist())
+    ]
+
+
+def _is_uneven(columns: list[list[float]]) -> bool:
+    """Tell whether axes, (3, 3), are not of one length, or not at right angles."""
+    x, y, z = columns
+    a, b, c = dot(x, x), dot(y, y), dot(z, z)
+    most = max(a, b, c)
+    apart = max(most - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
+    # What is not a number is not sure.
+    return not apart <= CLEARANCE * CLEARANCE * most
 
 
 class Margins(NamedTuple):
