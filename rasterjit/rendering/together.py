@@ -50,9 +50,10 @@ from rasterjit.scene.camera import (
     usual_near,
 )
 from rasterjit.scene.light import DirectionalLight, Light
+from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
-from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of
+from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
 from rasterjit.survey.lights import FARTHEST_LIGHT, HEADLIGHT_DIRECTION, headlight, lighting_of
 from rasterjit.survey.many_views import (
     Group,
@@ -224,8 +225,10 @@ class Together:
         measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
         # Put planes that are left open where they cut nothing in view.
         is_sure, far = self._are_between(seen, view, known, places is not None)
+        beyond_boxes = np.broadcast_to(self._are_spheres_beyond(known), len(seen))
+        asked = (~is_sure | beyond_boxes) & views.is_finite
         moved = []
-        for n in self._find_crossed(seen, ~is_sure & views.is_finite, views, measures):
+        for n in self._find_crossed(seen, asked, beyond_boxes, views, measures):
             of_all = Measures(*(part[..., n, :] for part in measures))
             relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
             own = self.cache.extents
@@ -268,6 +271,14 @@ class Together:
         words = {name: words_of(values) for name, values in fields.items()}
         return Prepared(words, self._light_rows(seen[0], view, eyes), kinds, cuts)
 
+    def _are_spheres_beyond(self, places: Places) -> NDArray[np.bool_]:
+        """Tell in which views, (N,) or (1,) for all, spheres reach beyond their boxes."""
+        count = len(places.world_from_model)
+        if not any(isinstance(node.mesh, Points) for node in self.scene.nodes):
+            return np.zeros(count, np.bool_)
+        found = [bool(spheres_beyond(self.scene.nodes, own)) for own in places.world_from_model]
+        return np.array(found, np.bool_).reshape(count)
+
     def _are_between(
         self, cameras: Sequence[Camera], view: Float64, places: Places, are_moved: bool
     ) -> tuple[NDArray[np.bool_], Float64]:
@@ -289,8 +300,8 @@ class Together:
         return are_between(low, high, view, near, far), own
 
     def _find_crossed(
-        self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_], views: ManyViews,
-        measures: Measures,
+        self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_],
+        beyond_boxes: NDArray[np.bool_], views: ManyViews, measures: Measures,
     ) -> list[int]:  # fmt: skip
         """Return the views, of those asked for, where an object may reach over a plane."""
         asked = [
@@ -303,7 +314,7 @@ class Together:
         numbers = [n for n, _ in asked]
         near, far = np.array([inside for _, inside in asked]).T[..., np.newaxis]
         some = Measures(*(part[..., numbers, :] for part in measures))
-        crossed = some.may_cross(near, far).any(axis=1)
+        crossed = some.may_cross(near, far).any(axis=1) | beyond_boxes[numbers]
         return [n for n, is_crossed in zip(numbers, crossed, strict=True) if is_crossed]
 
     def _contents(self, in_view: NDArray[np.bool_]) -> tuple[tuple | None, bool]:

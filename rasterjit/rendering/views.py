@@ -18,7 +18,13 @@ from rasterjit.scene.view import View
 from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.clip_planes import Look, is_surely_between, join, look_at_planes
+from rasterjit.survey.clip_planes import (
+    Look,
+    is_surely_between,
+    join,
+    look_at_planes,
+    spheres_beyond,
+)
 from rasterjit.survey.depth_format import REVERSED_TYPES
 from rasterjit.survey.placement import Boxes, Views
 from rasterjit.survey.plan import RenderPlan
@@ -119,7 +125,12 @@ def settle_together(
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
     low, high = placing.box_around(cache.shapes.boxes, cache.places.world_from_model)
-    near_by = [camera for camera in cameras if not is_surely_between(low, high, camera)]
+    beyond = spheres_beyond(scene.nodes, cache.places.world_from_model)
+    near_by = [
+        camera
+        for camera in cameras
+        if (beyond and needs_settling(camera)) or not is_surely_between(low, high, camera)
+    ]
     if near_by and quality.depth_format not in REVERSED_TYPES:
         # How near a plane may come is for all to say.
         near_by = [camera for camera in cameras if needs_settling(camera)]

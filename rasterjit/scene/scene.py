@@ -21,9 +21,11 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.points import Points
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
 from rasterjit.scene.validation import in_short
@@ -430,7 +432,8 @@ class Scene(Guarded, Previewed):
         Returns
         -------
         low, high : (3,) float64
-            World-space corners, over the finite vertices that belong to a face.
+            World-space corners, over the finite vertices that belong to a face; around points and
+            lines of sizes in scene units, by half of those.
 
         Raises
         ------
@@ -439,9 +442,12 @@ class Scene(Guarded, Previewed):
         """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         with np.errstate(over="ignore", invalid="ignore"):
-            for world_positions in self._world_chunks():
-                np.minimum(low, world_positions.min(axis=0), out=low)
-                np.maximum(high, world_positions.max(axis=0), out=high)
+            for positions, halves in self._world_chunks():
+                lows, highs = positions, positions
+                if halves is not None:
+                    lows, highs = positions - halves, positions + halves
+                np.minimum(low, lows.min(axis=0), out=low)
+                np.maximum(high, highs.max(axis=0), out=high)
         if not (low <= high).all():
             raise ValueError("scene has no face with a finite vertex, so it has no bounds")
         return low, high
@@ -455,8 +461,9 @@ class Scene(Guarded, Previewed):
         center : (3,) float64
             World-space middle of the scene's box.
         radius : float
-            Distance of the farthest vertex from it, in scene units; 0 for a single point. Neither
-            need be finite where coordinates are as large as float64 holds.
+            Distance of the farthest vertex from it, in scene units, and half the size of points and
+            lines that are measured in these; 0 for a single vertex. Neither need be finite where
+            coordinates are as large as float64 holds.
 
         Raises
         ------
@@ -471,15 +478,29 @@ class Scene(Guarded, Previewed):
             return center, 0.0
         largest = 0.0
         with np.errstate(over="ignore", invalid="ignore"):
-            for world_positions in self._world_chunks():
+            for positions, halves in self._world_chunks():
                 # Measured in units of the box, so that squares neither overflow nor vanish.
-                offset = (world_positions - center) / scale
+                offset = (positions - center) / scale
                 x, y, z = offset.T
-                largest = max(largest, float((x * x + y * y + z * z).max()))
-        return center, scale * math.sqrt(largest)
+                squares = x * x + y * y + z * z
+                if halves is None:
+                    largest = max(largest, math.sqrt(float(squares.max())))
+                else:
+                    reaches = np.sqrt(squares) + halves[:, 0] / scale
+                    largest = max(largest, float(reaches.max()))
+        return center, scale * largest
 
-    def _world_chunks(self) -> Iterator[NDArray[np.float64]]:
-        """Yield the used vertices of all nodes in world space, a bounded number at a time."""
+    def _world_chunks(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
+        """
+        Yield the used vertices of all nodes in world space, a bounded number at a time.
+
+        Yields
+        ------
+        positions : (N, 3) float64
+        halves : (N, 1) float64 or None
+            Half the size of what is drawn at each, scene units; ``None`` of faces, and of sizes in
+            pixels.
+        """
         matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
         for node in self.nodes:
             if node.mesh is None:
@@ -487,15 +508,41 @@ class Scene(Guarded, Previewed):
                 continue
             matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
         for mesh, matrices in matrices_by_mesh.items():
-            used = mesh.used_vertices()
+            used, sizes = mesh.used_vertices(), _half_sizes(mesh)
             places = np.concatenate(matrices).reshape(-1, 4, 4)
+            scales = _most_scales(places)
             for start in range(0, len(used), _CHUNK):
                 chunk = slice(start, start + _CHUNK)
                 positions = mesh.vertices[chunk][used[chunk]]
                 at_once = max(1, _CHUNK // max(1, len(positions)))
                 for first in range(0, len(places) if len(positions) else 0, at_once):
                     some = places[first : first + at_once]
-                    yield transform_instances(some, positions).reshape(-1, 3)
+                    halves = None
+                    if sizes is not None:
+                        row = sizes[chunk][used[chunk]]
+                        halves = np.outer(scales[first : first + at_once], row).reshape(-1, 1)
+                    yield transform_instances(some, positions).reshape(-1, 3), halves
+
+
+def _half_sizes(mesh: Mesh) -> NDArray[np.float64] | None:
+    """Return half the size of what is drawn at each vertex, (V,) float64; None if in pixels."""
+    if not isinstance(mesh, Points | Lines) or mesh.unit != "world":
+        return None
+    sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
+    if len(sizes) == 1 or isinstance(mesh, Points):
+        return np.broadcast_to(0.5 * sizes, len(mesh.vertices))
+    # At a joint, that of the widest segment.
+    widest = np.zeros(len(mesh.vertices))
+    for end in mesh.segments.T:
+        np.maximum.at(widest, end, 0.5 * sizes)
+    return widest
+
+
+def _most_scales(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much transforms (N, 4, 4) scale along the axis where they do most, (N,)."""
+    x, y, z = (places[:, row, :3] for row in range(3))
+    with np.errstate(over="ignore"):
+        return np.sqrt((x * x + y * y) + z * z).max(axis=1)
 
 
 def with_labelled(scene: Scene, nodes: Iterable[Node]) -> Scene:

@@ -28,6 +28,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node
+from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.survey.arrays import writable
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
 from rasterjit.survey.effect import Rows
@@ -148,8 +149,10 @@ def look_at_planes(
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
     most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
     # Look at the box around all objects.
+    is_open = planes.is_near_open or planes.is_far_open
+    beyond = spheres_beyond(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
-    if boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
+    if not beyond and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
         return Look(most_near_steps=most_steps)
     # Look at those of each.
     crosses = boxes.may_cross(*margins.inside)
@@ -157,11 +160,12 @@ def look_at_planes(
         # Where the far plane is many times as far as the near one, w tells more than z.
         lows, highs, _ = boxes.w_ranges(row, crosses)
         crosses[crosses] = ~((lows >= near) & (highs <= far))
+    crosses[beyond] = True
     if not crosses.any():
         return Look(most_near_steps=most_steps)
     # Look at those of faces, and at the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
-    found, is_open = [NOTHING], planes.is_near_open or planes.is_far_open
+    found = [NOTHING]
     for k in np.flatnonzero(crosses).tolist():
         mesh, matrix = nodes[k].mesh, boxes.relative_from_model[k]
         if mesh.primitive == "triangles":
@@ -186,6 +190,31 @@ def look_at_planes(
             if count and not is_open
         ),
     )
+
+
+def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
+    """
+    Return the numbers of objects that are spheres and reach beyond their boxes.
+
+    Matrices, (O, 4, 4), that scale unevenly scale the boxes so, but spheres stay round.
+    """
+    return [
+        k
+        for k, node in enumerate(nodes)
+        if isinstance(node.mesh, Points)
+        and node.mesh.shape == "sphere"
+        and _is_uneven(matrices[k, :3, :3].T.tolist())
+    ]
+
+
+def _is_uneven(columns: list[list[float]]) -> bool:
+    """Tell whether axes, (3, 3), are not of one length, or not at right angles."""
+    x, y, z = columns
+    a, b, c = dot(x, x), dot(y, y), dot(z, z)
+    most = max(a, b, c)
+    apart = max(most - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
+    # What is not a number is not sure.
+    return not apart <= CLEARANCE * CLEARANCE * most
 
 
 class Margins(NamedTuple):
@@ -305,16 +334,117 @@ def _look_at_primitives(
 
     Takes what `_look_at_mesh` does, of a view that is wider by what is as large as in pixels.
     """
+    if isinstance(mesh, Points) and mesh.shape == "sphere":
+        return _look_at_spheres(mesh, rows, relative_from_model, planes)
+    # All but spheres has the depth of its middle.
     radius = _reach_of(mesh, relative_from_model)
     rows = rows.copy()
-    rows[:DEPTH, 3] += radius * np.sqrt(np.add.reduce(rows[:DEPTH, :3] ** 2, axis=1))
-    # Spheres alone reach toward the viewer, and away; all else has the depth of its middle.
-    deep = 0.0
-    if isinstance(mesh, Points) and mesh.shape == "sphere":
-        deep = radius * math.sqrt(float(np.add.reduce(rows[DEPTH, :3] ** 2)))
-    planes = planes[0] + deep, planes[1] - deep
+    rows[:DEPTH, 3] += radius * _lengths(rows[:DEPTH])
     least, most, *_ = _look_at_mesh(mesh, rows, relative_from_model, planes)
-    return max(least - deep, 0.0), most + deep, 0.0, 0.0
+    return least, most, 0.0, 0.0
+
+
+def _look_at_spheres(
+    mesh: Points, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
+) -> Found:
+    """Find between which depths spheres are seen that reach a plane, and count none."""
+    radius = _reach_of(mesh, relative_from_model)
+    sides = _lengths(rows)
+    deep = float(radius * sides[DEPTH])
+    if _is_between(
+        _ball(mesh), rows[DEPTH], relative_from_model, (planes[0] + deep, planes[1] - deep)
+    ):
+        return NOTHING
+    place = np.ascontiguousarray(relative_from_model[:3])
+    known, key = _known.setdefault(mesh, {}), (rows.tobytes() + place.tobytes(), planes)
+    found = known.get(key)
+    if found is None:
+        # All inside of these, and before the one or behind the other depth, may reach a plane.
+        wide = rows.copy()
+        wide[:, 3] += radius * sides
+        ends = planes[0] + 2.0 * deep, planes[1]
+        with np.errstate(all="ignore"):
+            wide = along(wide, place) + wide[:, 3:] * (0.0, 0.0, 0.0, 1.0)
+            least, most = math.inf, -math.inf
+            cosine = _least_cosine(rows)
+            blocks = _blocks_reaching(mesh, wide, ends)
+            at_once = CHUNK // seen_depths.BLOCK
+            for first in range(0, len(blocks), at_once):
+                starts = blocks[first : first + at_once, np.newaxis] * seen_depths.BLOCK
+                some = (starts + np.arange(seen_depths.BLOCK)).ravel()
+                some = some[some < len(mesh)]
+                inside = along(wide, mesh.vertices[some].T) + wide[:, 3:]
+                depths = inside[DEPTH]
+                may_reach = (inside[:DEPTH] >= 0.0).all(axis=0) & (depths > 0.0)
+                numbers = some[may_reach & ((depths < ends[0]) | (depths > ends[1]))]
+                if len(numbers):
+                    low, high = _ends_of_spheres(mesh, numbers, rows, place, radius, cosine)
+                    is_told = (low < planes[0]) | (high > planes[1])
+                    least = min(least, float(low.min(where=is_told, initial=np.inf)))
+                    most = max(most, float(high.max(where=is_told, initial=-np.inf)))
+        if len(known) >= MOST_KNOWN:
+            known.clear()
+        found = known[key] = least, most, 0.0, 0.0
+    return found
+
+
+def _ends_of_spheres(
+    mesh: Points, numbers: NDArray[np.int64], rows: Float64, place: Float64, radius: float,
+    cosine: float,
+) -> tuple[Float64, Float64]:  # fmt: skip
+    """
+    Return between which depths spheres may be seen, (N,) each: inf and -inf if they are not.
+
+    Parameters
+    ----------
+    mesh : Points
+    numbers : (N,) int64
+        Of the spheres.
+    rows : (5, 4) float64
+        As `_look_at_mesh` takes them.
+    place : (3, 4) float64
+        From model space, relative to the eye.
+    radius : float
+        Of the largest sphere of the mesh, scene units.
+    cosine : float
+        What `_least_cosine` returns.
+    """
+    sizes = mesh.sizes if len(mesh.sizes) == 1 else mesh.sizes[numbers]
+    radii = sizes / mesh.sizes.max() * radius
+    middles = along(place, mesh.vertices[numbers].T) + place[:, 3:]
+    inside = along(rows, middles) + rows[:, 3:]
+    reaches = _lengths(rows)[:, np.newaxis] * radii
+    depths, deep = inside[DEPTH], reaches[DEPTH]
+    is_seen = (inside[:DEPTH] + reaches[:DEPTH] >= 0.0).all(axis=0) & (depths + deep > 0.0)
+    low = np.maximum(depths - deep, 0.0)
+    if cosine > 0.0:
+        x, y, z = middles
+        away = np.sqrt((x * x + y * y) + z * z)
+        # No ray meets a sphere nearer than its surface is to the eye.
+        low = np.maximum(low, cosine * (np.abs(away - radii) - SURE * away))
+        # A cone around the view has none of those that lie wholly beside it.
+        sine = np.minimum(radii / away, 1.0)
+        widest = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
+        is_seen &= (away <= radii) | (depths >= (widest - SURE) * away)
+    return np.where(is_seen, low, np.inf), np.where(is_seen, depths + deep, -np.inf)
+
+
+def _least_cosine(rows: Float64) -> float:
+    """Return the least share of depth in the way along a ray in view; 0 if rays do not meet."""
+    # Depth begins, and all sides meet, in the eye.
+    if (np.abs(rows[:, 3]) > SURE * _lengths(rows)).any():
+        return 0.0
+    normals, depth, cosines = rows[:DEPTH, :3].tolist(), rows[DEPTH, :3].tolist(), []
+    for one in range(DEPTH):
+        edge = cross(normals[one], normals[(one + 1) % DEPTH])
+        cosines.append(abs(dot(edge, depth)) / (length(edge) or 1.0))
+    return min(1.0, *cosines)
+
+
+def _lengths(rows: Float64) -> Float64:
+    """Return how much each row, (N, 4), grows along a scene unit at most, (N,)."""
+    x, y, z = rows[:, :3].T
+    return np.sqrt((x * x + y * y) + z * z)
 
 
 def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
@@ -322,10 +452,9 @@ def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
     if mesh.unit != "world":
         return 0.0
     sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
-    axes = relative_from_model[:3, :3]
-    products = (axes.T[:, :, np.newaxis] * axes).sum(axis=1)
-    # Not less than the square of how much the matrix scales where it does most.
-    square = float(np.abs(products).sum(axis=1).max())
+    x, y, z = relative_from_model[:3, :3]
+    # Sizes are scaled along the axis where the matrix does most.
+    square = float(((x * x + y * y) + z * z).max())
     return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
 
 

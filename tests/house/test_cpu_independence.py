@@ -360,6 +360,7 @@ ALLOWED = {
     ("scene/color.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "**"): "whole numbers and fractions",
     ("scene/framing.py", "dot"): "our own, three terms of Python",
+    ("survey/clip_planes.py", "dot"): "our own, three terms of Python",
     ("scene/vectors.py", "dot"): "our own, three terms of Python",
     ("scene/transforms.py", "dot"): "our own, three terms of Python",
     ("rendering/lens_pictures.py", "dot"): "our own, three terms of Python",

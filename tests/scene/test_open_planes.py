@@ -512,3 +512,58 @@ def test_lines_close_by_are_whole(unit):
         [[-0.5, 0.2, -0.03], [0.5, 0.2, -0.03], [0.5, 0.2, -3.0]], width=width, unit=unit
     )
     assert planes_of(draw(away, rj.PerspectiveCamera(**LOOK)).plan.camera).near == 0.1
+
+
+@pytest.mark.parametrize("scales", [(1, 1, 1), (1, -1.5, 0.7)])
+@pytest.mark.parametrize("count", [1, 400])
+def test_spheres_are_whole_just_before_the_eye(scales, count):
+    """Also those whose middle is beside the view or behind the eye."""
+    nearer, empty, reach = 0, 0, 0.259 * np.abs(scales).max()
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        places, toward = rng.normal(size=(count, 3)), rng.normal(size=3)
+        scene = rj.Scene()
+        scene.add(
+            rj.Points(places, size=0.5, unit="world", shape="sphere"), rj.transforms.scale(scales)
+        )
+        eye = places[0] * scales + toward / np.linalg.norm(toward) * reach
+        look = {"eye": eye, "target": eye + rng.normal(size=3)}
+        outputs = ("face_id", "depth")
+        kept = rj.render(scene, rj.PerspectiveCamera(**look), size=SIZE, outputs=outputs)
+        given = rj.PerspectiveCamera(**look, near=1e-6)
+        whole = rj.render(scene, given, size=SIZE, outputs=outputs)
+        assert (kept.face_id == whole.face_id).all()
+        np.testing.assert_allclose(kept.depth, whole.depth, rtol=1e-4)
+        nearer += planes_of(kept.plan.camera).near < 0.1
+        empty += (whole.face_id < 0).all()
+        # Nothing in view asks for nothing.
+        if (whole.face_id < 0).all() and count == 1 and scales == (1, 1, 1):
+            assert planes_of(kept.plan.camera).near > 1e-3
+    assert nearer > 5
+    assert empty > 5 or count > 1
+
+
+def test_a_sphere_around_the_eye_is_seen_from_inside():
+    cloud = rj.Points([[0.0, 0.0, 0.03]], size=0.14, unit="world", shape="sphere")
+    frame = draw(cloud, rj.PerspectiveCamera(**LOOK))
+    assert (frame.face_id == 0).all()
+    assert 1e-3 < planes_of(frame.plan.camera).near <= 0.04
+
+
+def test_spheres_that_reach_beyond_their_boxes_are_whole_in_batches():
+    turn = rj.transforms.rotate((1, 2, 3), 40)
+    scene = rj.Scene()
+    scene.add(
+        rj.Points([[0.0, 0.0, 0.0]], size=0.5, unit="world", shape="sphere"),
+        turn @ rj.transforms.scale((1, 0.1, 0.1)),
+    )
+    across = turn[:3, 1]
+    cameras = [rj.PerspectiveCamera(across * way, (0, 0, 0)) for way in (0.29, 0.3, 0.31)]
+    outputs = ("face_id", "depth")
+    alone = [draw(scene, camera, outputs) for camera in cameras]
+    for frame, way in zip(alone, (0.04, 0.05, 0.06), strict=True):
+        assert planes_of(frame.plan.camera).near <= way
+        np.testing.assert_allclose(frame.depth.min(), way, rtol=1e-2)
+    several = rj.render_many(scene, cameras, size=SIZE, outputs=outputs)
+    for frame, single in zip(several, alone, strict=True):
+        same(frame, single, outputs)

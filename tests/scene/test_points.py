@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 
 import numpy as np
@@ -489,3 +490,46 @@ def test_squares_lie_in_layers_one_behind_the_other():
     counted = draw(points, ("face_id",), camera, diagnose=True)
     assert counted.diagnostics.visible == 1
     assert counted.diagnostics.hidden == 2
+
+
+def test_a_scene_reaches_around_sizes_in_scene_units():
+    positions = [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)]
+    scene = rj.Scene()
+    scene.add(rj.Points(positions, size=[1, 4], unit="world", shape="sphere"))
+    low, high = scene.bounds()
+    assert (low.tolist(), high.tolist()) == ([-1, -0.5, -0.5], [3, 4, 5])
+    center, radius = scene.bounding_sphere()
+    assert center.tolist() == [1.0, 1.75, 2.25]
+    assert radius == pytest.approx(np.sqrt(1 + 1.75**2 + 2.25**2) + 0.5)
+    # The transform scales sizes as much as it does most.
+    scene = rj.Scene()
+    scene.add(rj.Points([(1, 1, 1)], size=2.0, unit="world"), rj.transforms.scale((1, -3, 0.5)))
+    low, high = scene.bounds()
+    assert (low.tolist(), high.tolist()) == ([-2, -6, -2.5], [4, 0, 3.5])
+    assert scene.bounding_sphere()[1] == pytest.approx(3.0)
+    # Of lines, at each point the widest segment.
+    scene = rj.Scene()
+    scene.add(rj.Lines([*positions, (2, 2, 3)], width=[2, 6], unit="world"))
+    low, high = scene.bounds()
+    assert (low.tolist(), high.tolist()) == ([-2, -1, -1], [5, 5, 6])
+    scene = rj.Scene()
+    scene.add(rj.Points(positions, size=9.0))
+    assert scene.bounding_sphere()[1] == pytest.approx(np.sqrt(14) / 2)
+
+
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_fitted_cameras_cut_no_spheres(projection):
+    positions = np.random.default_rng(0).normal(size=(50, 3))
+    for places, size in ((positions, 2.0), ([[0.0, 0.0, 0.0]], 5.0)):
+        scene = rj.Scene()
+        scene.add(rj.Points(places, size=size, unit="world", shape="sphere"))
+        camera = rj.fit_camera(scene, projection=projection)
+        frame = rj.render(scene, camera, size=(100, 100), outputs=("face_id", "depth"))
+        wide = dataclasses.replace(camera, near=camera.near / 100, far=camera.far * 100)
+        again = rj.render(scene, wide, size=(100, 100), outputs=("face_id",))
+        assert (frame.face_id == again.face_id).all()
+        drawn = frame.face_id >= 0
+        assert drawn.mean() > 0.3
+        border = drawn.copy()
+        border[1:-1, 1:-1] = False
+        assert not border.any()
