@@ -67,7 +67,7 @@ class SceneArtist(artist.Artist):
     ----------
     axes : matplotlib.axes.Axes or mpl_toolkits.mplot3d.Axes3D
         It adds itself to them. Limits of 3-D axes that were not set are widened to the scene.
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Not to be changed while it is shown.
     camera : Camera, optional
         For flat axes. Default: the scene's own, else one that fits the scene.

@@ -57,7 +57,7 @@ def render_large(
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
     camera : Camera or None
         None takes the scene's own camera, else one that fits the scene.
     size : (int, int)

@@ -81,7 +81,7 @@ def render_many(
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Must stay as it is while frames are taken.
     cameras : iterable of Camera
         Near planes that they leave open are in one place for all of a sequence; of cameras that

@@ -23,6 +23,7 @@ from rasterjit.inspect.pixel_report import (
     ColorPart,
     FaceAtPixel,
     PixelExplanation,
+    PrimitiveAtPixel,
 )
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.fill import add_reversed_depth
@@ -31,7 +32,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
-from rasterjit.pipeline.visibility.primitives import primitives_of
+from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.plan import Cull
@@ -82,7 +83,7 @@ def explain_pixel(
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
     camera : Camera or None
         None takes the scene's own camera, else one that fits the scene.
     size : (int, int)
@@ -191,14 +192,14 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
     alpha_tests = shade.find_alpha_tests(plan, cache)
+    primitives = primitives_of(
+        arrays.primitives, views.relative_from_model, vertices.positions,
+        views.clip_from_relative, plan.size,
+    )  # fmt: skip
     coverage = draw.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, alpha_tests=alpha_tests,
-        depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
-        primitives=primitives_of(
-            arrays.primitives, views.relative_from_model, vertices.positions,
-            views.clip_from_relative, plan.size,
-        ),
+        depth_type=plan.depth_format.kind, is_affine=plan.is_affine, primitives=primitives,
     )  # fmt: skip
     lists = coverage.lists
     if objects.culled_turns.any():
@@ -219,7 +220,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         plan.depth_format, plan.camera, geometry, coverage, workers, placed
     )
     placement = shade.placement_to_light(plan, placed)
-    return Drawn(scene, cache, plan, arrays, geometry, placement, coverage, lists)
+    return Drawn(scene, cache, plan, arrays, geometry, placement, coverage, lists, primitives)
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
@@ -364,6 +365,40 @@ def _face_at(
         weights=weights,
         stored_depth=float(stored),
         depth=depth,
+        primitive=_primitive_at(drawn, owner, face, clip, weights, (x, y)),
+    )
+
+
+def _primitive_at(
+    drawn: Drawn,
+    owner: int,
+    face: int,
+    clip: NDArray[np.float64],
+    weights: Weights,
+    pixel: tuple[int, int],
+) -> PrimitiveAtPixel | None:
+    """Say how a point or a segment lies in the picture; None of a triangle."""
+    primitives = drawn.primitives
+    found = None if primitives is None else primitives.find(owner)
+    if primitives is None or found is None:
+        return None
+    own = found.sizes[(face - found.faces[0]) % len(found.sizes)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        place = np.array([float(share) for share in weights]) @ clip
+    size = np.array(drawn.plan.size, np.float64)
+    # What lies behind the eye is nowhere in the picture, and has no size there.
+    w = place[3] if place[3] > 0.0 else np.nan
+    centre = (place[:2] / w * (1.0, -1.0) + 1.0) * (size / 2.0)
+    across = np.ones(2)
+    if found.is_world:
+        is_point = isinstance(found.rule, PointRule)
+        units = primitives.lengths if is_point else (primitives.units,) * 2
+        across = np.array(units) * primitives.scales[owner] / w
+    return PrimitiveAtPixel(
+        kind=found.rule.shape if isinstance(found.rule, PointRule) else "segment",
+        place=centre,
+        size=own * across,
+        offset=np.array(pixel) + 0.5 - centre,
     )
 
 
@@ -451,8 +486,9 @@ def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tu
     else:
         reasons.append("no face covers the pixel's centre")
     totals = drawn.coverage.totals
-    if totals.drawn:
-        face, distance = _nearest(drawn, x, y)
+    nearest_drawn = _nearest(drawn, x, y)
+    if nearest_drawn:
+        face, distance = nearest_drawn
         reasons.append(f"the nearest face drawn is {face}, {distance:.3g} pixels away")
     fates = [
         (totals.outside, "outside the view"), (totals.culled, "turned away"),
@@ -464,9 +500,32 @@ def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tu
     return tuple(reasons)
 
 
-def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float]:
-    """Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels."""
+def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float] | None:
+    """
+    Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels.
+
+    That of discs and spheres is how far the nearest pixel is that shows one. None: none is drawn.
+    """
+    found = [*_nearest_triangle(drawn, x, y), *_nearest_point(drawn, x, y)]
+    return min(found, key=lambda one: one[1], default=None)
+
+
+def _nearest_point(drawn: Drawn, x: int, y: int) -> Iterator[tuple[int, float]]:
+    """Yield the disc or sphere that the nearest pixel shows, and how far that is."""
+    points = drawn.coverage.points
+    if points is not None and points.picture is not None:
+        rows, columns = np.nonzero(points.picture[1] >= 0)
+        if len(rows):
+            gaps = np.hypot(rows - y, columns - x)
+            n = int(gaps.argmin())
+            yield int(points.picture[1][rows[n], columns[n]]), float(gaps[n])
+
+
+def _nearest_triangle(drawn: Drawn, x: int, y: int) -> Iterator[tuple[int, float]]:
+    """Yield the nearest of what is drawn as triangles, and how far it is."""
     triangles = np.unique(drawn.coverage.lists.binned)
+    if not len(triangles):
+        return
     unit = float(1 << drawn.geometry.viewport.grid_bits)
     corners = drawn.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
     point = np.array([x + 0.5, y + 0.5])
@@ -478,4 +537,4 @@ def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float]:
         gap = start + share[:, np.newaxis] * along - point
         best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
     n = int(best.argmin())
-    return int(_owners(triangles, drawn.lists.faces)[n]), float(best[n])
+    yield int(_owners(triangles, drawn.lists.faces)[n]), float(best[n])

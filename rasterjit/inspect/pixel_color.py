@@ -18,6 +18,7 @@ from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility.primitives import Primitives
 from rasterjit.rendering import layers, stage_list
 from rasterjit.rendering import shade as shading
 from rasterjit.rendering.effects import prepare_effects
@@ -80,6 +81,8 @@ class Drawn(NamedTuple):
     coverage: draw.Coverage
     lists: draw.TileLists
     """With culled faces."""
+    primitives: Primitives | None
+    """Its lines and points."""
 
 
 def owner_of(drawn: Drawn, face: int) -> int:

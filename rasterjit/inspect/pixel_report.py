@@ -44,6 +44,26 @@ FAINTEST = 5e-6
 """Highlights that would print as zero are left out of the table."""
 
 
+NEAREST_ALONE = ("disc", "sphere")
+"""Kinds of points of which those behind the nearest are not found."""
+
+
+@dataclass(frozen=True, eq=False)
+class PrimitiveAtPixel:
+    """How a point or a segment lies in the picture."""
+
+    kind: str
+    """``"square"``, ``"disc"``, ``"sphere"`` or ``"segment"``."""
+    place: NDArray[np.float64]
+    """(2,), pixels, before snapping: the centre of a point, or what of a segment is nearest to the
+    pixel's centre; NaN if it is not in front of the eye."""
+    size: NDArray[np.float64]
+    """(2,), pixels, before snapping, across and down: of a point, of a sphere at the depth of its
+    centre; or the width of a segment, twice, at the place."""
+    offset: NDArray[np.float64]
+    """(2,), pixels, to the right and down: from the place to the pixel's centre."""
+
+
 @dataclass(frozen=True, eq=False)
 class FaceAtPixel:
     """One face whose samples include the pixel's centre, and every number on its way there."""
@@ -98,6 +118,20 @@ class FaceAtPixel:
     """Scene units along the viewing axis, as ``Frame.depth`` holds it."""
     alpha: float | None = None
     """Share of what lies behind that the face covers, 0..1; None if the pixel shows one face."""
+    primitive: PrimitiveAtPixel | None = None
+    """Of a point or a segment, which is drawn as pieces: ``clipped`` is true, and ``snapped``,
+    ``edges``, ``biases`` and ``affine_weights`` are those of a piece, or, of discs and spheres,
+    which have none, say nothing."""
+
+    @property
+    def kind(self) -> str:
+        """What it is: ``"face"``, or the kind of a point or a segment."""
+        return "face" if self.primitive is None else self.primitive.kind
+
+    @property
+    def distinct(self) -> int:
+        """How many vertices it has: three, a segment two, a point one."""
+        return 3 if self.primitive is None else 2 if self.kind == "segment" else 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +234,10 @@ class PixelExplanation:
         if self.faces:
             tables.append(_face_table(self))
         if self.winner is not None:
-            tables += [_position_table(self.winner), _edge_table(self.winner)]
-            tables += [_weight_table(self.winner)] if self.winner.clipped else []
+            tables.append(_position_table(self.winner))
+            if self.winner.primitive is None:
+                tables.append(_edge_table(self.winner))
+                tables += [_weight_table(self.winner)] if self.winner.clipped else []
         tables.append(_color_table(self))
         return _as_text(tables)
 
@@ -221,12 +257,50 @@ def _heading(pixel: PixelExplanation) -> str:
         lines.append(f"only the wireframe is drawn, and {here} here; of the faces,")
     shows = "shows" if pixel.light else "the nearest is"
     lines.append(
-        f"{shows} face {face.face} (face {face.mesh_face} of object {face.object_number} "
+        f"{shows} face {face.face} ({face.kind} {face.mesh_face} of object {face.object_number} "
         f'"{face.object_name}"), {face.depth:.6g} scene units away'
     )  # fmt: skip
-    if face.clipped:
+    if face.primitive is not None:
+        lines += _primitive_lines(face, face.primitive)
+    elif face.clipped:
         lines.append("the face was clipped; the pixel lies in a piece of it")
+    if any(one.kind in NEAREST_ALONE for one in pixel.faces):
+        lines.append("of discs and spheres the nearest alone is known; others may lie behind it")
     return "\n".join(lines)
+
+
+def _primitive_lines(face: FaceAtPixel, primitive: PrimitiveAtPixel) -> list[str]:
+    """Say where a point or a segment is on the screen, its size, and where the pixel lies."""
+    wide, high = (f"{side:.4g}" for side in primitive.size.tolist())
+    right, down = primitive.offset.tolist()
+    if primitive.kind == "segment":
+        ends = " to ".join(_place(end) for end in face.screen[:2])
+        first, last = (float(weight) for weight in face.weights[:2])
+        return [
+            f"a segment from {ends} on the screen, {wide} pixels wide here",
+            f"the pixel's centre lies {math.hypot(right, down):.4f} pixels from its middle line,",
+            f"at {first:.6f} of vertex {face.mesh_vertices[0]} and {last:.6f} of vertex "
+            f"{face.mesh_vertices[1]}",
+        ]
+    if math.isnan(right):
+        return [f"a {primitive.kind}, its centre not in front of the eye"]
+    size = f"{wide} x {high} pixels"
+    if primitive.kind != "square":
+        size = f"{wide if wide == high else f'{wide} x {high}'} pixels across"
+        size += " at that depth" if primitive.kind == "sphere" else ""
+    across, along = "right" if right >= 0.0 else "left", "below" if down >= 0.0 else "above"
+    return [
+        f"a {primitive.kind} with its centre at {_place(primitive.place)} on the screen, {size}",
+        f"the pixel's centre lies {abs(right):.4f} pixels {across} of that and {abs(down):.4f} "
+        f"{along} it",
+    ]
+
+
+def _place(place: NDArray[np.float64]) -> str:
+    """Return a place on the screen as text."""
+    if np.isnan(place).any():
+        return "behind the eye"
+    return f"({place[0]:.4f}, {place[1]:.4f})"
 
 
 def _face_table(pixel: PixelExplanation) -> Table:
@@ -250,8 +324,10 @@ def _face_table(pixel: PixelExplanation) -> Table:
 
 
 def _position_table(face: FaceAtPixel) -> Table:
-    """Return the three vertices in every space."""
-    table = _table(f"the vertices of face {face.face}", "space", "vertex")
+    """Return the vertices in every space."""
+    count = face.distinct
+    whose = {1: "centre", 2: "ends", 3: "vertices"}[count]
+    table = _table(f"the {whose} of {face.kind} {face.face}", "space", "vertex")
     for axis in ("x", "y", "z", "w"):
         table.add_column(axis, justify="right")
     table.add_column("outside of")
@@ -268,12 +344,17 @@ def _position_table(face: FaceAtPixel) -> Table:
         ("snapped, pixels", drawn, face.snapped / 2.0**face.grid_bits),
         (f"snapped, 1/{1 << face.grid_bits} pixel", drawn, face.snapped),
     ]
+    if face.primitive is not None:
+        # What is snapped is its pieces.
+        del spaces[-2:]
     for space, vertices, rows in spaces:
         decimals = SNAP_DECIMALS if "pixels" in space else 0
-        for n, row in enumerate(_coordinates(rows, decimals)):
+        for n, row in enumerate(_coordinates(rows[:count], decimals)):
             cells = row + [""] * (4 - len(row))
             codes = outside[n] if space == "clip" else ""
-            table.add_row("" if n else space, vertices[n], *cells, codes, end_section=n == 2)
+            table.add_row(
+                "" if n else space, vertices[n], *cells, codes, end_section=n == count - 1
+            )
     return table
 
 

@@ -127,7 +127,8 @@ class Pick(NamedTuple):
     face : int
         Number of the face in the object's mesh: ``scene.nodes[node].mesh.faces[face]``.
     weights : (3,) float32
-        Of the face's vertices, without unit, as in the output barycentric; their sum is 1.
+        Of the face's vertices, without unit, as in the output barycentric; their sum is 1. Those of
+        points and lines are (0, 0, 0).
     position : (3,) float32
         Where the point is, scene units, world space.
     scalar : float or None
@@ -535,8 +536,8 @@ class Frame:
         Returns
         -------
         Pick or None
-            Object, face, weights and world position, and the scalar if the output scalar was
-            asked for; ``None`` where nothing is.
+            Object, face, weights (those of points and lines are (0, 0, 0)) and world position, and
+            the scalar if the output scalar was asked for; ``None`` where nothing is.
 
         Raises
         ------

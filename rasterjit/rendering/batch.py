@@ -96,7 +96,7 @@ def render_batch(
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
     cameras : iterable of Camera
         One for each view. A camera may be there more than once.
     size : (int, int)

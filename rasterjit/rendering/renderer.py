@@ -82,7 +82,7 @@ def render(
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
     camera : Camera, optional
         Default: the scene's own camera, else one that fits the scene.
     size : (int, int)

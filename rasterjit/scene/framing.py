@@ -203,7 +203,7 @@ def fit_camera(
 
     Parameters
     ----------
-    scene : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    scene : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Or another object with ``bounding_sphere() -> (centre (3,), radius)``.
     direction : (3,) array_like, world space
         From the scene towards the camera, any length; see :func:`orbit_direction`.

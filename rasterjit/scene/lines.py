@@ -13,7 +13,7 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
-from rasterjit.scene.points import UNITS, Unit, sizes_of
+from rasterjit.scene.points import UNITS, Unit, color_rows, sizes_of
 from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of, read_only
 
 INK = 0.0, 0.0, 0.0
@@ -56,9 +56,10 @@ class Lines(Mesh):
     strips : sequence of (N,) array_like of int, optional
         In place of ``segments``: the numbers of the points that each strip of segments passes,
         two or more; the same number first and last closes it.
-    colors : (V, 3|4) or (S, 3|4) array_like, optional
+    colors : (V, 3|4) or (S, 3|4) array_like, or colour, optional
         Colour of each point, which changes along the segments, or, with S rows, of each segment (V
-        rows win where V equals S). ``uint8`` is sRGB; floats in 0..1 are linear light.
+        rows win where V equals S). ``uint8`` is sRGB; floats in 0..1 are linear light. Or of all: a
+        name, ``'#rrggbb'``, three or four floats, or a ``uint8`` array of three or four.
     width : float or (S,) array_like
         Of all segments or of each, above 0.
     unit : {"pixel", "world"}
@@ -107,7 +108,7 @@ class Lines(Mesh):
         segments: ArrayLike | None = None,
         *,
         strips: Sequence[ArrayLike] | None = None,
-        colors: ArrayLike | None = None,
+        colors: ColorLike | None = None,
         width: ArrayLike = 1.5,
         unit: Unit = "pixel",
         caps: Cap = "round",
@@ -267,6 +268,14 @@ class Lines(Mesh):
         else:
             segments = index_rows(("segments", "points"), faces, count, 2)
         return np.ascontiguousarray(segments[:, [0, 1, 1]])
+
+    def _store_colors(self, colors: ColorLike) -> None:
+        """Store colours by point or by segment; one of all as that of each segment."""
+        rows = color_rows(colors, len(self))
+        if rows is colors:
+            super()._store_colors(colors)
+        else:
+            self._face_colors = read_only(np.asarray(rows, np.float32))
 
     def split_creases(self, angle: float = 40.0) -> Lines:
         """Return the lines themselves, which have no faces that meet."""

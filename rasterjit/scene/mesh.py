@@ -35,6 +35,7 @@ from rasterjit.scene.normals import (
 from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
+    cut_short,
     finite_number,
     in_short,
     one_of,
@@ -539,7 +540,7 @@ class Mesh(Guarded, Previewed):
             The name of one of its attributes that has one column, of vertices or else of faces; or
             the numbers themselves.
         colormap, range, nan_color, contours
-            As a `Mesh` takes them.
+            As a `Mesh` takes them; `Points` and `Lines` have no contours.
 
         Raises
         ------
@@ -552,6 +553,11 @@ class Mesh(Guarded, Previewed):
         >>> mesh = rj.Mesh(np.eye(3), [[0, 1, 2]], attributes={"heat": [[20.0], [30.0], [25.0]]})
         >>> frame = rj.render(mesh.with_scalars("heat", "inferno", contours=5), size=(64, 48))
         """
+        if contours is not None and self.primitive != "triangles":
+            raise ValueError(
+                f"contours must be None for {self.primitive}, which have no slopes; "
+                f"got {cut_short(contours)}"
+            )
         counts = self._scalar_counts()
         if isinstance(scalars, str):
             scalars, is_of_faces = self._attribute_of_one_column(scalars)

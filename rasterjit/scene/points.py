@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.color import ColorLike
+from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
@@ -45,8 +45,9 @@ class Points(Mesh):
     ----------
     positions : (N, 3) array_like
         Model-space positions of the centres, in scene units.
-    colors : (N, 3|4) array_like, optional
-        Colour of each point: ``uint8`` is sRGB, floats in 0..1 are linear light.
+    colors : (N, 3|4) array_like or colour, optional
+        Colour of each point: ``uint8`` is sRGB, floats in 0..1 are linear light. Or of all: a name,
+        ``'#rrggbb'``, three or four floats, or a ``uint8`` array of three or four.
     size : float or (N,) array_like
         Side of squares, diameter of discs and spheres, of all or of each, above 0.
     unit : {"pixel", "world"}
@@ -95,7 +96,7 @@ class Points(Mesh):
         self,
         positions: ArrayLike,
         *,
-        colors: ArrayLike | None = None,
+        colors: ColorLike | None = None,
         size: ArrayLike = 3.0,
         unit: Unit = "pixel",
         shape: PointShape = "square",
@@ -180,9 +181,9 @@ class Points(Mesh):
         numbers = np.arange(len(self._vertices), dtype=np.int32)
         return np.ascontiguousarray(np.broadcast_to(numbers[:, np.newaxis], (len(numbers), 3)))
 
-    def _store_colors(self, colors: ArrayLike) -> None:
+    def _store_colors(self, colors: ColorLike) -> None:
         """Store colours as those of faces."""
-        super()._store_colors(colors)
+        super()._store_colors(color_rows(colors, len(self)))
         self._face_colors, self._vertex_colors = self._vertex_colors, None
 
     def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
@@ -236,6 +237,17 @@ class Points(Mesh):
     def split_creases(self, angle: float = 40.0) -> Points:
         """Return the points themselves, which have no edges."""
         return self
+
+
+def color_rows(colors: ColorLike, count: int) -> ArrayLike:
+    """Return one colour as that of so many, (count, 4) float32; rows stay as they are."""
+    is_short = isinstance(colors, str) or not isinstance(colors, Sequence) or len(colors) in (3, 4)
+    try:
+        is_one = is_short and (isinstance(colors, str) or np.shape(colors) in ((3,), (4,)))
+    except ValueError:
+        # Rows of unequal length: refused where they are read.
+        return colors
+    return np.tile(linear_color("colors", colors), (count, 1)) if is_one else colors
 
 
 def sizes_of(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.float64]:

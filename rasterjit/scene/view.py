@@ -17,7 +17,7 @@ class View:
 
     Parameters
     ----------
-    scene : Scene, Mesh, trimesh.Trimesh or trimesh.Scene, optional
+    scene : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene, optional
         As it was. It has the same objects in the same order, each with as many faces: face n then
         is face n now, wherever its vertices were. Default: as it is now.
     camera : Camera, optional

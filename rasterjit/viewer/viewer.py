@@ -80,7 +80,7 @@ class Viewer:
 
     Parameters
     ----------
-    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Not changed, and not to be changed while it is shown.
     camera : Camera, optional
         Where it starts. Default: the scene's own camera, else one that fits the scene.

@@ -681,3 +681,74 @@ def test_coordinates_of_any_size_print(cube):
         text = str(rj.explain_pixel(scene, camera, SIZE, 48, 40))
         assert "e+" in text or "e-" in text
         assert max(map(len, text.splitlines())) <= 120
+
+
+ALONG = rj.OrthographicCamera((0, 0, 6), (0, 0, 0), (0, 1, 0), 8.0, 0.5, 50.0)
+"""Ten pixels of a picture of `SIZE` are a scene unit."""
+
+
+@pytest.mark.parametrize(
+    ("options", "size"),
+    [
+        ({"size": 9.0}, "9 x 9 pixels"),
+        ({"size": [5.0, 7.0], "shape": "disc"}, "5 pixels across"),
+        ({"size": 0.8, "unit": "world", "shape": "disc"}, "8 pixels across"),
+        ({"size": 0.8, "unit": "world", "shape": "sphere"}, "8 pixels across at that depth"),
+        ({"size": 0.8, "unit": "world"}, "8 x 8 pixels"),
+    ],
+)
+def test_of_a_point_it_says_what_it_is_where_and_how_large(options, size):
+    points = rj.Points([(0.1, -0.2, 0), (3, 0, 0)], **options)
+    told = rj.explain_pixel(points, ALONG, SIZE, 48, 40)
+    text, kind = str(told), points.shape
+    assert f"face 0 ({kind} 0 of object 0" in text
+    assert f"a {kind} with its centre at (49.0000, 42.0000) on the screen, {size}\n" in text
+    assert "lies 0.5000 pixels left of that and 1.5000 above it\n" in text
+    assert ("of discs and spheres the nearest alone is known" in text) == (kind != "square")
+    assert f"the centre of {kind} 0" in text
+    for word in ("clipped", "cut", "edge", "weight", "snapped"):
+        assert word not in text
+    primitive = told.winner.primitive
+    assert primitive.kind == told.winner.kind == kind
+    np.testing.assert_allclose(primitive.place, (49, 42), rtol=1e-12)
+    np.testing.assert_allclose(primitive.offset, (-0.5, -1.5), rtol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{"width": 6.0}, {"width": 0.6, "unit": "world"}])
+def test_of_a_segment_it_says_its_ends_its_width_and_where_on_it_the_pixel_lies(options):
+    lines = rj.Lines([(-2, 0, 0), (2, 0, 0), (2, 2, 0)], **options)
+    text = str(rj.explain_pixel(lines, ALONG, SIZE, 38, 41))
+    assert "face 0 (segment 0 of object 0" in text
+    assert "a segment from (28.0000, 40.0000) to (68.0000, 40.0000) on the screen, 6 pixels" in text
+    assert (
+        "lies 1.5000 pixels from its middle line,\nat 0.737500 of vertex 0 and 0.262500 of" in text
+    )
+    assert "the ends of segment 0" in text
+    for word in ("clipped", "cut", "edge", "with perspective", "snapped", "nearest alone"):
+        assert word not in text
+
+
+def test_a_segment_that_passes_the_eye_has_an_end_that_is_nowhere():
+    camera = rj.PerspectiveCamera((0, 0, 6), (0, 0, 0), (0, 1, 0), 45.0, 0.5, 50.0)
+    lines = rj.Lines([(0, 0, 0), (0.5, 0, 9)], width=6.0)
+    text = str(rj.explain_pixel(lines, camera, SIZE, 50, 40))
+    assert "a segment from (48.0000, 40.0000) to behind the eye on the screen, 6 pixels" in text
+
+
+def test_a_pixel_beside_discs_and_spheres_names_the_nearest():
+    places = [(-3.0, 0, 0), (3.0, 0, 0)]
+    for shape in ("disc", "sphere", "square"):
+        points = rj.Points(places, shape=shape, unit="world", size=0.6)
+        told = rj.explain_pixel(points, ALONG, SIZE, 90, 40)
+        assert told.winner is None
+        (said,) = [one for one in told.reasons if "nearest" in one]
+        face, distance = said.removeprefix("the nearest face drawn is ").split(", ")
+        assert face == "1"
+        assert 9.0 <= float(distance.split()[0]) <= 10.0
+
+
+def test_triangles_say_nothing_of_points(cube):
+    told = rj.explain_pixel(cube, None, SIZE, 48, 40)
+    assert told.winner.primitive is None
+    assert told.winner.kind == "face"
+    assert "edge opposite it" in str(told)

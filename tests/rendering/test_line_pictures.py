@@ -149,7 +149,7 @@ def test_a_pixel_of_a_line_can_be_picked_and_explained():
     assert picked.face == frame.face_id[row, column] - 2
     told = rj.explain_pixel(scene, CAMERA, SIZE, column, row)
     assert tuple(told.color[:3]) == tuple(frame.color[row, column, :3])
-    assert f"the vertices of face {frame.face_id[row, column]}" in str(told)
+    assert f"the ends of segment {frame.face_id[row, column]}" in str(told)
     text = str(rj.explain(scene, CAMERA, size=SIZE))
     assert "lines " in text
     assert "3 objects" in text

@@ -94,6 +94,11 @@ def test_bounds_reach_around_sizes_in_scene_units_alone():
         ({"shape": "sphere"}, "unit must be 'world' where shape is 'sphere'"),
         ({"shape": "sphere", "unit": "world", "normals": np.ones((3, 3))}, "normals must be None"),
         ({"colors": np.ones((2, 3))}, "colors"),
+        ({"colors": "rde"}, "colors must be '#rgb'.*did you mean 'red'"),
+        ({"colors": (255, 0, 0)}, r"colors must lie in 0\.\.1, got 255"),
+        ({"colors": [1.0] * 5}, r"colors must have shape \(n, 3\) or \(n, 4\), got \(5,\)"),
+        ({"colors": [(1.0, 0, 0), (1.0, 0), (1, 0, 0)]}, "colors must be an array of numbers"),
+        ({"colors": ["red", "red", "red"]}, "colors must hold numbers"),
         ({"normals": np.ones((2, 3))}, "normals"),
         ({"scalars": [1, 2]}, "scalars"),
         ({"material": rj.Material("gouraud")}, "material must be shaded"),
@@ -216,8 +221,38 @@ def test_points_are_shown_by_an_attribute(normals):
     with pytest.raises(ValueError, match=r"scalars must have shape \(80,\), got shape \(2,\)"):
         points.with_scalars([1, 2])
     for scalars in ("heat", values):
-        with pytest.raises(ValueError, match="contours must be None"):
+        with pytest.raises(
+            ValueError, match="contours must be None for points, which have no slopes; got 3"
+        ):
             points.with_scalars(scalars, contours=3)
+
+
+@pytest.mark.parametrize(
+    ("color", "linear"),
+    [
+        ("red", (1, 0, 0, 1)), ("#ff000080", (1, 0, 0, np.float32(128) / np.float32(255))),
+        ((0.25, 0.5, 1.0), (0.25, 0.5, 1, 1)), ([0.25, 0.5, 1.0, 0.5], (0.25, 0.5, 1, 0.5)),
+        (np.array([255, 0, 255], np.uint8), (1, 0, 1, 1)),
+        (np.array([255, 0, 255, 0], np.uint8), (1, 0, 1, 0)),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_one_colour_is_that_of_all(color, linear, count):
+    places = np.arange(3.0 * count).reshape(count, 3)
+    points, lines = rj.Points(places, colors=color), rj.Lines(places, colors=color)
+    np.testing.assert_array_equal(points.colors, np.tile(np.float32(linear), (count, 1)))
+    np.testing.assert_array_equal(lines.face_colors, np.tile(np.float32(linear), (count - 1, 1)))
+    assert points.material == lines.material == UNLIT
+    with pytest.raises(ValueError, match="read-only"):
+        points.colors[0] = 0.0
+
+
+def test_points_of_one_colour_show_it():
+    every = np.tile((0.25, 0.5, 1.0), (80, 1))
+    expected = draw(cloud(colors=every), "linear")
+    np.testing.assert_array_equal(draw(cloud(colors=(0.25, 0.5, 1.0)), "linear"), expected)
+    shown = draw(rj.Lines([(-1, 0, 0), (1, 0, 0)], colors="red", width=5.0), "color")
+    assert shown[SIZE[1] // 2, SIZE[0] // 2].tolist() == [255, 0, 0, 255]
 
 
 def test_scalars_keep_a_material_that_was_given():

@@ -89,6 +89,15 @@ def test_bad_input_is_refused_by_name(options, message):
         rj.Lines(POINTS, **options)
 
 
+def test_lines_have_no_contours():
+    lines = rj.Lines(POINTS, scalars=np.arange(4.0))
+    with pytest.raises(
+        ValueError, match="contours must be None for lines, which have no slopes; got 3"
+    ):
+        lines.with_scalars(np.arange(4.0), contours=3)
+    assert isinstance(lines.with_scalars(np.arange(4.0), "plasma"), rj.Lines)
+
+
 def test_a_single_point_is_no_line():
     with pytest.raises(ValueError, match="points must be two or more without segments, got 1"):
         rj.Lines(POINTS[:1])

@@ -82,6 +82,10 @@ class Primitives(NamedTuple):
         """What their faces are."""
         return frozenset(one.kind for one in self.objects)
 
+    def find(self, number: int) -> Primitive | None:
+        """Return an object by its number in the scene; None if its faces are triangles."""
+        return next((one for one in self.objects if one.number == number), None)
+
     def factor(self, one: Primitive) -> float:
         """Return what takes sizes of an object to pixels, of those in model space at w = 1."""
         return self.units * float(self.scales[one.number]) if one.is_world else self.pixels
