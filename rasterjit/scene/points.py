@@ -145,6 +145,11 @@ class Points(Mesh):
         self._material = value
 
     @property
+    def positions(self) -> NDArray[np.float64]:
+        """(N, 3) float64, read-only: model-space centres, which are the ``vertices``."""
+        return self._vertices
+
+    @property
     def colors(self) -> NDArray[np.float32] | None:
         """(N, 4) float32, linear RGBA, read-only: the colour of each point, or ``None``."""
         return self._face_colors

@@ -489,3 +489,9 @@ def test_squares_lie_in_layers_one_behind_the_other():
     counted = draw(points, ("face_id",), camera, diagnose=True)
     assert counted.diagnostics.visible == 1
     assert counted.diagnostics.hidden == 2
+
+
+def test_points_name_their_positions_and_are_never_closed():
+    points = cloud()
+    assert points.positions is points.vertices
+    assert not points.is_closed()
