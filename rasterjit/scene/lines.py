@@ -40,11 +40,12 @@ class Lines(Mesh):
     A pixel, or a sample, belongs to a segment if its centre lies within half the width of it in the
     picture; ends are rounded to the sub-pixel grid, and widths up to it, so that a line of a pixel
     or more has no gap. A segment that has no length in the picture, as one seen end-on, is a round
-    cap around its point, and nothing with ``caps="butt"``: narrower than two pixels it may miss all
-    centres. It has the depth, and values between those of its ends, of the nearest point of the
-    segment in the picture. Joints are round. What is round is a polygon, at most 1/16 of a pixel,
-    or 0.3 in lines up to two pixels wide, inside the circle. Where a line bends, the two segments
-    overlap on the inner side: see-through lines show twice there.
+    cap around its point, or, a pixel wide or more, the pixel that holds it if that misses all
+    centres; nothing with ``caps="butt"`` or dashes. It has the depth, and values between those of
+    its ends, of the nearest point of the segment in the picture. Joints are round. What is round is
+    a polygon, at most 1/16 of a pixel, or 0.3 in lines up to two pixels wide, inside the circle.
+    Where a line bends, the two segments overlap on the inner side: see-through lines show twice
+    there.
 
     Widths in scene units are cut to 7680 pixels. Those in pixels cast no shadows.
 
