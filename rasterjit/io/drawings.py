@@ -12,7 +12,7 @@ from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.lines import Lines
+from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import with_face_scalars, with_face_values
@@ -93,12 +93,6 @@ def lines_of(
     return lines
 
 
-def segments_of_strip(count: int, first: int = 0) -> NDArray[np.int64]:
-    """Return the segments, (count - 1, 2), of a strip of so many points numbered from ``first``."""
-    numbers = np.arange(first, first + count)
-    return np.column_stack([numbers[:-1], numbers[1:]])
-
-
 def drawing_of_path(name: str, path: Any, left_out: LeftOut) -> Drawing | None:
     """
     Return a trimesh ``Path2D`` or ``Path3D``, its curves in short segments; None if it is empty.
@@ -143,7 +137,7 @@ def drawing_of_path(name: str, path: Any, left_out: LeftOut) -> Drawing | None:
         if len(strip) < 2:
             left_out.note(f"{kind} of a drawing of fewer than 2 points")
             continue
-        segments.append(np.column_stack([strip[:-1], strip[1:]]))
+        segments.append(strip_segments(strip, np.array([len(strip)]))[0])
         colors.append((len(strip) - 1, entity.color))
     if not segments:
         return None

@@ -25,7 +25,7 @@ from rasterjit.scene.validation import (
     vector,
 )
 
-GRAY = 0.3, 0.3, 0.3
+GRID_GRAY = 0.3, 0.3, 0.3
 """Colour of grids, linear light."""
 
 Plane: TypeAlias = Literal["xy", "xz", "yz"]
@@ -144,7 +144,7 @@ class Grid(Lines):
         *,
         plane: Plane = "xz",
         center: VectorLike = (0.0, 0.0, 0.0),
-        color: ColorLike = GRAY,
+        color: ColorLike = GRID_GRAY,
         width: float = 1.0,
         unit: Unit = "pixel",
     ) -> None:

@@ -43,8 +43,8 @@ class Label:
     ``scene.add(label)`` makes a node that carries it, and moves with its parents; a node that has
     a mesh may carry one as well (``node.label = label``). It is part of the output ``"color"``
     alone: numbers, depth, coverage and ``"linear"`` know nothing of it, and cameras are not fitted
-    to it. It is as large as the finished picture's pixels, however many samples these have, and
-    upright under any lens.
+    to it; a scene of labels alone cannot be rendered. It is as large as the finished picture's
+    pixels, however many samples these have, and upright under any lens.
 
     The font is Aileron Regular, which Pillow brings: the characters of ASCII and a few more;
     others are drawn as its empty box. Its outlines are drawn without hints or kerning, by the area

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -38,10 +39,13 @@ class Lines(Mesh):
 
     A pixel, or a sample, belongs to a segment if its centre lies within half the width of it in the
     picture; ends are rounded to the sub-pixel grid, and widths up to it, so that a line of a pixel
-    or more has no gap. It has the depth, and values between those of its ends, of the nearest point
-    of the segment in the picture. Joints are round. What is round is a polygon, at most 1/16 of a
-    pixel, or 0.3 in lines up to two pixels wide, inside the circle. Where a line bends, the two
-    segments overlap on the inner side: see-through lines show twice there.
+    or more has no gap. A segment that has no length in the picture, as one seen end-on, is a round
+    cap around its point, or, a pixel wide or more, the pixel that holds it if that misses all
+    centres; nothing with ``caps="butt"`` or dashes. It has the depth, and values between those of
+    its ends, of the nearest point of the segment in the picture. Joints are round. What is round is
+    a polygon, at most 1/16 of a pixel, or 0.3 in lines up to two pixels wide, inside the circle.
+    Where a line bends, the two segments overlap on the inner side: see-through lines show twice
+    there.
 
     Widths in scene units are cut to 7680 pixels. Those in pixels cast no shadows.
 
@@ -127,6 +131,7 @@ class Lines(Mesh):
             material = self._PLAIN
         self._unit: Unit = one_of("unit", unit, UNITS)
         self._caps: Cap = one_of("caps", caps, CAPS)
+        _refuse_arrays(points)
         super().__init__(
             points, segments if strips is None else _Strips(strips), colors=colors,
             attributes=attributes, scalars=scalars, colormap=colormap, range=range,
@@ -214,6 +219,25 @@ class Lines(Mesh):
         self._material = value
 
     @property
+    def points(self) -> NDArray[np.float64]:
+        """(V, 3) float64, read-only: model-space positions, which are the ``vertices``."""
+        return self._vertices
+
+    @property
+    def colors(self) -> NDArray[np.float32] | None:
+        """
+        (V, 4) or (S, 4) float32, linear RGBA, read-only: as they were given, or ``None``.
+
+        Those of points are ``vertex_colors``, those of segments ``face_colors``.
+        """
+        return self._face_colors if self._vertex_colors is None else self._vertex_colors
+
+    @property
+    def attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own by name, (V, D) of points or (S, D) of segments; read-only."""
+        return MappingProxyType({**self._vertex_attributes, **self._face_attributes})
+
+    @property
     def segments(self) -> NDArray[np.int32]:
         """(S, 2) int32, read-only: numbers of the points at the ends of each segment."""
         return self.faces[:, :2]
@@ -263,8 +287,7 @@ class Lines(Mesh):
         elif faces is None:
             if count < 2:
                 raise ValueError(f"points must be two or more without segments, got {count}")
-            numbers = np.arange(count, dtype=np.int32)
-            segments = np.stack([numbers[:-1], numbers[1:]], axis=1)
+            segments, _ = strip_segments(np.arange(count, dtype=np.int32), np.array([count]))
         else:
             segments = index_rows(("segments", "points"), faces, count, 2)
         return np.ascontiguousarray(segments[:, [0, 1, 1]])
@@ -294,6 +317,17 @@ def _links_of(faces: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.ascontiguousarray(links, np.int32).reshape(count, 2)
 
 
+def _refuse_arrays(points: Any) -> None:
+    """Raise ``ValueError`` if points are a list of arrays of points."""
+    if not isinstance(points, (list, tuple)) or not points:
+        return
+    if all(isinstance(one, np.ndarray) and one.ndim == 2 for one in points):
+        raise ValueError(
+            f"points must be one array, (V, 3), got {len(points)} arrays; join them with "
+            "np.concatenate, and give as strips the numbers of each one's points"
+        )
+
+
 class _Strips:
     """Strips, told from segments."""
 
@@ -303,16 +337,75 @@ class _Strips:
 
 def _segments_of(strips: Sequence[ArrayLike], count: int) -> NDArray[np.int32]:
     """Return the segments of strips, (S, 2) int32, or raise ``ValueError``."""
-    found = []
-    for number, strip in enumerate(strips):
-        name = f"strips[{number}]"
-        rows = index_rows((name, "points"), np.reshape(strip, (-1, 1)), count, 1)[:, 0]
-        if len(rows) < 2:
-            raise ValueError(f"{name} must have two or more points, got {len(rows)}")
-        found.append(np.stack([rows[:-1], rows[1:]], axis=1))
+    found = [
+        _strip_array(f"strips[{number}]", strip, strips, count)
+        for number, strip in enumerate(_each_strip(strips))
+    ]
     if not found:
         raise ValueError("strips must hold one strip or more, got none")
-    return np.concatenate(found)
+    return strip_segments(np.concatenate(found), np.array([len(rows) for rows in found]))[0]
+
+
+def _each_strip(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
+    """Return the strips as a list, or raise ``ValueError``."""
+    try:
+        if isinstance(strips, (str, bytes, Mapping)):
+            raise TypeError
+        return list(strips)
+    except TypeError:
+        raise ValueError(
+            f"strips must be a sequence of sequences of point numbers, got {in_short(strips)}"
+        ) from None
+
+
+def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> NDArray[np.int32]:
+    """Return the numbers of the points of a strip, (N,) int32, or raise ``ValueError``."""
+    try:
+        shape = np.shape(strip)
+    except ValueError:
+        raise ValueError(f"{name} must be point numbers, (N,), got {in_short(strip)}") from None
+    if shape == ():
+        raise ValueError(
+            "strips must be a sequence of sequences of point numbers, as [[0, 1, 2]], got "
+            f"{in_short(strips)}"
+        )
+    if len(shape) == 2 and shape[1] == 3:
+        raise ValueError(
+            f"{name} must be point numbers, (N,), got shape {shape}; of arrays of points, join "
+            "these with np.concatenate, and give as strips the numbers of each one's points"
+        )
+    if len(shape) != 1 and not (len(shape) == 2 and shape[1] == 1):
+        raise ValueError(f"{name} must be point numbers, (N,), got shape {shape}")
+    if shape[0] < 2:
+        raise ValueError(f"{name} must have two or more points, got {shape[0]}")
+    return index_rows((name, "points"), np.reshape(strip, (-1, 1)), count, 1)[:, 0]
+
+
+def strip_segments(
+    corners: NDArray[np.integer[Any]], counts: NDArray[np.int64]
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """
+    Return the segments of strips that stand one behind the other.
+
+    Parameters
+    ----------
+    corners : (N,) int
+        Numbers of the points of all strips.
+    counts : (C,) int
+        How many of them each strip has.
+
+    Returns
+    -------
+    segments : (S, 2) int
+        Of the type of the corners.
+    strips : (S,) int64
+        The strip of each.
+    """
+    inner = np.ones(len(corners), bool)
+    inner[np.cumsum(counts)[counts > 0] - 1] = False
+    begins = np.flatnonzero(inner)
+    strips = np.repeat(np.arange(len(counts)), counts)
+    return np.column_stack([corners[begins], corners[begins + 1]]), strips[begins]
 
 
 def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> NDArray[np.float64]:

@@ -376,8 +376,11 @@ class Mesh(Guarded, Previewed):
         """
         Tell whether the faces close: whether an even number of them meets in each edge.
 
-        Vertices at the same place are one, whichever way faces turn. Cached.
+        Vertices at the same place are one, whichever way faces turn. Points and lines never do.
+        Cached.
         """
+        if self.primitive != "triangles":
+            return False
         if self._is_closed is None:
             self._is_closed = _all_edges_meet(self.vertices[self.faces])
         return self._is_closed

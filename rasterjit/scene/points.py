@@ -29,7 +29,7 @@ MOST_PIXELS = 4096.0
 """Largest size of a point, and width of a line, in pixels."""
 
 
-GRAY = 0.2, 0.2, 0.2
+POINT_GRAY = 0.2, 0.2, 0.2
 """Linear light of points that are told neither colours nor light: seen on white, and on black."""
 
 
@@ -38,8 +38,9 @@ class Points(Mesh):
     Points, drawn as squares, discs or spheres: a scan, particles, keypoints.
 
     They stand in a scene as a `Mesh` does: nodes, transforms, names and materials are the same, and
-    so are all outputs. ``face_id`` counts points where it counts faces of a mesh. Like a mesh they
-    own their arrays, which are read-only.
+    so are all outputs but those of `render_layers`, which refuses discs and spheres. ``face_id``
+    counts points where it counts faces of a mesh. Like a mesh they own their arrays, which are
+    read-only.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ class Points(Mesh):
         Model-space positions of the centres, in scene units.
     colors : (N, 3|4) array_like or colour, optional
         Colour of each point: ``uint8`` is sRGB, floats in 0..1 are linear light. Or of all: a name,
-        ``'#rrggbb'``, three or four floats, or a ``uint8`` array of three or four.
+        ``'#rrggbb'``, three or four floats, or a ``uint8`` array of three or four. As for meshes,
+        alpha counts with the material's ``alpha_mode="blend"`` alone, and for squares alone.
     size : float or (N,) array_like
         Side of squares, diameter of discs and spheres, of all or of each, above 0.
     unit : {"pixel", "world"}
@@ -90,7 +92,7 @@ class Points(Mesh):
     primitive: ClassVar[Primitive] = "points"
     _INSTEAD = "make other Points"
     _PLACES = "positions", "position"
-    _PLAIN = Material("unlit", base_color=GRAY)
+    _PLAIN = Material("unlit", base_color=POINT_GRAY)
 
     def __init__(
         self,
@@ -144,6 +146,11 @@ class Points(Mesh):
                 f"one normal; got {value.shading!r}"
             )
         self._material = value
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(N, 3) float64, read-only: model-space centres, which are the ``vertices``."""
+        return self._vertices
 
     @property
     def colors(self) -> NDArray[np.float32] | None:

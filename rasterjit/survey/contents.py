@@ -463,7 +463,8 @@ def check_scene(scene: Scene) -> None:
                 article = "an" if wanted[0] in "AEIOU" else "a"
                 raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
     if not scene.nodes:
-        raise ValueError("scene must hold at least one mesh, got an empty scene")
+        got = "labels alone" if scene.labelled else "an empty scene"
+        raise ValueError(f"scene must hold at least one mesh, got {got}")
     for name, (kind, words) in EFFECT_FIELDS.items():
         value = getattr(scene, name)
         if value is not None and not isinstance(value, kind):

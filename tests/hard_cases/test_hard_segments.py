@@ -171,6 +171,22 @@ def test_a_segment_without_length_is_a_dot_if_its_ends_are_round():
     assert frame.stats.drawn == 0
 
 
+@pytest.mark.case("W11")
+def test_a_segment_without_length_has_a_pixel_wherever_it_is():
+    for width in (1.0, 1.5, 1.9):
+        for point in [*random_points(60, 8), (8.0, 8.0), (8.5, 8.0), (8.5, 8.5)]:
+            shown = pixels(draw([point, point], width=width))
+            holder = {(int(np.ceil(point[1])) - 1, int(np.ceil(point[0])) - 1)}
+            away = abs(point[0] % 1 - 0.5) + abs(point[1] % 1 - 0.5)
+            if away >= width / 2:
+                assert shown == holder, (width, point)
+            assert shown, (width, point)
+            # Seen end-on, and one that comes back to where it was.
+            assert pixels(draw([point, point], w=[1.0, 2.0], width=width)) == shown
+            assert pixels(draw([point] * 3, width=width)) == shown
+    assert not pixels(draw([(8.0, 8.0)] * 2, width=1.5, caps="butt"))
+
+
 @pytest.mark.case("W12")
 def test_a_face_hides_exactly_what_is_behind_it():
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.0, near=1.0, far=9.0)

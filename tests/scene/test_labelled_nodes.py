@@ -168,5 +168,5 @@ def test_nodes_carry_labels_alone():
 def test_a_scene_of_labels_alone_is_empty():
     scene = rj.Scene()
     scene.add(LABEL)
-    with pytest.raises(ValueError, match="scene must hold at least one mesh"):
+    with pytest.raises(ValueError, match="scene must hold at least one mesh, got labels alone"):
         rj.render(scene)

@@ -568,3 +568,9 @@ def test_fitted_cameras_cut_no_spheres(projection):
         border = drawn.copy()
         border[1:-1, 1:-1] = False
         assert not border.any()
+
+
+def test_points_name_their_positions_and_are_never_closed():
+    points = cloud()
+    assert points.positions is points.vertices
+    assert not points.is_closed()

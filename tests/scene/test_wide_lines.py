@@ -77,6 +77,11 @@ def test_material_must_be_unlit():
         ({"strips": [[0]]}, r"strips\[0\] must have two or more points, got 1"),
         ({"strips": []}, "strips must hold one strip or more, got none"),
         ({"strips": [[0, 9]]}, r"strips\[0\]"),
+        ({"strips": 5}, "strips must be a sequence of sequences of point numbers, got 5"),
+        ({"strips": [0, 1, 2]}, "strips must be a sequence of sequences of point numbers, as"),
+        ({"strips": [np.eye(3)]}, r"strips\[0\] must be point numbers.*join .*np.concatenate"),
+        ({"strips": [[[0, 1]]]}, r"strips\[0\] must be point numbers, \(N,\), got shape \(1, 2\)"),
+        ({"strips": [[[0], [1, 2]]]}, r"strips\[0\] must be point numbers, \(N,\), got"),
         ({"segments": [[0, 1]], "strips": [[0, 1]]}, "strips must be None where segments"),
         ({"segments": [[0, 4]]}, "segments"),
         ({"segments": [[0, 1, 2]]}, "segments"),
@@ -103,6 +108,32 @@ def test_a_single_point_is_no_line():
         rj.Lines(POINTS[:1])
     with pytest.raises(ValueError, match="points"):
         rj.Lines([[0.0, 0, np.nan], [1, 0, 0]])
+
+
+def test_several_arrays_of_points_are_to_be_joined():
+    ways = [np.zeros((5, 3)), np.ones((3, 3))]
+    with pytest.raises(ValueError, match=r"one array, \(V, 3\), got 2 arrays.*np.concatenate"):
+        rj.Lines(ways)
+    joined = rj.Lines(np.concatenate(ways), strips=[range(5), range(5, 8)])
+    assert joined.segments[3:5].tolist() == [[3, 4], [5, 6]]
+
+
+def test_lines_tell_what_they_were_given():
+    colors, values = np.ones((4, 4)) * [[0.5], [0.25], [0.75], [1.0]], np.ones((3, 2))
+    lines = rj.Lines(POINTS, colors=colors, attributes={"speed": values, "time": np.ones((4, 1))})
+    assert lines.points is lines.vertices
+    np.testing.assert_array_equal(lines.colors, np.float32(colors))
+    np.testing.assert_array_equal(rj.Lines(POINTS, colors=colors[:3]).colors, lines.colors[:3])
+    assert rj.Lines(POINTS).colors is None
+    assert {name: held.shape for name, held in lines.attributes.items()} == {
+        "time": (4, 1), "speed": (3, 2),
+    }  # fmt: skip
+    with pytest.raises(TypeError):
+        lines.attributes["speed"] = values
+
+
+def test_lines_are_never_closed_surfaces():
+    assert not rj.Lines(POINTS, strips=[[0, 1, 2, 0]]).is_closed()
 
 
 def test_copies_are_the_same_lines():

@@ -22,12 +22,12 @@ from rasterjit.io.foreign.tables import (
     padded_cells,
     rgba_of,
     rows_of,
-    strip_segments,
 )
 from rasterjit.io.gltf.content import STRIP, join_corners
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.parts import Part, Thing, triangles
+from rasterjit.scene.lines import strip_segments
 
 _INTERNAL = "vtk"
 """What names of values begin with that VTK keeps for itself."""

@@ -40,15 +40,6 @@ def padded_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return cells[inner], cells[begins]
 
 
-def strip_segments(corners: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Any, Any]:
-    """Return the segments, (S, 2), of strips of so many points, and the strip of each, (S,)."""
-    inner = np.ones(len(corners), bool)
-    inner[np.cumsum(counts)[counts > 0] - 1] = False
-    begins = np.flatnonzero(inner)
-    strips = np.repeat(np.arange(len(counts)), counts)
-    return np.column_stack([corners[begins], corners[begins + 1]]), strips[begins]
-
-
 def is_colors(values: NDArray[Any]) -> bool:
     """Tell colours in bytes."""
     return values.dtype == np.uint8 and values.ndim == 2 and values.shape[1] in (3, 4)

@@ -12,7 +12,8 @@ Where two segments are joined and the line hardly bends, they share the corners 
 Elsewhere a wedge fills what is open on the outer side, between the bodies' own corners. Ends that
 are joined to nothing, or to another width, are round or cut off. What is round is a fan whose
 corners lie on the circle, and whose sides lie `FLATNESS` pixels inside it at most; of lines up to
-two pixels wide, `THIN_FLATNESS`.
+two pixels wide, `THIN_FLATNESS`. Where a segment of no length and a pixel's width or more would so
+miss the centres of all pixels, it is the square of one pixel around its point.
 
 Pieces of one segment touch along edges with common ends, so no sample is covered twice; those of
 two joined segments overlap on the inner side of a bend.
@@ -412,6 +413,38 @@ def has_body(s, ends):
 
 
 @helper
+def next_has_body(other, placed):
+    """Return whether there is a segment with a length in the picture: -1 is none."""
+    if other < 0:
+        return False
+    o = np.uintp(other)
+    return placed[2][o] & SHOWN != 0 and has_body(o, placed[0])
+
+
+@helper
+def is_dot(s, before, behind, links, placed, unit):
+    """
+    Return whether a segment is drawn as the pixel that holds its point.
+
+    It has no length and round ends, which cover the centre of no pixel though they are a pixel wide
+    or more, and none that it is joined to has a length.
+    """
+    ends, numbers = placed[0], placed[1]
+    if has_body(s, ends) or before[0] != CAPPED or behind[0] != CAPPED:
+        return False
+    h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
+    if not 0.5 * unit <= max(h0, h1) <= unit:
+        return False
+    if next_has_body(np.int64(links[s, 0]), placed) or next_has_body(np.int64(links[s, 1]), placed):
+        return False
+    # So narrow, both ends together are |x| + |y| <= half, the start on the left.
+    x, y = np.float64(ends[s, 0]), np.float64(ends[s, 1])
+    to_x = (np.floor(x / unit) + 0.5) * unit - x
+    to_y = (np.floor(y / unit) + 0.5) * unit - y
+    return abs(to_x) + abs(to_y) >= (h0 if to_x < 0.0 else h1)
+
+
+@helper
 def parts_of(s, links, placed, is_round, viewport, unit):
     """Return of a segment what its start and its end are, and the corners' ways from them."""
     before = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
@@ -466,6 +499,9 @@ def count_pieces(
             vertices, pieces = 4 * quads, 2 * quads
             if shows_dashes:
                 before, behind = dashed_ends(before, behind, s, dashes)
+            if is_dot(s, before, behind, links, placed, unit):
+                counts[s, 0], counts[s, 1] = 4, 2
+                continue
             if before[0] == CAPPED:
                 sides = np.int64(1) << count_cap_halvings(placed[1][s, HALF_A], unit)
                 vertices, pieces = vertices + sides + 1, pieces + sides - 1
@@ -615,6 +651,11 @@ def write_pieces(
             vertex, piece = vertex + 4, piece + 2
         if shows_dashes:
             before, behind = dashed_ends(before, behind, s, dashes)
+        if is_dot(s, before, behind, links, placed, unit):
+            side = np.int32(0.5 * unit)
+            first, last = (x0, y0 - side, -side, 0, d0), (x0, y0 + side, -side, 0, d1)
+            put_body(vertex, piece, first, last, face, screen, out)
+            continue
         if before[0] == CAPPED:
             vertex, piece = put_fan(
                 cap_of(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face, screen,
