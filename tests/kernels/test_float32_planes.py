@@ -65,6 +65,7 @@ def pair(scene, camera, **settings):
     ]
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("squares", [1, 9, 90])
 @pytest.mark.parametrize(
@@ -85,6 +86,7 @@ def test_codes_move_by_a_sixteenth_at_most(eye, squares, material):
     assert (one.linear != other.linear).any()
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("squares", [2, 90])
 @pytest.mark.parametrize("samples", [4, 16, "area", 64])
@@ -133,6 +135,7 @@ def test_any_size_is_lit_alike(scale):
     assert np.abs(codes(one.linear) - codes(other.linear)).max() <= SIXTEENTH
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("squares", [2, 30, 120])
 @pytest.mark.parametrize("samples", [1, 4])
@@ -168,6 +171,7 @@ def test_both_sides_and_turned_faces_are_alike(threads):
     assert np.abs(codes(first.linear) - codes(second.linear)).max() <= SIXTEENTH
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("garbage", [0, -1, 0x7FF0_0000_7F80_0000, 0x7FFF_FFFF_7FFF_FFFF])
 @pytest.mark.parametrize("squares", [2, 120])
 def test_what_a_block_held_before_changes_no_bit(garbage, squares):
