@@ -51,7 +51,7 @@ def on_screen(scene, precision, size=SIZE):
     screen, _ = draw.transform_and_project(
         vertices, camera().depth_coefficients(), viewport_of(size, 8), workers
     )
-    return screen, vertices, draw.transform(*vertices, workers)
+    return screen, vertices, draw.transform(*vertices[:4], workers)
 
 
 def numpy_clip(vertices):
