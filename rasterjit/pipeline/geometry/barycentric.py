@@ -219,6 +219,12 @@ def clipped_weights(a, b, c, column, row, clip, viewport):
     if b == c:
         seen = seen_from_sample(a, b, c, column, row, clip, viewport)
         return segment_weights(a, b, seen, clip, viewport)
+    return clipped_face_weights(a, b, c, column, row, clip, viewport)
+
+
+@helper
+def clipped_face_weights(a, b, c, column, row, clip, viewport):
+    """Return `clipped_weights` of a face, without a branch: along a row the loop vectorizes."""
     (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, viewport)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:

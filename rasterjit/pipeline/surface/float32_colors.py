@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
+    clipped_face_weights,
     clipped_weights,
     normalized,
     seen_from_sample,
@@ -99,9 +100,16 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
 @disjoint_helper
 def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
     """Write the weights along a row of one face that was clipped: in float64, rounded once."""
+    if b == c:
+        for n in range(first.shape[0]):
+            here = column + np.float64(np.int32(n))
+            w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
+            w0, w1, w2 = normalized(w0, w1, w2)
+            first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
+        return
     for n in range(first.shape[0]):
         here = column + np.float64(np.int32(n))
-        w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
+        w0, w1, w2 = clipped_face_weights(a, b, c, here, row, clip, viewport)
         w0, w1, w2 = normalized(w0, w1, w2)
         first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
-    clipped_weights,
+    clipped_face_weights,
     interpolate,
     normalized,
     sample_weights,
@@ -100,7 +100,7 @@ def place_clipped(u, v, corners, ends, column, row, clip, viewport):
     a, b, c = corners
     pa, pb, pc = ends
     for n in range(u.shape[0]):
-        w0, w1, w2 = clipped_weights(a, b, c, column + np.int64(n), row, clip, viewport)
+        w0, w1, w2 = clipped_face_weights(a, b, c, column + np.int64(n), row, clip, viewport)
         weights = normalized(w0, w1, w2)
         u[n] = interpolate(weights, pa[0], pb[0], pc[0])
         v[n] = interpolate(weights, pa[1], pb[1], pc[1])

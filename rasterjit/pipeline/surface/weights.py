@@ -7,6 +7,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import (
     UNDERFLOW,
     clamped_edges,
+    clipped_face_weights,
     clipped_weights,
     has_its_back_turned,
     normalized,
@@ -328,9 +329,16 @@ def weigh_clipped(second, third, behind, corners, column, row, is_behind, clip, 
     Those of `sample_weights`, without branches or calls between samples, so that it vectorizes.
     """
     a, b, c = corners
+    if b == c:
+        for n in range(second.shape[0]):
+            here = column + np.float64(np.int32(n))
+            w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
+            _, second[n], third[n] = normalized(w0, w1, w2)
+            behind[n] = is_behind
+        return
     for n in range(second.shape[0]):
         here = column + np.float64(np.int32(n))
-        w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
+        w0, w1, w2 = clipped_face_weights(a, b, c, here, row, clip, viewport)
         _, second[n], third[n] = normalized(w0, w1, w2)
         behind[n] = is_behind
 
