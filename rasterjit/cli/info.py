@@ -61,7 +61,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         numbers of their parents in this list and of their objects, as ``object_id`` has them;
         outputs of attributes, with their columns and the number of meshes; bounds and bounding
         sphere, scene units; materials with the number of their objects, colours linear RGBA;
-        distinct textures; lights; the camera or None.
+        names of the variants; distinct textures; lights; the camera or None.
     """
     meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
     low, high = (corner.tolist() for corner in scene.bounds())
@@ -85,6 +85,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "materials": [
             {**_material(by_id[key]), "objects": count} for key, count in materials.items()
         ],
+        "variants": list(scene.variants),
         "textures": _textures(by_id.values()),
         "lights": [_fields(light) for light in scene.lights],
         "camera": None if scene.camera is None else _fields(scene.camera),
@@ -224,6 +225,8 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
     yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
     yield from _listed("material", map(_told_material, held["materials"]), len(held["materials"]))
+    if held["variants"]:
+        yield "variants", ", ".join(map(repr, held["variants"]))
     textures = held["textures"]
     if textures["count"]:
         yield "textures", f"{textures['count']:,}, {textures['texels']:,} texels"

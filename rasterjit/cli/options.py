@@ -524,6 +524,7 @@ class Look(NamedTuple):
     colormap: Colormap | None = None
     scalar_range: tuple[float, float] | None = None
     contours: Contours | None = None
+    variant: str | None = None
 
     def check(self) -> None:
         """Raise click's usage error for options that say nothing without others, or of others."""
@@ -536,6 +537,11 @@ class Look(NamedTuple):
         """Change the scene's colours, materials, lights and wireframe."""
         from rasterjit.scene.wireframe import Wireframe
 
+        if self.variant is not None:
+            try:
+                scene.variant = self.variant
+            except ValueError as error:
+                raise ValueError(re.sub(r"^variant\b", "--variant", str(error))) from error
         if self.scalars is not None:
             self._show_scalars(scene, self.scalars)
         if self.color is not None:
@@ -889,6 +895,9 @@ def look_options(command: Callable) -> Callable:
                               "and the greatest of the numbers."),
             click.option("--contours", type=ContoursType(),
                          help="Lines of equal --scalars: how many, or at which values, 0.5,1.5."),
+            click.option("--variant", metavar="NAME",
+                         help="Show this variant of a glTF file's materials; rasterjit info lists "
+                              "them."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
                          help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "

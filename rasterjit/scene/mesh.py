@@ -138,18 +138,22 @@ class Mesh(Guarded, Previewed):
         value is NaN or infinite where it may not be, no vertex is finite, or both ``colors`` and
         ``scalars`` are given.
     AttributeError
-        If anything else than ``material`` is assigned.
+        If anything else than ``material`` and ``variants`` is assigned.
     """
 
     primitive: ClassVar[Primitive] = "triangles"
     """What its faces are."""
 
-    _FIELDS = ("material",)
+    _FIELDS = ("material", "variants")
     _INSTEAD = "make another Mesh"
     _PLACES: ClassVar[tuple[str, str]] = "vertices", "vertex"
     """What the constructor calls its vertices, and one of them."""
     _PLAIN: ClassVar[Material | None] = None
     """Material of those that are told nothing, whose colour gives way to that of scalars."""
+
+    _variants: tuple[tuple[str, Material], ...] = ()
+    _default_material: Material | None = None
+    """The material without a variant, while one is shown."""
 
     def __init__(
         self,
@@ -286,6 +290,47 @@ class Mesh(Guarded, Previewed):
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
+
+    @property
+    def variants(self) -> Mapping[str, Material]:
+        """
+        Other materials, by the names of variants; another mapping may be assigned.
+
+        `Scene.variant` says which is shown; meshes without one of that name show their own.
+        """
+        return MappingProxyType(dict(self._variants))
+
+    @variants.setter
+    def variants(self, value: Mapping[str, Material]) -> None:
+        if not isinstance(value, Mapping):
+            raise ValueError(
+                f"variants must be a mapping of names to materials, got {in_short(value)}"
+            )
+        for name, material in value.items():
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"variants must have texts as names, got {in_short(name)}")
+            if not isinstance(material, Material):
+                raise ValueError(f"variants[{name!r}] must be a Material, got {in_short(material)}")
+        self._variants = tuple(value.items())
+
+    @property
+    def default_material(self) -> Material:
+        """The material that is shown without a variant."""
+        return self._material if self._default_material is None else self._default_material
+
+    def show_variant(self, name: str | None) -> None:
+        """
+        Show the material of a variant, or the mesh's own if it has none of that name.
+
+        Parameters
+        ----------
+        name : str or None
+            None for the mesh's own.
+        """
+        chosen = None if name is None else dict(self._variants).get(name)
+        default = self.default_material
+        self._default_material = None if chosen is None else default
+        self._material = default if chosen is None else chosen
 
     @property
     def invalid_vertices(self) -> int:
@@ -499,6 +544,7 @@ class Mesh(Guarded, Previewed):
         result._face_attributes = self._face_attributes
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
+        result._variants, result._default_material = self._variants, self._default_material
         result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed

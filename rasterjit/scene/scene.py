@@ -28,7 +28,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import in_short, question
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -86,6 +86,8 @@ class Scene(Guarded, Previewed):
         Lines around shapes.
     vignette : Vignette or None
         How much darker the corners of the picture are.
+    variant : str or None
+        Which of ``variants`` is shown; None for what the meshes show by themselves.
 
     Raises
     ------
@@ -93,7 +95,7 @@ class Scene(Guarded, Previewed):
         If anything else is assigned than these.
     """
 
-    _FIELDS = ("nodes", "lights", "camera", *EFFECT_FIELDS)
+    _FIELDS = ("nodes", "lights", "camera", *EFFECT_FIELDS, "variant")
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -113,6 +115,9 @@ class Scene(Guarded, Previewed):
         self._removed = 0
         # Nodes that carry a label, in the order in which they came.
         self._labelled: dict[Node, None] = {}
+        # Names of variants that a file has, and the one that is shown.
+        self._variants: tuple[str, ...] = ()
+        self._variant: str | None = None
 
     def __copy__(self) -> Scene:
         """Return a scene of the same lists."""
@@ -367,6 +372,51 @@ class Scene(Guarded, Previewed):
         A new list; ``add`` and ``node.label = ...`` change which there are.
         """
         return list(self._labelled)
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """
+        Names of the variants that the file has, then of those that only its meshes have.
+
+        Each is a set of materials, as a shoe has for its colours; ``variant`` says which is shown.
+        """
+        meshes = {id(node.mesh): node.mesh for node in self.nodes if node.mesh is not None}
+        own = (name for mesh in meshes.values() for name in mesh.variants)
+        return tuple(dict.fromkeys((*self._variants, *own)))
+
+    @property
+    def variant(self) -> str | None:
+        """
+        Which of ``variants`` is shown, or None; another, or None, may be assigned.
+
+        Assigning it changes the ``material`` of the meshes that are in the scene: to that of their
+        variant, and where they have none of this name, to what it is without one. A mesh that
+        other scenes show as well looks the same there.
+
+        Raises
+        ------
+        ValueError
+            If what is assigned is no name of the ``variants``.
+        """
+        return self._variant
+
+    @variant.setter
+    def variant(self, value: str | None) -> None:
+        names = self.variants
+        if value is not None and value not in names:
+            listed = ", ".join(map(repr, names))
+            known = f"one of {listed}, or None" if names else "None, as the scene has no variants"
+            raise ValueError(
+                f"variant must be {known}; got {in_short(value)}{question(value, names)}"
+            )
+        for mesh in {id(node.mesh): node.mesh for node in self.nodes}.values():
+            if mesh is not None:
+                mesh.show_variant(value)
+        self._variant = value
+
+    def name_variants(self, names: Iterable[str]) -> None:
+        """List names among ``variants``, before those that only meshes have."""
+        self._variants = tuple(names)
 
     def _know_label(self, node: Node) -> None:
         """List a node that has got a label, and no longer one that has lost its."""

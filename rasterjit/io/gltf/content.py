@@ -35,6 +35,7 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
+from rasterjit.io.gltf.variants import mapped_materials, variant_names
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
@@ -290,6 +291,13 @@ class MeshReader:
         self._left_out = left_out
         self._known: dict[Any, list[Mesh]] = {}
         self._plain: dict[tuple[Material, tuple[str, ...]], Material] = {}
+        self._moved: dict[tuple[Material, tuple[int, ...]], Material] = {}
+        self._variant_names = variant_names(file.header, left_out)
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Names of the variants that the file has, in its order."""
+        return tuple(name for name in self._variant_names if name is not None)
 
     @property
     def is_empty(self) -> bool:
@@ -333,9 +341,14 @@ class MeshReader:
             return points_of(arrays, self._source, self._on_invalid, self._left_out)
         if isinstance(arrays, Drawing):
             return lines_of(arrays, self._source, self._on_invalid, self._left_out)
+        variants = arrays.pop("variants")
         try:
             mesh = Mesh(**arrays, on_invalid=self._on_invalid)
-            return mesh if mesh.normals is not None else mesh.split_creases(self._crease_angle)
+            if mesh.normals is None:
+                mesh = mesh.split_creases(self._crease_angle)
+            if variants:
+                mesh.variants = variants
+            return mesh
         except ValueError as error:
             raise MeshFileError(f"{self._source}: {label}: {error}") from error
 
@@ -367,17 +380,23 @@ class MeshReader:
             self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_sets = self._material(primitive)
+        variants, uv_sets = self._variants(primitive, uv_sets, label)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
             material = UnsaidMaterial()
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
-        if normals is not None and material is not None and material.normal_texture is not None:
+        every = [one for one in (material, *variants.values()) if one is not None]
+        if normals is not None and any(one.normal_texture is not None for one in every):
             tangents = self._rows(attributes, "TANGENT", count, (4,), label)
+        missing = [n for n, values in enumerate(uv) if values is None]
         if material is not None:
-            missing = [n for n, values in enumerate(uv) if values is None]
             material = self._without_textures(material, missing, label)
+        variants = {
+            name: self._without_textures(one, missing, f"{label}, variant {in_short(name)}")
+            for name, one in variants.items()
+        }
         return {
             "vertices": vertices,
             "faces": faces,
@@ -388,7 +407,49 @@ class MeshReader:
             "tangents": tangents,
             "attributes": self._own_attributes(attributes, count, label),
             "material": material,
+            "variants": variants,
         }
+
+    def _variants(
+        self, primitive: dict[str, Any], uv_sets: list[int], label: str
+    ) -> tuple[dict[str, Material], list[int]]:
+        """
+        Return the materials of a primitive's variants by name, and all sets of coordinates.
+
+        A mesh has two sets: the material's own come first.
+        """
+        numbers = mapped_materials(primitive, self._variant_names, label, self._left_out)
+        found = {name: self._materials.read(number) for name, number in numbers.items()}
+        every = dict.fromkeys(uv_sets)
+        for _, own in found.values():
+            every |= dict.fromkeys(own)
+        sets = list(every)[: len(UV_SETS)]
+        variants = {}
+        for name, (material, own) in found.items():
+            if material is not None:
+                said = f"{label}, variant {in_short(name)}"
+                variants[name] = self._with_sets(material, own, sets, said)
+        return variants, sets
+
+    def _with_sets(
+        self, material: Material, own: list[int], sets: list[int], label: str
+    ) -> Material:
+        """Return a material whose textures count their coordinates as the mesh does."""
+        if own == sets[: len(own)]:
+            return material
+        textures = {field: getattr(material, field) for field in TEXTURE_FIELDS}
+        used = {field: one for field, one in textures.items() if one is not None}
+        lost = [field for field, one in used.items() if own[one.uv_set] not in sets]
+        for field in lost:
+            self._left_out.note(f"{field} of {label}: third set of texture coordinates")
+        key = material, tuple(sets)
+        if key not in self._moved:
+            moved = {
+                field: None if field in lost else one.with_uv_set(sets.index(own[one.uv_set]))
+                for field, one in used.items()
+            }
+            self._moved[key] = replace(material, **moved)
+        return self._moved[key]
 
     def _without_faces(
         self, primitive: dict[str, Any], attributes: dict[str, Any], vertices: NDArray[Any],
@@ -396,6 +457,8 @@ class MeshReader:
     ) -> Cloud | Drawing | None:  # fmt: skip
         """Return the points or lines of a primitive, or None, with a note."""
         count = len(vertices)
+        if mapped_materials(primitive, self._variant_names, label, self._left_out):
+            self._left_out.note(f"variants of {label}, which has no faces")
         if len(corners) and not 0 <= corners.min() <= corners.max() < count:
             raise ValueError(f"indices must be below {count}, got {int(corners.max())}")
         if len(corners) < (1 if mode == POINTS else 2):

@@ -32,6 +32,7 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
+from rasterjit.io.gltf.variants import VARIANTS
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
@@ -48,7 +49,7 @@ UNDERSTOOD = frozenset(
     (
         LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_xmp_json_ld", "KHR_xmp",
+        "KHR_xmp_json_ld", "KHR_xmp", VARIANTS,
     )
 )  # fmt: skip
 """Extensions that are read, or have nothing to show."""
@@ -107,6 +108,7 @@ class _GltfScene:
         self._left_out = left_out
         materials = MaterialReader(file, left_out)
         self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
+        self.scene.name_variants(self._meshes.variants)
         self._refuse_what_is_required()
         self._note_what_is_not_read()
         self._groups: dict[int, Node] = {}

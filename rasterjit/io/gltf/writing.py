@@ -38,6 +38,7 @@ from rasterjit.io.gltf.content import (
 )
 from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.scene import LIGHTS
+from rasterjit.io.gltf.variants import VARIANTS, written_mappings
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes
 from rasterjit.io.point_clouds.cloud import LARGEST_SIZE
@@ -125,6 +126,7 @@ class _Writer:
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._extensions: list[str] = []
         self._lights: list[dict[str, Any]] = []
+        self._variants = scene.variants
         self._known: dict[Any, int] = {}
         if not scene.nodes:
             raise ValueError("scene must hold at least one mesh to be saved, got an empty scene")
@@ -136,6 +138,8 @@ class _Writer:
         for name in EFFECT_FIELDS:
             if getattr(scene, name) is not None:
                 self.left_out.note(name)
+        if scene.variant is not None:
+            self.left_out.note(f"the choice of the variant {scene.variant!r}")
 
     def header(self, **buffer: Any) -> dict[str, Any]:
         """Return the JSON of the file, given what its buffer says besides its length."""
@@ -146,10 +150,14 @@ class _Writer:
             **self._lists,
             "buffers": [{"byteLength": self._length, **buffer}],
         }
+        if self._variants:
+            self._use(VARIANTS)
+            variants = [{"name": name} for name in self._variants]
+            header["extensions"] = {VARIANTS: {"variants": variants}}
+        if self._lights:
+            header.setdefault("extensions", {})[LIGHTS] = {"lights": self._lights}
         if self._extensions:
             header["extensionsUsed"] = self._extensions
-        if self._lights:
-            header["extensions"] = {LIGHTS: {"lights": self._lights}}
         return header
 
     def gltf(self) -> bytes:
@@ -265,12 +273,19 @@ class _Writer:
         if colors is not None:
             attributes["COLOR_0"] = self._accessor(colors, "VEC4", _FLOAT)
         self._add_own(mesh, rows, attributes)
-        primitive = {
+        primitive: dict[str, Any] = {
             "attributes": attributes,
             "indices": self._accessor(corners, "SCALAR", _WHOLE),
         }
-        if mesh.material != UnsaidMaterial():
-            primitive["material"] = self._material(mesh.material, colors is not None)
+        if mesh.default_material != UnsaidMaterial():
+            primitive["material"] = self._material(mesh.default_material, colors is not None)
+        if mesh.variants:
+            numbers = {
+                name: self._material(material, colors is not None)
+                for name, material in mesh.variants.items()
+            }
+            mappings = written_mappings(numbers, self._variants)
+            primitive["extensions"] = {VARIANTS: mappings}
         return self._once(key, "meshes", {"primitives": [primitive]})
 
     def _add_own(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
@@ -324,8 +339,10 @@ class _Writer:
             attributes["COLOR_0"] = self._accessor(shown, "VEC4", _FLOAT)
         self._add_own(mesh, rows, attributes)
         primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
-        if mesh.material != UnsaidMaterial():
-            primitive["material"] = self._material(mesh.material, colors is not None)
+        if mesh.default_material != UnsaidMaterial():
+            primitive["material"] = self._material(mesh.default_material, colors is not None)
+        if mesh.variants:
+            self.left_out.note("variants of points and lines")
         return primitive
 
     def _units(self, normals: NDArray[np.float32]) -> NDArray[np.float32]:
