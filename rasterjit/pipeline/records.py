@@ -130,7 +130,8 @@ class Textures(NamedTuple):
     """
     The textures of all objects, each with its mip levels.
 
-    K kinds of texture (``textures.KINDS``): for the base colour, for normals ...
+    K kinds of texture: for the base colour, for normals ... ``textures.CORE_KINDS``, or all
+    ``textures.KINDS``.
     """
 
     texels: float32[:, ::1]
@@ -185,7 +186,7 @@ class Maps(NamedTuple):
     factors: Any
     """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
     counts: Any
-    """(5,) int64, number of objects with a texture of each kind, as ``textures`` numbers them."""
+    """(14,) int64, number of objects with a texture of each kind, as ``textures`` numbers them."""
     tangents: Any
     """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
     texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""

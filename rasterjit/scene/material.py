@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, cast, get_args
 
@@ -10,7 +11,14 @@ import numpy as np
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
-from rasterjit.scene.validation import bounded_number, in_short, one_of, vector
+from rasterjit.scene.validation import (
+    bounded_number,
+    finite_number,
+    in_short,
+    one_of,
+    positive_number,
+    vector,
+)
 
 Shading: TypeAlias = Literal["unlit", "flat", "gouraud", "phong", "pbr"]
 SHADINGS: tuple[Shading, ...] = get_args(Shading)
@@ -21,10 +29,20 @@ AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
 ALPHA_MODES: tuple[AlphaMode, ...] = get_args(AlphaMode)
 """What alpha does: nothing; it cuts holes; it lets through what lies behind."""
 
-TEXTURE_FIELDS = (
+CORE_TEXTURES = (
     "base_color_texture", "normal_texture", "metallic_roughness_texture", "occlusion_texture",
     "emissive_texture",
 )  # fmt: skip
+"""The textures of every kind of shading."""
+
+LAYER_TEXTURES = (
+    "clearcoat_texture", "clearcoat_roughness_texture", "clearcoat_normal_texture",
+    "sheen_color_texture", "sheen_roughness_texture", "specular_factor_texture",
+    "specular_color_texture", "transmission_texture", "thickness_texture",
+)  # fmt: skip
+"""Those of what glTF's extensions lay over a metallic-roughness material, or put into it."""
+
+TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 """The textures of a material."""
 
 BRIGHTEST_EMISSION = 1e6
@@ -36,6 +54,13 @@ NUMBERS = {
     "normal_scale": (-1e3, 1e3),
     "occlusion_strength": (0.0, 1.0),
     "alpha_cutoff": (0.0, 1e6),
+    "clearcoat": (0.0, 1.0),
+    "clearcoat_roughness": (0.0, 1.0),
+    "clearcoat_normal_scale": (-1e3, 1e3),
+    "sheen_roughness": (0.0, 1.0),
+    "specular_factor": (0.0, 1.0),
+    "transmission": (0.0, 1.0),
+    "thickness": (0.0, 1e6),
 }
 """Fields that are numbers, and their bounds."""
 
@@ -53,6 +78,14 @@ LIGHT_GREY = tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
 
 WHITE = (1.0, 1.0, 1.0, 1.0)
 """What multiplies colours and leaves them as they are."""
+
+BRIGHTEST_TINT = 1e6
+"""Largest ``specular_color``; what it multiplies is held to 1."""
+
+IOR, LARGEST_IOR = 1.5, 1e3
+"""Index of refraction of a surface that nothing is said about, and the largest."""
+
+NO_LAYERS = (None,) * len(LAYER_TEXTURES)
 
 
 @says_replace
@@ -111,6 +144,52 @@ class Material:
         but once a face and pixel with ``Quality(samples="area")``: there edges of holes stay hard.
     double_sided : bool
         Whether back faces are drawn.
+    clearcoat, clearcoat_roughness : float
+        In 0..1, for ``"pbr"``: how much of a clear varnish lies on top, and how rough it is. It
+        mirrors as glass does, 4 % straight on; what lies below is dimmed by as much.
+    clearcoat_texture, clearcoat_roughness_texture : Texture, optional
+        Red multiplies ``clearcoat``, green ``clearcoat_roughness``. Both are ``"linear"``.
+    clearcoat_normal_texture : Texture, optional
+        Normals of the varnish, as ``normal_texture`` has those below it. Default: those of the
+        mesh, whatever the ``normal_texture``.
+    clearcoat_normal_scale : float
+        Factor on their x and y, in -1000..1000.
+    sheen_color : str or array_like, optional
+        A colour, linear, for ``"pbr"``: of the fibres that stand out of cloth, which shine where
+        light or view graze it. What they take is missing below. Default: none, or white with a
+        ``sheen_color_texture``.
+    sheen_roughness : float
+        In 0..1: how much the fibres lean.
+    sheen_color_texture, sheen_roughness_texture : Texture, optional
+        RGB (sRGB) multiplies ``sheen_color``, alpha ``sheen_roughness``.
+    specular_factor : float
+        In 0..1, for ``"pbr"``: how much of its mirrored light what is no metal shows. (``specular``
+        is that of Blinn-Phong.)
+    specular_factor_texture : Texture, optional
+        Alpha multiplies it.
+    specular_color : str or array_like, optional
+        What is mirrored straight on is multiplied by it, and held to 1: a colour, or three floats
+        in 0..1e6, linear. Default: white.
+    specular_color_texture : Texture, optional
+        RGB (sRGB) multiplies ``specular_color``.
+    ior : float
+        Index of refraction of what is no metal, for ``"pbr"``: in 1..1000, or 0, which mirrors all.
+        Light straight on is mirrored by ``((ior - 1) / (ior + 1))**2``: 4 % for 1.5.
+    transmission : float
+        In 0..1, for ``"pbr"``: how much of the light that goes into the surface goes through it,
+        and not back out again.
+    transmission_texture : Texture, optional
+        Red multiplies it.
+    thickness : float
+        In 0..1e6, in units of the mesh: how thick the body below the surface is; 0: its wall is
+        thin.
+    thickness_texture : Texture, optional
+        Green multiplies it.
+    attenuation_distance : float
+        Above 0, in units of the world: how far light goes in the body until it is of the
+        ``attenuation_color``. Default: infinite.
+    attenuation_color : str or array_like, optional
+        A colour, linear. Default: white.
 
     Raises
     ------
@@ -121,12 +200,14 @@ class Material:
     Notes
     -----
     Normal and occlusion maps apply where every pixel is lit: not to ``"gouraud"`` and ``"unlit"``.
+    What is for ``"pbr"`` changes nothing elsewhere.
 
     References
     ----------
     .. [1] J. F. Blinn, "Models of light reflection for computer synthesized pictures", SIGGRAPH
        1977.
-    .. [2] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.9.
+    .. [2] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.9, and
+       "KHR_materials_clearcoat", "_sheen", "_specular", "_ior", "_transmission", "_volume".
     """
 
     shading: Shading = "phong"
@@ -147,6 +228,27 @@ class Material:
     alpha_mode: AlphaMode = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
     double_sided: bool = field(default=True, kw_only=True)
+    clearcoat: float = field(default=0.0, kw_only=True)
+    clearcoat_roughness: float = field(default=0.0, kw_only=True)
+    clearcoat_texture: Texture | None = field(default=None, kw_only=True)
+    clearcoat_roughness_texture: Texture | None = field(default=None, kw_only=True)
+    clearcoat_normal_texture: Texture | None = field(default=None, kw_only=True)
+    clearcoat_normal_scale: float = field(default=1.0, kw_only=True)
+    sheen_color: ColorLike | None = field(default=None, kw_only=True)
+    sheen_roughness: float = field(default=0.0, kw_only=True)
+    sheen_color_texture: Texture | None = field(default=None, kw_only=True)
+    sheen_roughness_texture: Texture | None = field(default=None, kw_only=True)
+    specular_factor: float = field(default=1.0, kw_only=True)
+    specular_factor_texture: Texture | None = field(default=None, kw_only=True)
+    specular_color: ColorLike | None = field(default=None, kw_only=True)
+    specular_color_texture: Texture | None = field(default=None, kw_only=True)
+    ior: float = field(default=IOR, kw_only=True)
+    transmission: float = field(default=0.0, kw_only=True)
+    transmission_texture: Texture | None = field(default=None, kw_only=True)
+    thickness: float = field(default=0.0, kw_only=True)
+    thickness_texture: Texture | None = field(default=None, kw_only=True)
+    attenuation_distance: float = field(default=math.inf, kw_only=True)
+    attenuation_color: ColorLike | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         one_of("shading", self.shading, SHADINGS)
@@ -167,14 +269,58 @@ class Material:
         if self.emissive is None:
             dark = self.emissive_texture is None
             object.__setattr__(self, "emissive", "black" if dark else "white")
-        object.__setattr__(self, "emissive", _emission(self.emissive))
+        object.__setattr__(self, "emissive", _bright("emissive", self.emissive, BRIGHTEST_EMISSION))
+        self._check_layers()
         object.__setattr__(self, "specular", specular)
         object.__setattr__(self, "shininess", shininess)
+
+    def _check_layers(self) -> None:
+        """Check and store the colours of layers and what is beyond plain bounds."""
+        sheen = self.sheen_color
+        if sheen is None:
+            sheen = "black" if self.sheen_color_texture is None else "white"
+        tint = "white" if self.specular_color is None else self.specular_color
+        inside = "white" if self.attenuation_color is None else self.attenuation_color
+        ior = finite_number("ior", self.ior)
+        if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
+            raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
+        distance = self.attenuation_distance
+        if distance != math.inf:
+            distance = positive_number("attenuation_distance", distance)
+        for name, value in (
+            ("sheen_color", _rgb("sheen_color", sheen)),
+            ("specular_color", _bright("specular_color", tint, BRIGHTEST_TINT)),
+            ("attenuation_color", _rgb("attenuation_color", inside)),
+            ("ior", ior),
+            ("attenuation_distance", float(distance)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def emits(self) -> bool:
         """Whether the surface sends out light."""
         return any(part > 0.0 for part in self.emissive)
+
+    @property
+    def has_clearcoat(self) -> bool:
+        """Whether a varnish lies on top."""
+        return self.shading == "pbr" and self.clearcoat > 0.0
+
+    @property
+    def has_sheen(self) -> bool:
+        """Whether fibres stand out of the surface."""
+        return self.shading == "pbr" and any(part > 0.0 for part in self.sheen_color)
+
+    @property
+    def has_own_specular(self) -> bool:
+        """Whether what is no metal mirrors otherwise than 4 % of white light straight on."""
+        return self.shading == "pbr" and (
+            self.ior != IOR
+            or self.specular_factor != 1.0
+            or self.specular_color != WHITE[:3]
+            or self.specular_factor_texture is not None
+            or self.specular_color_texture is not None
+        )
 
     def base_color_over(self, has_colors: bool) -> tuple[float, float, float, float]:
         """
@@ -204,6 +350,23 @@ class Material:
             self.metallic_roughness_texture if self.shading == "pbr" else None,
             self.occlusion_texture if is_mapped else None,
             self.emissive_texture if self.emits else None,
+            *(self._layer_textures() if self.shading == "pbr" else NO_LAYERS),
+        )
+
+    def _layer_textures(self) -> tuple[Texture | None, ...]:
+        """Return those of ``LAYER_TEXTURES`` that make a difference."""
+        coated, sheen, mirrors = self.has_clearcoat, self.has_sheen, self.specular_factor > 0.0
+        is_tinted = mirrors and any(part > 0.0 for part in self.specular_color)
+        return (
+            self.clearcoat_texture if coated else None,
+            self.clearcoat_roughness_texture if coated else None,
+            self.clearcoat_normal_texture if coated else None,
+            self.sheen_color_texture if sheen else None,
+            self.sheen_roughness_texture if sheen else None,
+            self.specular_factor_texture if mirrors else None,
+            self.specular_color_texture if is_tinted else None,
+            None,
+            None,
         )
 
 
@@ -224,13 +387,17 @@ class UnsaidMaterial(Material):
         return Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
 
 
-def _emission(value: ColorLike) -> tuple[float, float, float]:
-    """Return light that is sent out as linear RGB, which may be brighter than white, or raise."""
+def _bright(name: str, value: ColorLike, most: float) -> tuple[float, float, float]:
+    """Return a colour as linear RGB, whose parts may be above 1 up to ``most``, or raise."""
     if not isinstance(value, str) and np.asarray(value).dtype != np.uint8:
         red, green, blue = (
-            bounded_number("emissive", part, 0.0, BRIGHTEST_EMISSION)
-            for part in vector("emissive", value).tolist()
+            bounded_number(name, part, 0.0, most) for part in vector(name, value).tolist()
         )
         return red, green, blue
-    red, green, blue, _ = linear_color("emissive", value).tolist()
+    return _rgb(name, value)
+
+
+def _rgb(name: str, value: ColorLike) -> tuple[float, float, float]:
+    """Return a colour as linear RGB, or raise."""
+    red, green, blue, _ = linear_color(name, value).tolist()
     return red, green, blue

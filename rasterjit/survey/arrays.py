@@ -434,6 +434,8 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     runs = runs_of(meshes)
     counts = [count for _, count in runs]
     kinds = [mesh.material.textures_read() for mesh, _ in runs]
+    if not any(texture is not None for row in kinds for texture in row[texturing.CORE_KINDS :]):
+        kinds = [row[: texturing.CORE_KINDS] for row in kinds]
     textures = [texture for row in kinds for texture in row if texture is not None]
     texels, levels, places = _join_texels(textures)
     table = [[_table_row(texture, places) for texture in row] for row in kinds]

@@ -15,7 +15,7 @@ from PIL import Image
 import rasterjit as rj
 from rasterjit.io.meshes import from_trimesh, load
 from rasterjit.io.skipped import LoadWarning
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import CORE_TEXTURES, Material
 
 CORNERS = np.array(
     [[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 0]]], np.uint8
@@ -291,5 +291,5 @@ def test_the_pictures_of_a_trimesh_pbr_material_are_maps():
     assert (have.shading, have.metallic, have.roughness) == ("pbr", 0.5, 1.0)
     assert (have.alpha_mode, have.alpha_cutoff, have.double_sided) == ("mask", 0.25, True)
     assert have.emissive == (1.0, 0.5, 0.0)
-    spaces = [getattr(have, name).color_space for name in TEXTURE_FIELDS]
+    spaces = [getattr(have, name).color_space for name in CORE_TEXTURES]
     assert spaces == ["srgb", "linear", "linear", "linear", "srgb"]

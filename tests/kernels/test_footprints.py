@@ -199,7 +199,10 @@ def test_an_object_has_a_texture_of_each_kind():
         assert record.texels[record.levels[first[1], texturing.FIRST_TEXEL], 0] == shades[kind]
     kinds = (
         texturing.BASE_COLOR, texturing.NORMAL, texturing.METALLIC_ROUGHNESS, texturing.OCCLUSION,
-        texturing.EMISSIVE,
+        texturing.EMISSIVE, texturing.CLEARCOAT, texturing.CLEARCOAT_ROUGHNESS,
+        texturing.CLEARCOAT_NORMAL, texturing.SHEEN_COLOR, texturing.SHEEN_ROUGHNESS,
+        texturing.SPECULAR_FACTOR, texturing.SPECULAR_COLOR, texturing.TRANSMISSION,
+        texturing.THICKNESS,
     )  # fmt: skip
     assert kinds == tuple(range(texturing.KINDS))
 

@@ -14,7 +14,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.rendering import sketch
-from rasterjit.scene.material import TEXTURE_FIELDS
+from rasterjit.scene.material import CORE_TEXTURES
 from rasterjit.survey import arrays
 
 SIZE = (72, 54)
@@ -32,7 +32,7 @@ def textures(sets=(0,) * 5, **options):
     spaces = ["srgb", "linear", "linear", "linear", "srgb"]
     return {
         name: texture(n, color_space=space, uv_set=uv_set, **options)
-        for n, (name, space, uv_set) in enumerate(zip(TEXTURE_FIELDS, spaces, sets, strict=True))
+        for n, (name, space, uv_set) in enumerate(zip(CORE_TEXTURES, spaces, sets, strict=True))
     }
 
 
@@ -130,7 +130,7 @@ def test_the_numbers_of_sets_may_be_swapped(shading, settings):
 @pytest.mark.parametrize("kind", range(1, 5))
 def test_a_kind_on_a_second_set_is_that_kind_on_a_first(kind, filter, gives_tangents):
     white = rj.Texture(np.ones((1, 1, 4), np.float32), filter=filter)
-    name = TEXTURE_FIELDS[kind]
+    name = CORE_TEXTURES[kind]
     look = {"shading": "pbr", "metallic": 0.7, "roughness": 0.8, "base_color_texture": white}
     found, wanted = (
         drawn(
@@ -153,7 +153,7 @@ def test_what_is_read_after_a_second_set_lies_by_the_first(kind):
                 rj.Material(
                     **{
                         **textures(),
-                        TEXTURE_FIELDS[kind]: rj.Texture(
+                        CORE_TEXTURES[kind]: rj.Texture(
                             np.full((1, 1, 3), 0.7, np.float32), uv_set=uv_set
                         ),
                     },

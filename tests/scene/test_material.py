@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
+from rasterjit.scene.material import LAYER_TEXTURES, SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.texture import Texture
 
 
@@ -64,6 +64,24 @@ def test_a_choice_that_is_nearly_one_is_asked_for():
         ("emissive", "glow"),
         ("normal_texture", "bumps.png"),
         ("emissive_texture", 3),
+        ("clearcoat", 1.5),
+        ("clearcoat_roughness", float("nan")),
+        ("clearcoat_normal_scale", "deep"),
+        ("clearcoat_normal_texture", "bumps.png"),
+        ("sheen_color", (0.0, 1.5, 0.0)),
+        ("sheen_roughness", -1.0),
+        ("specular_factor", 2.0),
+        ("specular_color", (0.0, -1.0, 0.0)),
+        ("specular_color", (0.0, 2e6, 0.0)),
+        ("ior", 0.5),
+        ("ior", float("inf")),
+        ("ior", 1001.0),
+        ("transmission", 1.1),
+        ("thickness", -0.1),
+        ("thickness_texture", 1),
+        ("attenuation_distance", 0.0),
+        ("attenuation_distance", float("nan")),
+        ("attenuation_color", (1.0, 1.0)),
     ],
 )
 def test_values_out_of_range_are_refused_by_name(field, value):
@@ -93,11 +111,42 @@ def test_emission_may_be_brighter_than_white_and_is_white_with_a_texture_alone()
     ("shading", "read"),
     [
         ("unlit", [0, 4]), ("gouraud", [0, 4]), ("flat", [0, 1, 3, 4]), ("phong", [0, 1, 3, 4]),
-        ("pbr", [0, 1, 2, 3, 4]),
+        ("pbr", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]),
     ],
 )  # fmt: skip
 def test_each_shading_reads_the_textures_that_it_says(shading, read):
     texture = Texture(np.ones((1, 1, 3), np.float32))
-    material = Material(shading=shading, **dict.fromkeys(TEXTURE_FIELDS, texture))
+    textures = dict.fromkeys(TEXTURE_FIELDS, texture)
+    material = Material(shading=shading, **textures, clearcoat=1.0)
     have = [n for n, found in enumerate(material.textures_read()) if found is not None]
     assert have == read
+
+
+def test_layers_are_off_unless_asked_for_and_pbr_alone_has_them():
+    layers = ("has_clearcoat", "has_sheen", "has_own_specular")
+    asked = {"clearcoat": 0.5, "sheen_color": "red", "ior": 1.3}
+    for shading in SHADINGS:
+        plain, layered = Material(shading), Material(shading, **asked)
+        assert [getattr(plain, name) for name in layers] == [False] * 3
+        assert [getattr(layered, name) for name in layers] == [shading == "pbr"] * 3
+
+
+def test_textures_of_layers_that_are_off_are_not_read():
+    texture = Texture(np.ones((1, 1, 3), np.float32))
+    off = {
+        **dict.fromkeys(LAYER_TEXTURES, texture), "clearcoat": 0.0, "sheen_color": "black",
+        "specular_factor": 0.0,
+    }  # fmt: skip
+    assert Material("pbr", **off).textures_read() == (None,) * len(TEXTURE_FIELDS)
+
+
+def test_colors_of_layers_are_stored_as_linear_rgb():
+    texture = Texture(np.ones((1, 1, 3), np.float32))
+    plain = Material()
+    assert plain.sheen_color == (0.0, 0.0, 0.0)
+    assert plain.specular_color == plain.attenuation_color == (1.0, 1.0, 1.0)
+    assert Material(sheen_color_texture=texture).sheen_color == (1.0, 1.0, 1.0)
+    assert Material(specular_color=(0, 7.5, 1e6)).specular_color == (0.0, 7.5, 1e6)
+    assert Material(attenuation_color="#ff0000").attenuation_color == (1.0, 0.0, 0.0)
+    assert (plain.ior, plain.attenuation_distance) == (1.5, float("inf"))
+    assert Material(ior=0).ior == 0.0

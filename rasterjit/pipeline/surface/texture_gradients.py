@@ -17,7 +17,7 @@ from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.texture_lookup import OWNER, STEPS, U, V
-from rasterjit.pipeline.surface.textures import FILTER, FIRST_LEVEL, KINDS, TRILINEAR
+from rasterjit.pipeline.surface.textures import FILTER, FIRST_LEVEL, TRILINEAR
 from rasterjit.pipeline.surface.weights import span_start
 from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
@@ -27,7 +27,7 @@ from rasterjit.runtime.state import float32, int64
 @helper
 def wants_steps(owner, table):
     """Return whether any texture of an object has levels to choose from."""
-    for kind in range(np.uintp(KINDS)):
+    for kind in range(np.uintp(table.shape[1])):
         if table[owner, kind, FIRST_LEVEL] >= 0 and table[owner, kind, FILTER] == TRILINEAR:
             return True
     return False

@@ -39,7 +39,12 @@ from rasterjit.runtime.jit import helper
 
 BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
 """What a texture is for, as ``Textures.table`` numbers it."""
-KINDS = 5
+CORE_KINDS = 5
+CLEARCOAT, CLEARCOAT_ROUGHNESS, CLEARCOAT_NORMAL = 5, 6, 7
+SHEEN_COLOR, SHEEN_ROUGHNESS, SPECULAR_FACTOR, SPECULAR_COLOR = 8, 9, 10, 11
+TRANSMISSION, THICKNESS = 12, 13
+"""The same of layers; the table has none of them where no object has one."""
+KINDS = 14
 
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 """What lies outside the picture, as ``Textures.table`` numbers it."""
