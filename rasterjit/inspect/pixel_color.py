@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,9 @@ from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.primitives import Primitives
 from rasterjit.rendering import layers, stage_list
 from rasterjit.rendering import shade as shading
+from rasterjit.rendering.behind import look_behind
 from rasterjit.rendering.effects import prepare_effects
+from rasterjit.rendering.renderer import find_visible
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
@@ -94,7 +97,8 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
-    lit = Lit(plan.lighting, prepare_effects(context))
+    find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
+    lit = Lit(plan.lighting, prepare_effects(look_behind(context, find)))
     surface = shading.find_surface(plan, cache.tables)
     if plan.facts.shades_points:
         surface = surface._replace(points=drawn.coverage.points.read)

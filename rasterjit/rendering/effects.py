@@ -16,6 +16,7 @@ from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
+from rasterjit.effects.transmission import TRANSMISSION
 from rasterjit.effects.transparency import TRANSPARENCY
 from rasterjit.effects.vignette import VIGNETTE
 from rasterjit.effects.wireframe import WIREFRAME
@@ -42,6 +43,7 @@ EFFECTS: tuple[Effect, ...] = (
     BACKGROUND_IMAGE,
     EYE_DOME,
     FOG,
+    TRANSMISSION,
     TONE_MAPPING,
     AMBIENT_OCCLUSION,
     VIGNETTE,

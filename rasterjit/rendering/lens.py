@@ -297,16 +297,16 @@ def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
         for one in plan.planned:
-            effect, field = one.effect, one.effect.field
+            effect = one.effect
             looks_around = effect.looks == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(
-                    f"scene.{field} must be None where a lens is given: its lines are as wide as "
+                    f"{effect.refusal()} where a lens is given: its lines are as wide as "
                     "pixels of the finished picture"
                 )
             if looks_around and len(plans) > 1:
                 raise ValueError(
-                    f"scene.{field} must be None where lens sees so much that it takes "
+                    f"{effect.refusal()} where lens sees so much that it takes "
                     f"{len(plans)} pictures: it looks at neighbouring pixels, which others hold"
                 )
 

@@ -14,6 +14,8 @@ from functools import partial
 from types import MappingProxyType, TracebackType
 from typing import Any
 
+import numpy as np
+
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
@@ -24,9 +26,9 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.pipeline.visibility.primitives import primitives_of
+from rasterjit.rendering import behind, notices, shade, supersample
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
-from rasterjit.rendering import notices, shade, supersample
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull
@@ -246,7 +248,7 @@ def draw_frame(
         context = FrameContext(plan, cache, *seen[2:], workers)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
-            result = shade.shade_faces(context, kept)
+            result = shade.shade_faces(behind.look_behind(context, find), kept)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         clock("shade, resolve")
@@ -330,7 +332,7 @@ def find_visible(
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
         alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
-        is_affine=plan.is_affine, kept=kept,
+        is_affine=plan.is_affine, kept=kept, hidden=_hidden_faces(plan, arrays),
         primitives=primitives_of(
             arrays.primitives, views.relative_from_model, vertices.positions,
             views.clip_from_relative, plan.size,
@@ -350,6 +352,14 @@ def find_visible(
         if not plan.depth_format.is_standard:
             clock("reversed depth")
     return Seen(objects, camera.depth_coefficients(), geometry, placement, coverage)
+
+
+def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]]:
+    """Return the runs of faces that a picture leaves out, ascending."""
+    if plan.hidden is None:
+        return []
+    starts = arrays.face_starts.tolist()
+    return [(starts[n], starts[n + 1]) for n in np.flatnonzero(plan.hidden).tolist()]
 
 
 def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:

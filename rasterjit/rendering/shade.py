@@ -122,6 +122,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         alphas=Alphas(shown.is_blended) if has_blended else None,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
+        through=tables.through if facts.transmits else None,
         in_float32=facts.interpolates_in_float32,
         limits=facts.limits,
     )

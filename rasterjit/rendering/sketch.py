@@ -29,6 +29,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import textures
 from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.pipeline.surface.through import COLUMNS
 from rasterjit.rendering import shade, stage_list, supersample
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.material import SHADINGS
@@ -139,6 +140,7 @@ class _Tables(NamedTuple):
     microfacets: Microfacets
     maps: Maps
     fields: Fields
+    through: NDArray[np.float32]
 
 
 def _tables(plan: RenderPlan) -> _Tables:
@@ -162,7 +164,8 @@ def _tables(plan: RenderPlan) -> _Tables:
     none = np.empty((0, 2), np.int64)
     lines = Levels(np.empty(0), none, empty) if contents.contoured else None
     fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
-    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields)
+    through = np.empty((0, COLUMNS), np.float32)
+    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields, through)
 
 
 def _textures(plan: RenderPlan) -> Textures:

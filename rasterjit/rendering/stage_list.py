@@ -45,6 +45,7 @@ from rasterjit.pipeline.surface import (
     texture_lookup,
     texture_places,
     textures,
+    through,
     weights,
 )
 from rasterjit.pipeline.surface import samples as rows
@@ -290,6 +291,23 @@ def map_steps(
     return steps
 
 
+def through_steps(surface: Surface, geometry: Geometry, placement: Placement) -> list[Step]:
+    """Return the stages that find how much light goes through samples, and how thick they are."""
+    laid, own = surface.maps, surface.textures
+    if surface.through is None:
+        return []
+    steps = [Step(through.find_through, (surface.through,))]
+    for kind, applied in (
+        (textures.TRANSMISSION, through.scale_transmission_by_maps),
+        (textures.THICKNESS, through.scale_thickness_by_maps),
+    ):
+        if own is not None and laid is not None and laid.counts[kind]:
+            steps += [*read_steps(kind, own, laid, geometry, placement), Step(applied, ())]
+            if laid.coordinates[kind] is not None:
+                steps += lay_steps(own, geometry, placement)
+    return steps
+
+
 def emission_steps(
     surface: Surface, shown: int, geometry: Geometry, placement: Placement
 ) -> list[Step]:
@@ -307,7 +325,8 @@ def emission_steps(
 def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> list[Step]:
     """Return the stages that turn base colours into seen colours."""
     lighting, viewer = look.lighting, look.viewer
-    steps = effect_steps(effects, "rows", look)
+    steps = through_steps(look.surface, geometry, look.placement)
+    steps += effect_steps(effects, "rows", look)
     steps.append(Step(lights.show_ambient, (lighting.ambient,)))
     if lighting.renormalizes:
         steps.append(Step(lights.normalize_normals, ()))

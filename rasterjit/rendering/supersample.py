@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.rendering import coverage, layers, shade
+from rasterjit.rendering import behind, coverage, layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
@@ -269,6 +269,7 @@ def _draw_picture(
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     picture = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
+    picture = behind.look_behind(picture, find)
     return shade.shade_faces(picture)[plan.outputs[0]]
 
 

@@ -320,7 +320,7 @@ def _margin_of(plan: RenderPlan) -> int:
         farthest = max(farthest, reach or 0)
         if reach is None:
             raise ValueError(
-                f"scene.{planned.effect.field} must be None where a picture is drawn in regions: "
+                f"{planned.effect.refusal()} where a picture is drawn in regions: "
                 "it looks at neighbouring pixels, which other regions hold"
             )
     layers = plan.layers

@@ -322,6 +322,11 @@ class Material:
             or self.specular_color_texture is not None
         )
 
+    @property
+    def transmits(self) -> bool:
+        """Whether light goes through the surface, refracted."""
+        return self.shading == "pbr" and self.transmission > 0.0
+
     def base_color_over(self, has_colors: bool) -> tuple[float, float, float, float]:
         """
         Return what multiplies a mesh's colours and the texture, linear RGBA.
@@ -365,8 +370,8 @@ class Material:
             self.sheen_roughness_texture if sheen else None,
             self.specular_factor_texture if mirrors else None,
             self.specular_color_texture if is_tinted else None,
-            None,
-            None,
+            self.transmission_texture if self.transmits else None,
+            self.thickness_texture if self.transmits and self.thickness > 0.0 else None,
         )
 
 

@@ -36,6 +36,7 @@ from rasterjit.survey.contents import (
     Attribute,
     base_color_of,
     contours_of,
+    lets_through,
     may_have_holes,
     sets_of,
     textures_read,
@@ -316,6 +317,25 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     runs = runs_of(meshes)
     rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
+
+
+def join_through(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join how light goes through the objects: rows of `Surface.through`, (O, 10) float32."""
+    runs = runs_of(meshes)
+    rows = []
+    for mesh, _ in runs:
+        material = mesh.material
+        share = material.transmission if lets_through(mesh) else 0.0
+        ior = material.ior
+        # What mirrors all has an index of refraction without end.
+        straight = ((ior - 1.0) / (ior + 1.0)) ** 2 if ior > 0.0 else 1.0
+        mirrored = [
+            min(straight * part, 1.0) * material.specular_factor for part in material.specular_color
+        ]
+        per_distance = 1.0 / material.attenuation_distance
+        inside = material.attenuation_color
+        rows.append((share, material.thickness, ior, *mirrored, *inside, per_distance))
+    return _repeat(rows, runs, np.float32)
 
 
 def join_fields(meshes: Sequence[Mesh]) -> Fields:

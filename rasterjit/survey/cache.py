@@ -205,6 +205,11 @@ class MaterialTables:
         return join_microfacets(self.meshes)
 
     @cached_property
+    def through(self) -> NDArray[np.float32]:
+        """How light goes through all objects, (O, 10)."""
+        return plan_arrays.join_through(self.meshes)
+
+    @cached_property
     def fields(self) -> Fields:
         """The scalars of all objects' vertices, and the colour maps that show them."""
         return join_fields(self.meshes)

@@ -88,6 +88,10 @@ class Contents(NamedTuple):
     """Whose points are discs."""
     pixel_sized: int
     """Of both, those with sizes in pixels."""
+    transmitting: int
+    """Through which light goes, refracted."""
+    rough_glass: int
+    """Of those, that blur what is seen through them."""
     mipped: int
     """With a texture that is read between mip levels."""
     textured: dict[str, int]
@@ -204,6 +208,11 @@ class Inventory:
         return self._having("pixel_sized"), across, down
 
     @cached_property
+    def is_transmitting(self) -> NDArray[np.bool_]:
+        """Whether light goes through each object, refracted, (O,)."""
+        return self._having("transmitting")
+
+    @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
         """Whether each object is lit at its vertices, (O,)."""
         return self._having("gouraud")
@@ -271,6 +280,8 @@ def _contents_of(mesh: Mesh) -> Contents:
         spheres=getattr(mesh, "shape", None) == "sphere",
         discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
+        transmitting=lets_through(mesh),
+        rough_glass=lets_through(mesh) and material.roughness > 0.0 and material.ior != 1.0,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
@@ -312,6 +323,11 @@ def sets_of(textures: dict[str, Texture]) -> list[int]:
 def is_see_through(mesh: Mesh) -> bool:
     """Tell whether anything is seen through a mesh: blended, with an alpha below 1 somewhere."""
     return mesh.material.alpha_mode == "blend" and bool(_least_alpha(mesh) < np.float32(1.0))
+
+
+def lets_through(mesh: Mesh) -> bool:
+    """Tell whether light goes through a mesh, refracted: not through points and lines."""
+    return mesh.material.transmits and mesh.primitive == "triangles"
 
 
 def may_have_holes(mesh: Mesh) -> bool:

@@ -250,6 +250,10 @@ class Effect:
         """
         return data
 
+    def refusal(self) -> str:
+        """Say what must be otherwise where it cannot be drawn."""
+        return f"scene.{self.field} must be None"
+
     def reach(self, data: Any) -> int | None:
         """Return how many pixels away the neighbours are that it looks at; None: any number."""
         return None

@@ -295,6 +295,16 @@ class Facts:
         return self.is_lit and self.seen.pbr > 0
 
     @cached_property
+    def transmits(self) -> bool:
+        """Whether light that falls on anything goes through it, refracted."""
+        return self.is_lit and self.seen.transmitting > 0
+
+    @cached_property
+    def blurs_behind(self) -> bool:
+        """Whether any object blurs what is seen through it: in view or not, as in all pictures."""
+        return self.contents.rough_glass > 0
+
+    @cached_property
     def needs_maps(self) -> bool:
         """Whether more lies over the objects than a base colour."""
         return self.shades and self.seen.has_maps

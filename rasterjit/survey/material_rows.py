@@ -362,6 +362,11 @@ def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
     return changed
 
 
+def without_transmission(scene: Scene) -> Scene:
+    """Return a scene whose surfaces let no light through."""
+    return with_materials(scene, lambda material: replace(material, transmission=0.0))
+
+
 def made_opaque(scene: Scene) -> Scene:
     """Return a scene in which nothing is cut out or blended."""
     return with_materials(scene, lambda material: replace(material, alpha_mode="opaque"))

@@ -68,6 +68,8 @@ class RenderPlan:
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
+    hidden: NDArray[np.bool_] | None = None
+    """The objects that this picture leaves out, (O,); ``None`` -> none."""
     look: Look = NO_LOOK
     """What is seen beside the near and the far plane."""
     view: CameraView | None = None

@@ -130,7 +130,7 @@ def part_lists(
     if viewport.reach != 0:
         # More triangles reach a tile if samples lie beside the centres.
         starts, binned, _, _ = draw.set_up_and_bin(
-            lists.faces, lists.objects, coverage.screen, viewport, workers
+            lists.faces, lists.objects, coverage.screen, viewport, workers, skipped=lists.skipped
         )
     parted = workers.memory.empty((len(binned),), np.int32)
     middles = np.empty(len(starts) - 1, np.int64)

@@ -94,6 +94,11 @@ BLOCK_ROWS = 33
 """Rows of samples: those above."""
 PLACE_ROWS = 14
 
+TINT, TRANSMITTED, THICKNESS = 0, 3, 4
+"""Rows of ``through``: what tints the light that goes through, three; the share of the light in a
+surface that does; how thick the body below it is, in units of the mesh."""
+THROUGH_ROWS = 5
+
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
 world axes, relative to the eye."""
@@ -137,3 +142,5 @@ class Block(NamedTuple):
     edges: float64[PLANES, EDGE_ELEMENTS]
     planes: float32[PLANES, PLANE_ELEMENTS]
     """What is known of faces that were met: see ``float32_planes``."""
+    through: float32[THROUGH_ROWS, ROOM]
+    """The light that goes through surfaces: see ``through``."""

@@ -96,6 +96,8 @@ class TileLists(NamedTuple):
     """(M,): below F a face, ``F + p`` piece p."""
     faces: Faces
     objects: Objects | None = None
+    skipped: Sequence[tuple[int, int]] = ()
+    """Runs of faces that are in no list."""
 
 
 class ModelVertices(NamedTuple):
@@ -427,6 +429,7 @@ def find_visible(
     is_affine: bool = False,
     kept: Kept | None = None,
     primitives: Primitives | None = None,
+    hidden: Sequence[tuple[int, int]] = (),
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -469,6 +472,8 @@ def find_visible(
         Default: nothing.
     primitives : Primitives, optional
         The objects whose faces are segments or points. Default: all are triangles.
+    hidden : sequence of (int, int)
+        Runs of faces, ascending, those of whole objects, that are not drawn.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     painted: list[Primitive] = []
@@ -515,15 +520,18 @@ def find_visible(
         geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
         alpha_tests = alpha_tests._replace(geometry=geometry)
     lists = None
+    skipped = [one.faces for one in painted]
+    if hidden:
+        skipped = sorted({*skipped, *hidden})
+        painted = [one for one in painted if one.faces not in hidden]
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
             all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen,
-            [one.faces for one in painted],
+            skipped,
         )  # fmt: skip
         if keep_lists:
-            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects)
+            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden)
     else:
-        skipped = [one.faces for one in painted]
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
     has_points = find_faces and bool(painted)

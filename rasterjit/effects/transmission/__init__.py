@@ -1,0 +1,217 @@
+"""
+Transmission: what is seen through glass.
+
+A frame has it where a metallic-roughness material in view lets light through. Then the picture is
+drawn twice: first without all that transmits and all that is blended, in linear light, then whole;
+samples that transmit look it up where the refracted ray leaves the body (``stage``). So glass is
+seen through one surface deep: other glass, and what is blended, does not show behind it.
+``rendering.behind`` draws the first picture, and hands it to `Transmission.prepare`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.transmission import stage as transmission_stage
+from rasterjit.runtime.driver import Step
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.pixels import clip_from_relative
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.contents import in_words
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Look,
+    Planned,
+    Planning,
+    Rows,
+)
+from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.material_rows import without_transmission
+from rasterjit.survey.plan import RenderPlan
+
+LEAST_SIDE = 2
+"""Texels: levels are halved as long as a side has that many."""
+
+ROWS_AT_ONCE = 8
+"""Fewest rows of a level that a task makes."""
+
+
+class Through(NamedTuple):
+    """The picture behind all that transmits, as ``stage.transmit`` takes it."""
+
+    texels: NDArray[np.float32]
+    """(N, 3), linear RGB: level by level, row by row."""
+    levels: NDArray[np.int64]
+    """(M, 3): first texel, width and height of each level."""
+    scales: NDArray[np.float64]
+    """(O,): units of the world in one of each object."""
+    clip: NDArray[np.float64]
+    """(4, 4): to clip space from world axes with the origin at the eye."""
+    size: NDArray[np.float64]
+    """(2,): width and height of the whole picture, pixels."""
+    corner: NDArray[np.int64]
+    """(2,): column and row of the first pixel that is drawn."""
+    amount: np.float32 = np.float32(1.0)
+    """0: nothing goes through, as data."""
+
+
+def level_table(size: tuple[int, int], count: int) -> NDArray[np.int64]:
+    """Return the first texel, width and height of so many levels of a picture, (M, 3)."""
+    (width, height), first, rows = size, 0, []
+    for _ in range(count):
+        rows.append((first, width, height))
+        first += width * height
+        if max(width, height) < LEAST_SIDE:
+            break
+        width, height = -(-width // 2), -(-height // 2)
+    return np.array(rows, np.int64)
+
+
+def halve_again_and_again(
+    linear: NDArray[np.float32], is_blurred: bool, workers: Workers
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """
+    Return a picture and its halves, (N, 3) float32, and the table of its levels, (M, 3).
+
+    Parameters
+    ----------
+    linear : (H, W, 4) float32
+        Linear light with straight alpha: what is transparent sends as much less light.
+    is_blurred : bool
+        Whether any level but the picture itself is read.
+    workers : Workers
+    """
+    height, width = linear.shape[:2]
+    levels = level_table((width, height), 1 + is_blurred * (max(width, height) - 1).bit_length())
+    first, own_width, own_height = levels[-1].tolist()
+    texels = workers.memory.empty((first + own_width * own_height, 3), np.float32)
+    whole = texels[: height * width].reshape(height, width, 3)
+    per_task = rows_per_task(linear.shape, workers)
+
+    def start(row: int) -> None:
+        band = slice(row, row + per_task)
+        np.multiply(linear[band, :, :3], linear[band, :, 3:], out=whole[band])
+
+    workers.run(start, [(row,) for row in range(0, height, per_task)])
+    for level in range(1, len(levels)):
+        rows = int(levels[level, transmission_stage.HEIGHT])
+        share = max(ROWS_AT_ONCE, -(-rows // workers.threads))
+        wide = int(levels[level - 1, transmission_stage.WIDTH])
+        workers.call(
+            transmission_stage.halve_picture,
+            [
+                (texels, levels, level, (row, min(row + share, rows)), np.empty((wide, 3), "f4"))
+                for row in range(0, rows, share)
+            ],
+        )
+    return texels, levels
+
+
+def mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much transforms (O, 3, 4) scale: the root mean square over three axes, (O,)."""
+    x, y, z = np.moveaxis(relative_from_model[:, :, :3] ** 2, 1, 0)
+    return np.sqrt((x + y + z).sum(axis=1) / 3.0)
+
+
+class Transmission(Effect):
+    """Show what lies behind glass."""
+
+    name = "transmission"
+    looks = "neighbours"
+    term = "what is seen through it"
+    follows_facts = True
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether light goes through anything in view that is lit."""
+        return Planned(self, facts) if facts.transmits else Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say how many objects let light through, or why none does."""
+        seen, count = facts.seen.transmitting, facts.contents.transmitting
+        if not count:
+            return "no pbr material has a transmission above 0"
+        if not seen or is_used:
+            return in_words(seen, count, "transmitting object")
+        return unlit_reason(facts)
+
+    def reach(self, data: Any) -> None:
+        """Tell that a refracted ray may lead to any pixel."""
+
+    def refusal(self) -> str:
+        """Say what must be otherwise where it cannot be drawn."""
+        return "the transmission of materials in view must be 0"
+
+    def prepare(
+        self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]
+    ) -> Through | None:
+        """
+        Return the picture behind glass, in levels; None where nobody has drawn it.
+
+        ``seen`` has it as (H, W, 4) float32, linear.
+        """
+        plan, linear = context.plan, seen[0][1]
+        if linear is None:
+            return None
+        texels, levels = halve_again_and_again(linear, plan.facts.blurs_behind, context.workers)
+        return Through(
+            texels, levels, mean_scales(context.placement.relative_from_model),
+            np.ascontiguousarray(clip_from_relative(plan.camera, plan.size)),
+            np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
+        )  # fmt: skip
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernel that halves the picture."""
+        if not plan.facts.blurs_behind:
+            return {}
+        return {"prepare": [("transmission.halve_picture", "", "")]}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return the picture behind; its halves take a third of it more."""
+        return [
+            ("picture behind what transmits", 4, "float32", plan.size),
+            ("what is looked up of it", 3, "float32", plan.size),
+        ]
+
+    def sketch(self, facts: Facts, data: Any) -> Through:
+        """Return a picture of no pixels."""
+        return Through(
+            np.empty((0, 3), np.float32), np.empty((0, 3), np.int64), np.empty(0),
+            np.empty((4, 4)), np.empty(2), np.empty(2, np.int64),
+        )  # fmt: skip
+
+    def neutral(self, record: Through) -> Through:
+        """Return what lets nothing through."""
+        return record._replace(amount=np.float32(0.0))
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with materials that let no light through."""
+        return without_transmission(scene)
+
+    @staticmethod
+    def hold_back(record: Through, look: Look) -> list[Step]:
+        """Return the stage that takes what goes through out of the base colour."""
+        if look.surface.through is None:
+            return []
+        return [Step(transmission_stage.hold_back, (record.amount,))]
+
+    @staticmethod
+    def transmit(record: Through, look: Look) -> list[Step]:
+        """Return the stage that adds what is seen through samples, behind fog before them."""
+        if look.surface.through is None:
+            return []
+        *picture, _ = record
+        texels, levels, *placed = picture
+        own = texels, levels, look.surface.through, *placed, look.viewer
+        return [Step(transmission_stage.transmit, own)]
+
+    places: ClassVar = {"rows": hold_back, "sample": transmit}
+
+
+TRANSMISSION = Transmission()

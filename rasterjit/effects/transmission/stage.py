@@ -1,0 +1,298 @@
+"""
+See through glass: look up the picture of what lies behind it, where the refracted ray leads.
+
+The light that a surface does not mirror goes into it. Of that, ``transmission`` is the share that
+goes through, tinted by the base colour; the rest comes back diffusely. What is seen there is the
+picture without all that transmits or is blended, in linear light [1]_: at the same pixel where the
+wall is thin, and else where the ray, bent by Snell's law at the surface, leaves the body after its
+thickness [2]_. Beer's law tints what goes through a body.
+
+Rough surfaces blur it: the picture is halved again and again, each time by the weights 1, 3, 3, 1
+over 8 in both directions, and a level is chosen by roughness and index of refraction, as the
+sample implementation of glTF does. Between two levels, and four texels of each, it is mixed.
+
+References
+----------
+.. [1] The Khronos Group, "KHR_materials_transmission", "Implementation notes".
+.. [2] The Khronos Group, "KHR_materials_volume" and the sample implementation of both in
+   "glTF-Sample-Renderer".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.lighting.light_stages import interval_of
+from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.samples import (
+    INTERVAL_FRAME_ROW,
+    INTERVALS,
+    THICKNESS,
+    TINT,
+    TRANSMITTED,
+    Block,
+)
+from rasterjit.pipeline.surface.through import INSIDE, IOR, MIRRORED, PER_DISTANCE
+from rasterjit.runtime.float_math import clamped, log2, power
+from rasterjit.runtime.jit import helper, kernel, stage
+from rasterjit.runtime.state import float32, float64, int64
+
+FIRST_TEXEL, WIDTH, HEIGHT = 0, 1, 2
+"""Columns of ``levels``."""
+
+RIGHT, DOWN = 0, 1
+"""Rows of ``real``: how far from its pixel a sample looks, pixels."""
+
+LEVEL = 0
+"""Row of ``single``: which level of the picture it looks at."""
+
+MOST_AWAY = 1e6
+"""Pixels: what is seen farther away lies beyond the edges of any picture."""
+
+
+@stage
+def hold_back(block: Block, count, amount: float32):
+    """
+    Take the light that goes through out of the base colour, and keep what tints it.
+
+    Parameters
+    ----------
+    block : Block
+        Reads rows TRANSMITTED, METALLIC and MICROFACET; changes rows RED.., which all light that
+        comes back is multiplied by, writes rows TINT...
+    count : int
+    amount : float32
+        1; 0: nothing goes through.
+    """
+    s, through = block.samples, block.through
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(count):
+        # A metal lets nothing through; its base colour is that of what it mirrors.
+        share = through[TRANSMITTED, i] * (one - clamped(s[rows.METALLIC, i], zero, one))
+        share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
+        for k in range(3):
+            base = s[rows.RED + k, i]
+            through[TINT + k, i] = share * base
+            s[rows.RED + k, i] = base * (one - share)
+
+
+@helper
+def place_on_screen(x, y, z, clip, width, height):
+    """Return where a point relative to the eye is seen, pixels, and w; 0 and less: nowhere."""
+    w = clip[3, 0] * x + clip[3, 1] * y + clip[3, 2] * z + clip[3, 3]
+    scale = 1.0 / w if w > 0.0 else 0.0
+    across = (clip[0, 0] * x + clip[0, 1] * y + clip[0, 2] * z + clip[0, 3]) * scale
+    up = (clip[1, 0] * x + clip[1, 1] * y + clip[1, 2] * z + clip[1, 3]) * scale
+    return 0.5 * across * width, -0.5 * up * height, w
+
+
+@helper
+def refracted(normal, viewer, ior):
+    """
+    Return the direction of the ray that goes into a surface, of length one.
+
+    Takes the normal and the direction to the viewer, both of length one; an index of refraction of
+    0 bends nothing.
+    """
+    nx, ny, nz = normal
+    vx, vy, vz = viewer
+    facing = nx * vx + ny * vy + nz * vz
+    eta = 1.0 / ior if ior > 0.0 else 1.0
+    rest = 1.0 - eta * eta * (1.0 - facing * facing)
+    along = eta * facing - np.sqrt(rest if rest > 0.0 else 0.0)
+    is_bent = (eta != 1.0) & (facing > 0.0)
+    x, y, z = along * nx - eta * vx, along * ny - eta * vy, along * nz - eta * vz
+    return x if is_bent else -vx, y if is_bent else -vy, z if is_bent else -vz
+
+
+@helper
+def unit(x, y, z):
+    """Return a direction of length one; zero for none."""
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = 1.0 / length if length > 0.0 else 0.0
+    return x * scale, y * scale, z * scale
+
+
+@helper
+def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_width):
+    """Find where sample ``i`` looks, at which level, and tint what it will see."""
+    s, through = block.samples, block.through
+    zero, one = np.float32(0.0), np.float32(1.0)
+    px, py, pz = (
+        np.float64(s[rows.POINT_X, i]), np.float64(s[rows.POINT_Y, i]),
+        np.float64(s[rows.POINT_Z, i]),
+    )  # fmt: skip
+    toward = unit(
+        np.float64(viewer[0]) - np.float64(viewer[3]) * px,
+        np.float64(viewer[1]) - np.float64(viewer[3]) * py,
+        np.float64(viewer[2]) - np.float64(viewer[3]) * pz,
+    )
+    normal = unit(
+        np.float64(s[rows.NORMAL_X, i]), np.float64(s[rows.NORMAL_Y, i]),
+        np.float64(s[rows.NORMAL_Z, i]),
+    )  # fmt: skip
+    ior = np.float64(factors[owner, IOR])
+    length = np.float64(through[THICKNESS, i]) * scale
+    right, down = 0.0, 0.0
+    if length > 0.0 and ior != 1.0:
+        dx, dy, dz = refracted(normal, toward, ior)
+        x0, y0, w0 = place_on_screen(px, py, pz, clip, size[0], size[1])
+        x1, y1, w1 = place_on_screen(
+            px + length * dx, py + length * dy, pz + length * dz, clip, size[0], size[1]
+        )
+        is_seen = (w0 > 0.0) & (w1 > 0.0)
+        right = clamped(x1 - x0, -MOST_AWAY, MOST_AWAY) if is_seen else 0.0
+        down = clamped(y1 - y0, -MOST_AWAY, MOST_AWAY) if is_seen else 0.0
+    block.real[RIGHT, i], block.real[DOWN, i] = right, down
+    rough = clamped(s[rows.ROUGHNESS, i], zero, one)
+    bending = clamped(np.float32(2.0 * ior - 2.0), zero, one)
+    block.single[LEVEL, i] = levels_of_width * rough * bending
+    facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
+    shares = reflected_shares(clamped(np.float32(facing), zero, one), rough)
+    distance = np.float32(length) * factors[owner, PER_DISTANCE]
+    for k in range(3):
+        once, often = bounces(factors[owner, MIRRORED + k], shares)
+        kept = clamped(one - (once + often), zero, one)
+        if distance > zero:
+            kept *= power_of(factors[owner, INSIDE + k], distance)
+        through[TINT + k, i] *= kept
+
+
+@helper
+def power_of(base, exponent):
+    """Return what is left of light, by Beer's law; all of it where nothing is taken."""
+    return np.float32(1.0) if base >= np.float32(1.0) else power(base, exponent)
+
+
+@helper
+def texel_mix(texels, levels, level, x, y, k):
+    """Return one channel of a level, mixed of four texels, at a place in texels of it."""
+    width, height = levels[level, WIDTH], levels[level, HEIGHT]
+    x, y = clamped(x - 0.5, 0.0, width - 1.0), clamped(y - 0.5, 0.0, height - 1.0)
+    left, top = np.int64(x), np.int64(y)
+    right, below = min(left + 1, width - 1), min(top + 1, height - 1)
+    across, under = np.float32(x - left), np.float32(y - top)
+    first = levels[level, FIRST_TEXEL]
+    a, b = texels[first + top * width + left, k], texels[first + top * width + right, k]
+    c, d = texels[first + below * width + left, k], texels[first + below * width + right, k]
+    upper, lower = a + across * (b - a), c + across * (d - c)
+    return upper + under * (lower - upper)
+
+
+@helper
+def add_seen(block, i, column, row, texels, levels):
+    """Add what a sample of a pixel sees behind it."""
+    s, through = block.samples, block.through
+    last = np.float32(levels.shape[0] - 1)
+    level = clamped(block.single[LEVEL, i], np.float32(0.0), last)
+    finer = np.int64(level)
+    share = level - np.float32(finer)
+    x, y = column + 0.5 + block.real[RIGHT, i], row + 0.5 + block.real[DOWN, i]
+    # Coarser levels are as wide as the picture: a texel more where it is odd.
+    step = 1.0 / np.float64(np.int64(1) << finer)
+    for k in range(3):
+        if through[TINT + k, i] > np.float32(0.0):
+            seen = texel_mix(texels, levels, finer, x * step, y * step, k)
+            if share > np.float32(0.0):
+                coarser = texel_mix(
+                    texels, levels, finer + 1, 0.5 * x * step, 0.5 * y * step, k
+                )  # fmt: skip
+                seen += share * (coarser - seen)
+            s[rows.OUT_RED + k, i] += through[TINT + k, i] * seen
+
+
+@stage
+def transmit(
+    block: Block, count, texels: float32[:, ::1], levels: int64[:, ::1], factors: float32[:, ::1],
+    scales: float64[::1], clip: float64[:, ::1], size: float64[::1], corner: int64[::1],
+    toward_viewer: float32[::1],
+):  # fmt: skip
+    """
+    Add what samples let through of the picture behind them.
+
+    Parameters
+    ----------
+    block : Block
+        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS and those of ``through``; adds to rows
+        OUT_RED...
+    count : int
+    texels : (N, 3) float32, linear RGB
+        The picture behind, level by level, row by row.
+    levels : (M, 3) int64
+        First texel, width and height of each level.
+    factors : (O, 10) float32
+        ``Surface.through``.
+    scales : (O,) float64
+        Units of the world in one of each object.
+    clip : (4, 4) float64
+        To clip space from world axes with the origin at the eye.
+    size : (2,) float64
+        Width and height of the whole picture, pixels.
+    corner : (2,) int64
+        Column and row of the first pixel that is drawn.
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    through = block.through
+    steps = log2(np.float32(size[0]))
+    for k in range(block.counts[rows.SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[rows.OWNER])
+        for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
+            if through[TINT, n] + through[TINT + 1, n] + through[TINT + 2, n] > np.float32(0.0):
+                look_through(
+                    block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
+                )
+    for k in range(block.counts[INTERVALS]):
+        _, column, start, stop = interval_of(block, k)
+        row = np.int64(block.intervals[k, INTERVAL_FRAME_ROW]) + corner[1]
+        for n in range(start, stop):
+            if through[TINT, n] + through[TINT + 1, n] + through[TINT + 2, n] > np.float32(0.0):
+                add_seen(block, n, column + corner[0] + n - start, row, texels, levels)
+
+
+@kernel
+def halve_picture(
+    texels: float32[:, ::1], levels: int64[:, ::1], level: int64, part_of: (int64, int64),
+    line: float32[:, ::1],
+):  # fmt: skip
+    """
+    Make some rows of a level of the picture behind from those of the finer one.
+
+    Parameters
+    ----------
+    texels : (N, 3) float32
+        Writes these rows of the level.
+    levels : (M, 3) int64
+    level : int
+        1 or more.
+    part_of : (int, int)
+        The first row, and one past the last.
+    line : (W, 3) float32
+        This thread's own scratch: as wide as the finer level.
+    """
+    source, width, height = (
+        levels[level - 1, FIRST_TEXEL], levels[level - 1, WIDTH], levels[level - 1, HEIGHT]
+    )  # fmt: skip
+    target, own_width = levels[level, FIRST_TEXEL], levels[level, WIDTH]
+    eighth, three = np.float32(0.125), np.float32(3.0)
+    for row in range(part_of[0], part_of[1]):
+        y = 2 * row
+        top, bottom = max(y - 1, 0), min(y + 2, height - 1)
+        middle = min(y + 1, height - 1)
+        for x in range(width):
+            for k in range(3):
+                outer = texels[source + top * width + x, k]
+                outer += texels[source + bottom * width + x, k]
+                inner = texels[source + y * width + x, k]
+                inner += texels[source + middle * width + x, k]
+                line[x, k] = eighth * (outer + three * inner)
+        for column in range(own_width):
+            x = 2 * column
+            left, right = max(x - 1, 0), min(x + 2, width - 1)
+            between = min(x + 1, width - 1)
+            for k in range(3):
+                outer = line[left, k] + line[right, k]
+                inner = line[x, k] + line[between, k]
+                texels[target + row * own_width + column, k] = eighth * (outer + three * inner)

@@ -1,0 +1,71 @@
+"""
+Draw the picture behind glass: the same view without all that transmits and all that is blended.
+
+It is drawn as any picture, with the lights, shadows, fog and background of the frame, in linear
+light; at as many samples as the frame has. Shadow maps are fitted to both pictures, so that the
+ground is lit alike behind glass and beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering import shade
+from rasterjit.survey.effect import FrameContext, Planned
+from rasterjit.survey.plan import RenderPlan
+
+NAME = "transmission"
+
+
+def plan_behind(plan: RenderPlan) -> RenderPlan:
+    """Return the plan of the picture behind what transmits."""
+    layers, hidden = plan.layers, plan.facts.inventory.is_transmitting
+    if layers is not None and layers.has_blended:
+        hidden = hidden | (layers.is_blended > 0)
+    if layers is not None:
+        opaque = np.zeros_like(layers.is_blended)
+        layers = layers._replace(is_blended=opaque, has_blended=False, mixes_codes=False)
+        layers = None if layers.samples == 1 else layers
+
+    def is_behind(planned: Planned) -> bool:
+        places = planned.effect.places
+        return planned.name != NAME and "overlay" not in places and "mixed" not in places
+
+    return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden)
+
+
+def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
+    """
+    Return a picture that knows what is seen through glass; itself where there is none.
+
+    Parameters
+    ----------
+    context : FrameContext
+    find : callable
+        Returns what the picture of another plan shows.
+    """
+    plan = context.plan
+    (done,) = plan.drawn or ({},)
+    if not plan.has(NAME) or NAME in done:
+        return context
+    behind = plan_behind(plan)
+    other = FrameContext(behind, context.cache, *find(behind)[2:], context.workers)
+    context = context._replace(placement=shade.placement_to_light(plan, context.placement))
+    drawn: dict[str, Any] = {
+        one.name: one.effect.prepare(
+            context, one.data,
+            [(plan.camera, one.effect.see(context)), (plan.camera, one.effect.see(other))],
+        )
+        for one in plan.whole
+        if "overlay" not in one.effect.places
+    }  # fmt: skip
+    drawn |= done
+    other = other._replace(plan=behind.with_(drawn=(drawn,)))
+    linear = shade.shade_faces(other)["linear"]
+    (own,) = [one for one in plan.planned if one.name == NAME]
+    drawn[NAME] = own.effect.prepare(context, own.data, [(plan.camera, linear)])
+    return context._replace(plan=plan.with_(drawn=(drawn,)))
