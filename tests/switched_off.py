@@ -55,6 +55,13 @@ def full_scene():
         square(rj.Material("phong", "red"), (0.0, 0.0, -1.0), colors=np.ones((2, 3))),
         square(rj.Material("phong", (0.1, 0.2, 0.9, 0.5), alpha_mode="blend"), (0.3, 0.2, 1.0)),
         square(rj.Material("phong"), (0.0, 0.0, -2.0), scalars=[0, 1, 2, 3], contours=3),
+        square(
+            rj.Material(
+                "pbr", transmission=0.5, thickness=0.1, transmission_texture=picture(2),
+                thickness_texture=picture(2),
+            ),
+            (-0.3, 0.1, 0.5),
+        ),
     ]  # fmt: skip
     scene = rj.Scene()
     for mesh, place in squares:
@@ -186,6 +193,7 @@ WITHOUT = {
     "environment": without_field("environment"),
     "eye-dome lighting": without_field("eye_dome"),
     "fog": without_field("fog"),
+    "transmission": lacking(transmission=0.0),
     "tone mapping": without_field("tone_map"),
     "ambient occlusion": without_field("ambient_occlusion"),
     "vignette": without_field("vignette"),

@@ -18,12 +18,15 @@ from rasterjit.rendering import shade
 from rasterjit.survey.effect import FrameContext, Planned
 from rasterjit.survey.plan import RenderPlan
 
-NAME = "transmission"
+
+def effect_of(plan: RenderPlan) -> Planned | None:
+    """Return the effect that shows what lies behind glass; ``None`` where a frame has none."""
+    return next((one for one in plan.planned if one.effect.sees_through), None)
 
 
-def plan_behind(plan: RenderPlan) -> RenderPlan:
-    """Return the plan of the picture behind what transmits."""
-    layers, hidden = plan.layers, plan.facts.inventory.is_transmitting
+def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
+    """Return the plan of the picture behind what transmits, given the effect that shows it."""
+    layers, hidden = plan.layers, own.effect.hidden(plan.facts)
     if layers is not None and layers.has_blended:
         hidden = hidden | (layers.is_blended > 0)
     if layers is not None:
@@ -33,7 +36,7 @@ def plan_behind(plan: RenderPlan) -> RenderPlan:
 
     def is_behind(planned: Planned) -> bool:
         places = planned.effect.places
-        return planned.name != NAME and "overlay" not in places and "mixed" not in places
+        return planned is not own and "overlay" not in places and "mixed" not in places
 
     return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden)
 
@@ -49,10 +52,10 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
         Returns what the picture of another plan shows.
     """
     plan = context.plan
-    (done,) = plan.drawn or ({},)
-    if not plan.has(NAME) or NAME in done:
+    own, (done,) = effect_of(plan), plan.drawn or ({},)
+    if own is None or own.name in done:
         return context
-    behind = plan_behind(plan)
+    behind = plan_behind(plan, own)
     other = FrameContext(behind, context.cache, *find(behind)[2:], context.workers)
     context = context._replace(placement=shade.placement_to_light(plan, context.placement))
     drawn: dict[str, Any] = {
@@ -66,6 +69,5 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
     drawn |= done
     other = other._replace(plan=behind.with_(drawn=(drawn,)))
     linear = shade.shade_faces(other)["linear"]
-    (own,) = [one for one in plan.planned if one.name == NAME]
-    drawn[NAME] = own.effect.prepare(context, own.data, [(plan.camera, linear)])
+    drawn[own.name] = own.effect.prepare(context, own.data, [(plan.camera, linear)])
     return context._replace(plan=plan.with_(drawn=(drawn,)))

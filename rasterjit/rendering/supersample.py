@@ -332,6 +332,14 @@ def _draw_whole(
         plan = moved(context.plan, offset)
         beside = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
         sights.append(see_whole(beside))
+    own = behind.effect_of(context.plan)
+    if own is not None:
+        # What is seen through glass is lit by the same records.
+        for offset in offsets:
+            plan = moved(behind.plan_behind(context.plan, own), offset)
+            through = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
+            sights.append(see_whole(through))
+        offsets = [*offsets, *offsets]
     return prepare_whole(context, offsets, sights)
 
 

@@ -85,6 +85,9 @@ BRIGHTEST_TINT = 1e6
 IOR, LARGEST_IOR = 1.5, 1e3
 """Index of refraction of a surface that nothing is said about, and the largest."""
 
+CLEAR = 0.5
+"""Transmission above which a thin wall casts no shadow."""
+
 NO_LAYERS = (None,) * len(LAYER_TEXTURES)
 
 
@@ -177,12 +180,13 @@ class Material:
         Light straight on is mirrored by ``((ior - 1) / (ior + 1))**2``: 4 % for 1.5.
     transmission : float
         In 0..1, for ``"pbr"``: how much of the light that goes into the surface goes through it,
-        and not back out again.
+        and not back out again. Through it is seen, tinted by the base colour, what is opaque behind
+        it; not what is blended, or transmits itself. Thin walls above 0.5 cast no shadow.
     transmission_texture : Texture, optional
         Red multiplies it.
     thickness : float
-        In 0..1e6, in units of the mesh: how thick the body below the surface is; 0: its wall is
-        thin.
+        In 0..1e6, in units of the mesh: how thick the body below the surface is, which bends what
+        is seen through it by ``ior``; 0: its wall is thin, and bends nothing.
     thickness_texture : Texture, optional
         Green multiplies it.
     attenuation_distance : float
@@ -326,6 +330,11 @@ class Material:
     def transmits(self) -> bool:
         """Whether light goes through the surface, refracted."""
         return self.shading == "pbr" and self.transmission > 0.0
+
+    @property
+    def is_clear_pane(self) -> bool:
+        """Whether the surface is thin and lets through more light than it keeps."""
+        return self.transmits and self.thickness == 0.0 and self.transmission > CLEAR
 
     def base_color_over(self, has_colors: bool) -> tuple[float, float, float, float]:
         """

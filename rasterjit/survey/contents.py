@@ -90,6 +90,8 @@ class Contents(NamedTuple):
     """Of both, those with sizes in pixels."""
     transmitting: int
     """Through which light goes, refracted."""
+    clear_panes: int
+    """Of those, that are thin and let through more light than they keep."""
     rough_glass: int
     """Of those, that blur what is seen through them."""
     mipped: int
@@ -186,8 +188,8 @@ class Inventory:
     def is_wall(self) -> NDArray[np.bool_]:
         """Whether each object hides all that lies behind it, seen from either side, (O,)."""
         return ~(
-            self.is_see_through | self._having("cut_out") | self._having("single_sided")
-            | self.is_primitive
+            self.is_see_through | self.is_transmitting | self._having("cut_out")
+            | self._having("single_sided") | self.is_primitive
         )  # fmt: skip
 
     @cached_property
@@ -197,8 +199,13 @@ class Inventory:
 
     @cached_property
     def casts_shadows(self) -> NDArray[np.bool_]:
-        """Whether each object casts shadows, (O,): what is as large as in pixels casts none."""
-        return ~(self.is_see_through | self._having("pixel_sized"))
+        """
+        Whether each object casts shadows, (O,).
+
+        What is seen through, clear panes, and what is as large as in pixels cast none.
+        """
+        clear = self._having("clear_panes")
+        return ~(self.is_see_through | clear | self._having("pixel_sized"))
 
     def beyond(self, size: tuple[int, int]) -> tuple[NDArray[np.bool_], float, float] | None:
         """Return which objects reach beyond their boxes in a picture, as `Boxes` takes it."""
@@ -281,6 +288,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
         transmitting=lets_through(mesh),
+        clear_panes=lets_through(mesh) and material.is_clear_pane,
         rough_glass=lets_through(mesh) and material.roughness > 0.0 and material.ior != 1.0,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},

@@ -172,6 +172,9 @@ class Effect:
         given.
     joins_faces : bool
         Whether it draws what all faces make together: no part of a scene has it alone.
+    sees_through : bool
+        Whether it shows another picture of the same view, without some objects (`hidden`), which
+        is drawn before, and handed to `prepare` as what it sees, (H, W, 4) float32, linear.
     is_explained : bool
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
@@ -198,6 +201,7 @@ class Effect:
     looks = "sample"
     is_toned = True
     joins_faces = False
+    sees_through = False
     is_explained = False
     term = ""
     settings: tuple[str, ...] = ()
@@ -249,6 +253,10 @@ class Effect:
             Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
         """
         return data
+
+    def hidden(self, facts: Facts) -> NDArray[Any]:
+        """Return which objects, (O,) bool, the picture leaves out that is drawn before."""
+        raise NotImplementedError
 
     def refusal(self) -> str:
         """Say what must be otherwise where it cannot be drawn."""

@@ -62,7 +62,13 @@ def test_plain_scene_has_each_kernel_in_one_form(used):
     assert len(used) == len({*used})
 
 
+THROUGH_MAPS = {"through.scale_thickness_by_maps", "through.scale_transmission_by_maps"}
+THROUGH = {
+    "through.find_through", "transmission.halve_picture", "transmission.hold_back",
+    "transmission.transmit",
+}  # fmt: skip
 MAPS = {
+    *THROUGH_MAPS,
     "maps.bend_normals_by_maps", "maps.scale_emission_by_maps", "maps.scale_facets_by_maps",
     "maps.scale_occlusion_by_maps",
 }  # fmt: skip
@@ -97,7 +103,7 @@ GONE = {
     "microfacets": {
         "attributes.find_facets", "environment.mirror_environment",
         "light_stages.add_lights_on_facets", "light_stages.show_ambient_on_facets",
-        "maps.scale_facets_by_maps",
+        "maps.scale_facets_by_maps", *THROUGH, *THROUGH_MAPS,
     },
     "Gouraud": {
         "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
@@ -121,6 +127,7 @@ GONE = {
         "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",
     },
     "fog": {"fog.cover_exponentially"},
+    "transmission": THROUGH | THROUGH_MAPS,
     "tone mapping": {"tone_map.show_over"},
     "ambient occlusion": {
         "ambient_occlusion.find_occlusion", "ambient_occlusion.look_around",
@@ -150,8 +157,6 @@ INSTEAD = {
     "textures": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
-    # Fog needs the points of what is lit at vertices too.
-    "fog": {"attributes.stand_in"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
     "vertex colors": {"attributes.tint_samples"},
 }

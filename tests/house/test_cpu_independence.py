@@ -330,6 +330,8 @@ ALLOWED = {
     ("effects/eye_dome/stage.py", "log2"): "that of runtime/float_math.py",
     ("effects/fog/stage.py", "exp2"): "that of runtime/float_math.py",
     ("effects/tone_map/stage.py", "exp2"): "that of runtime/float_math.py",
+    ("effects/transmission/stage.py", "log2"): "that of runtime/float_math.py",
+    ("effects/transmission/stage.py", "power"): "that of runtime/float_math.py",
     ("runtime/state.py", "sum"): "whole numbers: words of a block",
     ("runtime/state.py", "prod"): "whole numbers: words of a block",
     ("runtime/driver.py", "sum"): "whole numbers: words of a block",

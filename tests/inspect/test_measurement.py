@@ -117,7 +117,7 @@ def test_textures_switched_off_are_those_of_all_maps(cube):
     rows = rows_of(rj.explain(bare, looking()))
     assert [name for name, row in rows.items() if row[0] and ("map" in name or "tex" in name)] == []
     assert rows["emission"][0]
-    assert all(scene.nodes[0].mesh.material.textures_read())
+    assert all(scene.nodes[0].mesh.material.textures_read()[:5])
 
 
 def test_textures_are_tried_with_mip_levels(cube):

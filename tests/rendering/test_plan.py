@@ -311,6 +311,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "background image         out (the render was given no picture)",
         "eye-dome lighting        out (scene.eye_dome is None)",
         "fog                      out (scene.fog is None)",
+        "transmission             out (no pbr material has a transmission above 0)",
         "tone mapping             out (scene.tone_map is None)",
         "ambient occlusion        out (scene.ambient_occlusion is None)",
         "vignette                 out (scene.vignette is None)",

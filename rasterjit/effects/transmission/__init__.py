@@ -116,14 +116,19 @@ def halve_again_and_again(
 
 def mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how much transforms (O, 3, 4) scale: the root mean square over three axes, (O,)."""
-    x, y, z = np.moveaxis(relative_from_model[:, :, :3] ** 2, 1, 0)
-    return np.sqrt((x + y + z).sum(axis=1) / 3.0)
+    # In an order that no library chooses.
+    columns = np.moveaxis(relative_from_model[:, :, :3], (1, 2), (0, 1)).reshape(9, -1)
+    total = np.zeros(columns.shape[1])
+    for part in columns:
+        total += part * part
+    return np.sqrt(total / 3.0)
 
 
 class Transmission(Effect):
     """Show what lies behind glass."""
 
     name = "transmission"
+    sees_through = True
     looks = "neighbours"
     term = "what is seen through it"
     follows_facts = True
@@ -143,6 +148,10 @@ class Transmission(Effect):
 
     def reach(self, data: Any) -> None:
         """Tell that a refracted ray may lead to any pixel."""
+
+    def hidden(self, facts: Facts) -> NDArray[np.bool_]:
+        """Return which objects the picture behind glass leaves out, besides what is blended."""
+        return facts.inventory.is_transmitting
 
     def refusal(self) -> str:
         """Say what must be otherwise where it cannot be drawn."""
