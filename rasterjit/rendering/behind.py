@@ -2,14 +2,13 @@
 Draw the picture behind glass: the same view without all that transmits and all that is blended.
 
 It is drawn as any picture, with the lights, shadows, fog and background of the frame, in linear
-light; at as many samples as the frame has. Shadow maps are fitted to both pictures, so that the
-ground is lit alike behind glass and beside it.
+light; at as many samples as the frame has. Its shadow maps are its own, fitted to what it shows, so
+that glass changes no bit of what is seen beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -33,12 +32,21 @@ def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
         opaque = np.zeros_like(layers.is_blended)
         layers = layers._replace(is_blended=opaque, has_blended=False, mixes_codes=False)
         layers = None if layers.samples == 1 else layers
+    drawn = None if plan.drawn_behind is None else (plan.drawn_behind,)
 
     def is_behind(planned: Planned) -> bool:
         places = planned.effect.places
         return planned is not own and "overlay" not in places and "mixed" not in places
 
-    return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden)
+    return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn)
+
+
+def draw_behind(
+    context: FrameContext, own: Planned, find: Callable[[RenderPlan], Seen]
+) -> FrameContext:
+    """Return the picture behind what transmits, as far as visibility."""
+    plan = plan_behind(context.plan, own)
+    return FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
 
 
 def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
@@ -55,19 +63,6 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
     own, (done,) = effect_of(plan), plan.drawn or ({},)
     if own is None or own.name in done:
         return context
-    behind = plan_behind(plan, own)
-    other = FrameContext(behind, context.cache, *find(behind)[2:], context.workers)
-    context = context._replace(placement=shade.placement_to_light(plan, context.placement))
-    drawn: dict[str, Any] = {
-        one.name: one.effect.prepare(
-            context, one.data,
-            [(plan.camera, one.effect.see(context)), (plan.camera, one.effect.see(other))],
-        )
-        for one in plan.whole
-        if "overlay" not in one.effect.places
-    }  # fmt: skip
-    drawn |= done
-    other = other._replace(plan=behind.with_(drawn=(drawn,)))
-    linear = shade.shade_faces(other)["linear"]
-    drawn[own.name] = own.effect.prepare(context, own.data, [(plan.camera, linear)])
-    return context._replace(plan=plan.with_(drawn=(drawn,)))
+    linear = shade.shade_faces(draw_behind(context, own, find))["linear"]
+    record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
+    return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))

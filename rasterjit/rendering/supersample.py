@@ -198,6 +198,10 @@ def shade_faces(
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
+        own = behind.effect_of(plan)
+        if own is not None and new and surveys_pictures(plan):
+            other = behind.draw_behind(context, own, find)
+            picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
             drawn = _draw_picture(moved(picture, offset), context, find)
             clock("shade, resolve")
@@ -332,14 +336,6 @@ def _draw_whole(
         plan = moved(context.plan, offset)
         beside = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
         sights.append(see_whole(beside))
-    own = behind.effect_of(context.plan)
-    if own is not None:
-        # What is seen through glass is lit by the same records.
-        for offset in offsets:
-            plan = moved(behind.plan_behind(context.plan, own), offset)
-            through = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
-            sights.append(see_whole(through))
-        offsets = [*offsets, *offsets]
     return prepare_whole(context, offsets, sights)
 
 

@@ -68,6 +68,8 @@ class RenderPlan:
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
+    drawn_behind: dict[str, Any] | None = None
+    """The same for the picture behind glass, of the step of pictures at hand."""
     hidden: NDArray[np.bool_] | None = None
     """The objects that this picture leaves out, (O,); ``None`` -> none."""
     look: Look = NO_LOOK
