@@ -18,6 +18,7 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     Fields,
     Geometry,
+    Layers,
     Levels,
     Lighting,
     Maps,
@@ -137,6 +138,7 @@ class _Tables(NamedTuple):
     normals: NDArray[np.float32]
     textures: Textures
     microfacets: Microfacets
+    layers: Layers
     maps: Maps
     fields: Fields
 
@@ -162,7 +164,8 @@ def _tables(plan: RenderPlan) -> _Tables:
     none = np.empty((0, 2), np.int64)
     lines = Levels(np.empty(0), none, empty) if contents.contoured else None
     fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
-    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields)
+    layers = Layers(empty, empty, empty, empty, empty, empty, empty)
+    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, layers, maps, fields)
 
 
 def _textures(plan: RenderPlan) -> Textures:

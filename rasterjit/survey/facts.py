@@ -206,6 +206,7 @@ class Facts:
             or not self.is_smooth
             or contents.with_field > 0
             or contents.primitives
+            or contents.coated + contents.with_sheen + contents.own_mirrors > 0
             or self.is_surrounded
             or self.is_exposed
         ):
@@ -293,6 +294,12 @@ class Facts:
     def needs_microfacets(self) -> bool:
         """Whether light falls on metallic-roughness materials."""
         return self.is_lit and self.seen.pbr > 0
+
+    @cached_property
+    def needs_layers(self) -> bool:
+        """Whether anything lit has varnish, fibres, or a mirror of its own."""
+        seen = self.seen
+        return self.is_lit and seen.coated + seen.with_sheen + seen.own_mirrors > 0
 
     @cached_property
     def needs_maps(self) -> bool:
