@@ -302,6 +302,11 @@ class Material:
         return any(part > 0.0 for part in self.emissive)
 
     @property
+    def has_normal_map(self) -> bool:
+        """Whether a texture bends the normals of the surface or of its varnish."""
+        return self.normal_texture is not None or self.clearcoat_normal_texture is not None
+
+    @property
     def has_clearcoat(self) -> bool:
         """Whether a varnish lies on top."""
         return self.shading == "pbr" and self.clearcoat > 0.0

@@ -126,6 +126,11 @@ class Contents(NamedTuple):
         return any(self.textured.values())
 
     @property
+    def has_layers(self) -> bool:
+        """Whether any object has varnish, fibres, or a mirror of its own."""
+        return self.coated + self.with_sheen + self.own_mirrors > 0
+
+    @property
     def has_maps(self) -> bool:
         """Whether more lies over any object than a base colour."""
         laid = (count for name, count in self.textured.items() if name != "base_color_texture")

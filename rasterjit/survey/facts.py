@@ -206,7 +206,7 @@ class Facts:
             or not self.is_smooth
             or contents.with_field > 0
             or contents.primitives
-            or contents.coated + contents.with_sheen + contents.own_mirrors > 0
+            or contents.has_layers
             or self.is_surrounded
             or self.is_exposed
         ):
@@ -298,8 +298,7 @@ class Facts:
     @cached_property
     def needs_layers(self) -> bool:
         """Whether anything lit has varnish, fibres, or a mirror of its own."""
-        seen = self.seen
-        return self.is_lit and seen.coated + seen.with_sheen + seen.own_mirrors > 0
+        return self.is_lit and self.seen.has_layers
 
     @cached_property
     def needs_maps(self) -> bool:
@@ -464,6 +463,7 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         return []
     return [
         (contents.with_field > 0, "an object has scalars of its vertices"),
+        (contents.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
         (facts.is_surrounded, "the scene has an environment"),
         (math.isinf(facts.brightness), "a light has a place"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),

@@ -2,8 +2,9 @@
 Lay varnish over what samples show.
 
 The varnish is a mirror of its own normal and roughness, lit by the stages that light every surface
-(as a white metal it mirrors all light), with a share of ``w = clearcoat (0.04 + 0.96 (1 - |n v|)**5)``
-in what is seen [1]_. What lies below, and what is sent out there, shows as ``1 - w`` of itself.
+(as a white metal it mirrors all light). Its share in what is seen is
+``w = clearcoat (0.04 + 0.96 (1 - |n v|)**5)`` [1]_; of what lies below, and of what is sent out
+there, ``1 - w`` is left.
 
 References
 ----------

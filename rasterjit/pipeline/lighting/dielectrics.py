@@ -2,11 +2,11 @@
 Light what mirrors otherwise than glass: ``KHR_materials_specular`` and ``KHR_materials_ior``.
 
 A dielectric mirrors ``w F`` of the light and lets ``1 - w max(F)`` into it, where
-``F = f0 + (1 - f0) (1 - v h)**5`` and ``f0 = min(((ior - 1) / (ior + 1))**2 tint, 1)`` [1]_. Samples
-that have such a mirror of their own are lit as all others are, and then once more from what they
-showed before. Light from all sides is known by what a white mirror shows of it and by what a white,
-matt surface shows: the first holds a share E of what is mirrored at once, and the rest of the
-second.
+``F = f0 + (1 - f0) (1 - v h)**5`` and ``f0 = min(((ior - 1) / (ior + 1))**2 tint, 1)`` [1]_.
+Samples that have such a mirror of their own are lit as all others are, and then once more from what
+they showed before. Light from all sides is known by what a white mirror shows of it and by what a
+white, matt surface shows: the first holds a share E of what is mirrored at once, and the rest of
+the second.
 
 References
 ----------

@@ -1,12 +1,12 @@
 """
 Light the fibres that stand out of cloth.
 
-The sheen is ``color D V``: Charlie's distribution ``D = (2 + 1/a) sin(h)**(1/a) / (2 pi)``, where h
-is the angle between normal and half vector and ``a = roughness**2``, and the fitted shadowing
-``V = 1 / ((1 + L(n l) + L(n v)) 4 n_l n_v)`` [1]_, [2]_. As everywhere here, it is multiplied by pi.
-What lies below is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the share of light from
-all sides that fibres send to one, held to 1, which very smooth fibres pass where they are grazed.
-It is a table of the integral of ``D V``.
+The sheen is ``color D V``: Charlie's distribution ``D = (2 + 1/a) sin(h)**(1/a) / (2 pi)``, where
+h is the angle between normal and half vector and ``a = roughness**2``, and the fitted shadowing
+``V = 1 / ((1 + L(n l) + L(n v)) 4 n_l n_v)`` [1]_, [2]_. As everywhere here, it is multiplied by
+pi. What lies below is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the share of light
+from all sides that fibres send to one, held to 1, which very smooth fibres pass where they are
+grazed. It is a table of the integral of ``D V``.
 
 Of light from all sides a sample shows ``color E(n v)`` times that which falls on a matt surface:
 the lobe of fibres spreads over all directions around, so that nothing is looked up for it. Fibres
@@ -59,8 +59,8 @@ THOUSANDTHS = (
     (864, 933, 922, 854, 777, 702, 631, 566, 504, 445, 389, 336, 289, 245, 204, 164),
 )
 """
-E in thousandths: a row for each roughness from `LEAST_ROUGHNESS` (in place of 0) to 1, in equal
-steps, a column for each cosine, whose roots are 0 (in place of it, 0.001) to 1 in equal steps.
+E in thousandths: a row for each roughness from 0 to 1 in equal steps, `LEAST_ROUGHNESS` in place of
+less; a column for each cosine, whose roots go from 0 to 1 in equal steps, 0.001 in place of 0.
 """
 
 ALBEDO = np.array(THOUSANDTHS, np.float32) / np.float32(1000.0)
