@@ -183,10 +183,10 @@ def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
             "those at their edges follow from faces of other partitions; give a Mesh with normals, "
             "or shading 'flat' or 'unlit'"
         )
-    if material.normal_texture is not None:
+    if material.has_normal_map:
         raise ValueError(
-            "partitions must have no normal_texture: the tangents at their edges follow from faces "
-            "of other partitions"
+            "partitions must have no normal_texture and no clearcoat_normal_texture: the tangents "
+            "at their edges follow from faces of other partitions"
         )
 
 

@@ -132,7 +132,10 @@ def light_of(
     dark = clear.by(lights=lit.lighting.lights[:0], ambient=zero)
     ambient = dark.without("around").by(ambient=lit.lighting.ambient)
     white = dark.without("around", "rows").by(ambient=np.ones(3, np.float32))
-    shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
+    shown = surface
+    if material.shading == "pbr":
+        # The base colour lies below varnish.
+        shown = _unlit(surface, 1.0)._replace(layers=None)
     base = shade(drawn, shown, white, x, y)[:3]
     terms = tuple(_light_terms(drawn, surface, clear, x, y))
     for one in lit.effects:
@@ -231,7 +234,7 @@ def _white(surface: Surface) -> Surface:
         for name, value in surface._asdict().items()
         if name in ("vertex_colors", "face_colors")
     }
-    return surface._replace(materials=materials, fields=None, **colors)
+    return surface._replace(materials=materials, fields=None, layers=None, **colors)
 
 
 def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:

@@ -230,6 +230,26 @@ class Microfacets(NamedTuple):
     1 and 1, but for who asks for one of them alone."""
 
 
+class Layers(NamedTuple):
+    """What glTF's extensions lay over the objects; a kind that no object in view has is None."""
+
+    coats: Any
+    """(O, 10) float32: rows from COAT on, see ``surface.samples``."""
+    coat_scales: Any
+    """(O, 1) float32: factor on x and y of the varnish's normals."""
+    coat_tangents: Any
+    """As ``Maps.tangents``, for the normal maps of varnish."""
+    sheens: Any
+    """(O, 4) float32: red, green, blue, roughness."""
+    dielectrics: Any
+    """(O, 5) float32: rows from HEAD_ON_RED on."""
+    stand_ins: Any
+    """(O, 9) float32: rows from LAYER_RED on of a white mirror, lit where an object is by
+    microfacets."""
+    albedo: Any
+    """``lighting.sheen.ALBEDO`` as an array."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -265,6 +285,8 @@ class Surface(NamedTuple):
     through nothing."""
     limits: Any = None
     """(3,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
+    layers: Layers | None = None
+    """Varnish, fibres, own mirrors | None -> none in view."""
 
 
 class Lighting(NamedTuple):

@@ -37,6 +37,7 @@ EFFECTS: tuple[Effect, ...] = (
     rows.Map("metallic-roughness maps", "metallic_roughness_texture"),
     rows.Map("occlusion maps", "occlusion_texture"),
     rows.Emission(),
+    *rows.LAYERS,
     rows.SingleSided(),
     LIGHT,
     BACKGROUND,

@@ -18,6 +18,7 @@ from rasterjit.pipeline.encode import code_of
 from rasterjit.pipeline.records import (
     Alphas,
     AlphaTests,
+    Layers,
     Lighting,
     Placement,
     Surface,
@@ -28,6 +29,7 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
 from rasterjit.survey.effect import Active, FrameContext, Rows, acting
+from rasterjit.survey.facts import Facts
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
 
@@ -125,6 +127,17 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         through=tables.through if facts.transmits else None,
         in_float32=facts.interpolates_in_float32,
         limits=facts.limits,
+        layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
+    )
+
+
+def layers_in_view(layers: Layers, facts: Facts) -> Layers:
+    """Return what lies over the objects in view."""
+    seen = facts.seen
+    return layers._replace(
+        coats=layers.coats if seen.coated else None,
+        sheens=layers.sheens if seen.with_sheen else None,
+        dielectrics=layers.dielectrics if seen.own_mirrors else None,
     )
 
 
@@ -148,7 +161,7 @@ def light_surface(
     if lighting is None or not plan.facts.needs_gouraud:
         return surface
     # Vertices are lit without facets.
-    bare, diffuse = surface._replace(microfacets=None), None
+    bare, diffuse = surface._replace(microfacets=None, layers=None), None
     lit = light(bare, lighting)
     if plan.facts.needs_diffuse_light:
         diffuse = light(bare, lighting._replace(highlights=None))

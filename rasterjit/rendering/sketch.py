@@ -18,6 +18,7 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     Fields,
     Geometry,
+    Layers,
     Levels,
     Lighting,
     Maps,
@@ -138,6 +139,7 @@ class _Tables(NamedTuple):
     normals: NDArray[np.float32]
     textures: Textures
     microfacets: Microfacets
+    layers: Layers
     maps: Maps
     fields: Fields
     through: NDArray[np.float32]
@@ -164,8 +166,9 @@ def _tables(plan: RenderPlan) -> _Tables:
     none = np.empty((0, 2), np.int64)
     lines = Levels(np.empty(0), none, empty) if contents.contoured else None
     fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
-    through = np.empty((0, COLUMNS), np.float32)
-    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps, fields, through)
+    layers = Layers(empty, empty, empty, empty, empty, empty, empty)
+    own = _textures(plan), microfacets, layers, maps, fields
+    return _Tables(surface, empty[:, :3], *own, np.empty((0, COLUMNS), np.float32))
 
 
 def _textures(plan: RenderPlan) -> Textures:

@@ -150,8 +150,12 @@ def surface_steps(
     if surface.lit_vertices is not None and not acting(effects, "sample"):
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))
+    if surface.layers is not None and surface.layers.coats is not None:
+        steps += coat_steps(surface, geometry, placement)
     if surface.maps is not None and surface.textures is not None:
         steps += map_steps(surface.textures, surface.maps, surface, geometry, placement)
+    if surface.layers is not None:
+        steps += layer_steps(surface, geometry, placement)
     return steps
 
 
@@ -308,6 +312,56 @@ def through_steps(surface: Surface, geometry: Geometry, placement: Placement) ->
     return steps
 
 
+def coat_steps(surface: Surface, geometry: Geometry, placement: Placement) -> list[Step]:
+    """Return the stages that find varnish and its normals, before maps bend those below it."""
+    from rasterjit.pipeline.surface import layers as moves
+
+    own, laid, layers = surface.textures, surface.maps, surface.layers
+    kept = [Step(moves.copy_rows, (rows.NORMAL_X, rows.COAT_NORMAL_X, 3))]
+    kind, steps = textures.CLEARCOAT_NORMAL, [Step(moves.fill_rows, (layers.coats, rows.COAT))]
+    if own is None or laid is None or not laid.counts[kind]:
+        return steps + kept
+    apart = laid.coordinates[kind]
+    table = own.table.copy()
+    table[:, textures.NORMAL] = table[:, kind]
+    uv = own.uv if apart is None else apart
+    bent = table, uv, layers.coat_tangents, layers.coat_scales, placement
+    steps += [*kept, *read_steps(kind, own, laid, geometry, placement)]
+    # The normals of the surface come back when those of its varnish are bent.
+    steps += [
+        Step(maps.bend_normals_by_maps, bent),
+        Step(moves.exchange_rows, (rows.NORMAL_X, rows.COAT_NORMAL_X, 3)),
+    ]
+    return steps if apart is None else steps + lay_steps(own, geometry, placement)
+
+
+def layer_steps(surface: Surface, geometry: Geometry, placement: Placement) -> list[Step]:
+    """Return the stages that find what lies over surfaces, as factors and textures say."""
+    from rasterjit.pipeline.surface import layers as moves
+
+    own, laid, layers = surface.textures, surface.maps, surface.layers
+    steps = []
+    if layers.sheens is not None:
+        steps.append(Step(moves.fill_rows, (layers.sheens, rows.SHEEN_RED)))
+    if layers.dielectrics is not None:
+        steps.append(Step(moves.fill_rows, (layers.dielectrics, rows.HEAD_ON_RED)))
+    for part, kind, scaled in (
+        (layers.coats, textures.CLEARCOAT, (rows.COAT, 0, 1)),
+        (layers.coats, textures.CLEARCOAT_ROUGHNESS, (rows.COAT_ROUGHNESS, 1, 1)),
+        (layers.sheens, textures.SHEEN_COLOR, (rows.SHEEN_RED, 0, 3)),
+        (layers.sheens, textures.SHEEN_ROUGHNESS, (rows.SHEEN_ROUGHNESS, 3, 1)),
+        (layers.dielectrics, textures.SPECULAR_FACTOR, (rows.EDGE, 3, 1)),
+        (layers.dielectrics, textures.SPECULAR_COLOR, (rows.HEAD_ON_RED, 0, 3)),
+    ):
+        if part is None or own is None or laid is None or not laid.counts[kind]:
+            continue
+        steps += read_steps(kind, own, laid, geometry, placement)
+        steps.append(Step(moves.scale_rows_by_textures, scaled))
+        if laid.coordinates[kind] is not None:
+            steps += lay_steps(own, geometry, placement)
+    return steps
+
+
 def emission_steps(
     surface: Surface, shown: int, geometry: Geometry, placement: Placement
 ) -> list[Step]:
@@ -330,12 +384,27 @@ def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> li
     steps.append(Step(lights.show_ambient, (lighting.ambient,)))
     if lighting.renormalizes:
         steps.append(Step(lights.normalize_normals, ()))
+    layers = look.surface.layers
     if look.surface.microfacets is not None:
-        steps.append(Step(lights.show_ambient_on_facets, (lighting.ambient, viewer)))
+        shown = Step(lights.show_ambient_on_facets, (lighting.ambient, viewer))
+        steps += [shown] if layers is None else layered_ambient_steps(look, shown)
     steps += steps_of_lights(look, effects)
     steps += emission_steps(look.surface, rows.OUT_RED, geometry, look.placement)
+    if layers is not None:
+        from rasterjit.pipeline.lighting import layered
+
+        steps += layered.finishing_steps(layers, viewer)
     steps += seen_steps(effects, rows.OUT_RED)
     return steps + effect_steps(effects, "sample", look)
+
+
+def layered_ambient_steps(look: Look, shown: Step) -> list[Step]:
+    """Return the stages that show ambient light on microfacets and what lies over them."""
+    from rasterjit.pipeline.lighting import layered
+
+    layers, matt = look.surface.layers, Step(lights.show_ambient, (look.lighting.ambient,))
+    steps = layered.starting_steps(layers, Step(lights.normalize_normals, ()))
+    return steps + layered.around_steps(layers, look.viewer, shown, matt, is_first=True)
 
 
 def seen_steps(effects: Sequence[Active], shown: int) -> list[Step]:
@@ -365,15 +434,34 @@ def add_steps(look: Look, first: int, end: int) -> list[Step]:
     """Return the stages that add lights ``first`` to ``end``; none if these are none."""
     if first == end:
         return []
+    if look.surface.layers is not None:
+        return [step for n in range(first, end) for step in layered_light_steps(look, n)]
+    return [*shiny_steps(look, first, end), *facet_steps(look, first, end)]
+
+
+def layered_light_steps(look: Look, n: int) -> list[Step]:
+    """Return the stages that add light ``n`` where something lies over microfacets."""
+    from rasterjit.pipeline.lighting import layered
+
+    lit_by = look.lighting.lights, n, look.surface.microfacets.parts
+    shiny, (facets,) = shiny_steps(look, n, n + 1), facet_steps(look, n, n + 1)
+    return layered.light_steps(look.surface.layers, shiny, facets, lit_by)
+
+
+def shiny_steps(look: Look, first: int, end: int) -> list[Step]:
+    """Return the stage that adds lights to what microfacets do not shade."""
     lighting, viewer = look.lighting, look.viewer
     if lighting.highlights is None:
-        steps = [Step(lights.add_diffuse_lights, (lighting.lights, first, end))]
-    else:
-        steps = [Step(lights.add_shiny_lights, (lighting.lights, first, end, viewer))]
-    if look.surface.microfacets is not None:
-        parts = lighting.lights, first, end, viewer, look.surface.microfacets.parts
-        steps.append(Step(lights.add_lights_on_facets, parts))
-    return steps
+        return [Step(lights.add_diffuse_lights, (lighting.lights, first, end))]
+    return [Step(lights.add_shiny_lights, (lighting.lights, first, end, viewer))]
+
+
+def facet_steps(look: Look, first: int, end: int) -> list[Step]:
+    """Return the stage that adds lights to what microfacets shade, if any are there."""
+    if look.surface.microfacets is None:
+        return []
+    parts = look.lighting.lights, first, end, look.viewer, look.surface.microfacets.parts
+    return [Step(lights.add_lights_on_facets, parts)]
 
 
 def shading_steps(

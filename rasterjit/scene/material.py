@@ -48,6 +48,9 @@ TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 BRIGHTEST_EMISSION = 1e6
 """Largest emission, linear: as bright as a texel may be."""
 
+LARGEST_THICKNESS = 1e6
+"""Largest ``thickness`` of a body, in units of the mesh."""
+
 NUMBERS = {
     "metallic": (0.0, 1.0),
     "roughness": (0.0, 1.0),
@@ -60,7 +63,7 @@ NUMBERS = {
     "sheen_roughness": (0.0, 1.0),
     "specular_factor": (0.0, 1.0),
     "transmission": (0.0, 1.0),
-    "thickness": (0.0, 1e6),
+    "thickness": (0.0, LARGEST_THICKNESS),
 }
 """Fields that are numbers, and their bounds."""
 
@@ -304,6 +307,11 @@ class Material:
     def emits(self) -> bool:
         """Whether the surface sends out light."""
         return any(part > 0.0 for part in self.emissive)
+
+    @property
+    def has_normal_map(self) -> bool:
+        """Whether a texture bends the normals of the surface or of its varnish."""
+        return self.normal_texture is not None or self.clearcoat_normal_texture is not None
 
     @property
     def has_clearcoat(self) -> bool:

@@ -17,6 +17,7 @@ from rasterjit.pipeline import records
 from rasterjit.pipeline.records import (
     AlphaTests,
     Fields,
+    Layers,
     Levels,
     Maps,
     Microfacets,
@@ -56,6 +57,8 @@ MANY_VERTICES = 1 << 16
 
 VERTEX_BLOCK = 1 << 12
 """Vertices in a row that are left out together, if no face uses any of them."""
+
+_WHITE, _DARK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
 NORMAL = 1
 """Place of normal maps among the textures of a material."""
@@ -326,16 +329,47 @@ def join_through(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
     for mesh, _ in runs:
         material = mesh.material
         share = material.transmission if lets_through(mesh) else 0.0
-        ior = material.ior
-        # What mirrors all has an index of refraction without end.
-        straight = ((ior - 1.0) / (ior + 1.0)) ** 2 if ior > 0.0 else 1.0
-        mirrored = [
-            min(straight * part, 1.0) * material.specular_factor for part in material.specular_color
-        ]
-        per_distance = 1.0 / material.attenuation_distance
-        inside = material.attenuation_color
-        rows.append((share, material.thickness, ior, *mirrored, *inside, per_distance))
+        straight, factor = _head_on(material.ior), material.specular_factor
+        mirrored = [min(straight * part, 1.0) * factor for part in material.specular_color]
+        inside = *material.attenuation_color, 1.0 / material.attenuation_distance
+        rows.append((share, material.thickness, material.ior, *mirrored, *inside))
     return _repeat(rows, runs, np.float32)
+
+
+def join_layers(meshes: Sequence[Mesh]) -> Layers:
+    """Join what glTF's extensions lay over the objects."""
+    from rasterjit.pipeline.lighting.sheen import ALBEDO
+
+    runs = runs_of(meshes)
+    own = [mesh.material for mesh, _ in runs]
+    # As rows of samples come: white, not lit as a matt surface, dark as yet, metal, roughness.
+    coats = [
+        (one.clearcoat * one.has_clearcoat, *_WHITE, *_UNLIT, 1.0, one.clearcoat_roughness)
+        for one in own
+    ]
+    sheens = [(*(one.sheen_color if one.has_sheen else _DARK), one.sheen_roughness) for one in own]
+    dielectrics = [
+        (*(_head_on(one.ior) * part for part in one.specular_color), one.specular_factor,
+         one.has_own_specular)
+        for one in own
+    ]  # fmt: skip
+    stand_ins = [(*_WHITE, one.shading == "pbr", *_DARK, 1.0, 0.0) for one in own]
+    has_maps = any(one.textures_read()[texturing.CLEARCOAT_NORMAL] is not None for one in own)
+    none = np.zeros((0, GROUPS, 4), np.float32)
+    return Layers(
+        _repeat(coats, runs, np.float32),
+        _repeat([(one.clearcoat_normal_scale,) for one in own], runs, np.float32),
+        _join_tangents(runs, texturing.CLEARCOAT_NORMAL) if has_maps else none,
+        _repeat(sheens, runs, np.float32),
+        _repeat(dielectrics, runs, np.float32),
+        _repeat(stand_ins, runs, np.float32),
+        ALBEDO,
+    )
+
+
+def _head_on(ior: float) -> float:
+    """Return the share of light straight on that a dielectric mirrors."""
+    return ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
 def join_fields(meshes: Sequence[Mesh]) -> Fields:
@@ -423,16 +457,16 @@ def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
     return Maps(
         _repeat(factors, runs, np.float32),
         counts,
-        _join_tangents(runs) if counts[NORMAL] else np.zeros((0, GROUPS, 4), np.float32),
+        _join_tangents(runs, NORMAL) if counts[NORMAL] else np.zeros((0, GROUPS, 4), np.float32),
         tuple(join_uv(meshes, kind) if apart else None for kind, apart in enumerate(kinds_apart)),
     )
 
 
-def _join_tangents(runs: Sequence[tuple[Mesh, int]]) -> NDArray[np.float32]:
-    """Join the tangents of the objects with normal maps, (V, 2, 4); zero for the others."""
+def _join_tangents(runs: Sequence[tuple[Mesh, int]], kind: int) -> NDArray[np.float32]:
+    """Join the tangents of the objects with normal maps of a kind, (V, 2, 4); zero for others."""
     parts = []
     for mesh, count in runs:
-        texture = mesh.material.textures_read()[NORMAL]
+        texture = mesh.material.textures_read()[kind]
         tangents = np.zeros((len(mesh.vertices), GROUPS, 4), np.float32)
         if texture is not None:
             uv = mesh.uv_sets[texture.uv_set]

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.records import (
+    AlphaTests,
+    Fields,
+    Layers,
+    Maps,
+    Microfacets,
+    Surface,
+    Textures,
+)
 from rasterjit.pipeline.visibility.primitives import runs_between
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
@@ -21,6 +29,7 @@ from rasterjit.survey.arrays import (
     SceneArrays,
     join_alpha_tests,
     join_fields,
+    join_layers,
     join_maps,
     join_microfacets,
     join_textures,
@@ -208,6 +217,11 @@ class MaterialTables:
     def through(self) -> NDArray[np.float32]:
         """How light goes through all objects, (O, 10)."""
         return plan_arrays.join_through(self.meshes)
+
+    @cached_property
+    def layers(self) -> Layers:
+        """Varnish, fibres and own mirrors of all objects."""
+        return join_layers(self.meshes)
 
     @cached_property
     def fields(self) -> Fields:

@@ -66,6 +66,12 @@ class Contents(NamedTuple):
     """Through which what lies behind is seen."""
     emitting: int
     """That send out light."""
+    coated: int
+    """With varnish."""
+    with_sheen: int
+    """With fibres."""
+    own_mirrors: int
+    """Microfacets that mirror otherwise than 4 % of white light straight on, where no metal is."""
     single_sided: int
     """Whose back faces are not drawn."""
     vertex_colored: int
@@ -124,6 +130,11 @@ class Contents(NamedTuple):
     def has_textures(self) -> bool:
         """Whether any object has a texture that is read."""
         return any(self.textured.values())
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether any object has varnish, fibres, or a mirror of its own."""
+        return self.coated + self.with_sheen + self.own_mirrors > 0
 
     @property
     def has_maps(self) -> bool:
@@ -276,6 +287,9 @@ def _contents_of(mesh: Mesh) -> Contents:
         blended=material.alpha_mode == "blend",
         see_through=is_see_through(mesh),
         emitting=material.emits,
+        coated=material.has_clearcoat,
+        with_sheen=material.has_sheen,
+        own_mirrors=material.has_own_specular,
         single_sided=not material.double_sided,
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,

@@ -206,6 +206,8 @@ class Facts:
             or not self.is_smooth
             or contents.with_field > 0
             or contents.primitives
+            or contents.has_layers
+            or contents.transmitting > 0
             or self.is_surrounded
             or self.is_exposed
         ):
@@ -303,6 +305,11 @@ class Facts:
     def blurs_behind(self) -> bool:
         """Whether any object blurs what is seen through it: in view or not, as in all pictures."""
         return self.contents.rough_glass > 0
+
+    @cached_property
+    def needs_layers(self) -> bool:
+        """Whether anything lit has varnish, fibres, or a mirror of its own."""
+        return self.is_lit and self.seen.has_layers
 
     @cached_property
     def needs_maps(self) -> bool:
@@ -467,6 +474,8 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         return []
     return [
         (contents.with_field > 0, "an object has scalars of its vertices"),
+        (contents.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
+        (contents.transmitting > 0, "a material has a transmission"),
         (facts.is_surrounded, "the scene has an environment"),
         (math.isinf(facts.brightness), "a light has a place"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),

@@ -10,8 +10,9 @@ import copy
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import IOR, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
@@ -303,6 +304,56 @@ class Emission(CountedRow):
         """Return the scene with materials that send out none."""
         dark = {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None}
         return with_materials(scene, lambda material: replace(material, **dark))
+
+
+class Layer(CountedRow):
+    """
+    What an extension of glTF lays over metallic-roughness materials.
+
+    Parameters
+    ----------
+    name : str
+        Of the row.
+    none : str
+        What there is if no material has it.
+    counted : str
+        The field of `Contents` that counts it.
+    lacking : dict
+        Fields of a material that has none.
+    """
+
+    def __init__(self, name: str, none: str, counted: str, lacking: dict[str, Any]) -> None:
+        self.name, self.none, self._counted, self._lacking = name, none, counted, lacking
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects have it."""
+        return getattr(contents, self._counted)
+
+    def is_needed(self, facts: Facts) -> bool:
+        """Tell whether light falls on anything."""
+        return facts.is_lit
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with materials that have none."""
+        return with_materials(scene, lambda material: replace(material, **self._lacking))
+
+
+LAYERS = (
+    Layer("clearcoat", "no pbr material has a clearcoat", "coated", {"clearcoat": 0.0}),
+    Layer(
+        "sheen", "no pbr material has a sheen_color", "with_sheen",
+        {"sheen_color": None, "sheen_color_texture": None},
+    ),
+    Layer(
+        "specular and ior", "no pbr material has an ior or specular_ field of its own",
+        "own_mirrors",
+        {
+            "ior": IOR, "specular_factor": 1.0, "specular_factor_texture": None,
+            "specular_color": None, "specular_color_texture": None,
+        },
+    ),
+)  # fmt: skip
+"""Rows of what lies over metallic-roughness materials."""
 
 
 class SingleSided(CountedRow):

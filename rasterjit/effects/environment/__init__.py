@@ -197,10 +197,14 @@ class EnvironmentLight(Effect):
         """Return the stages that add light from all sides, and what microfacets mirror of it."""
         shed = around.irradiance, around.turn, around.intensity
         steps = [Step(environment_stage.shed_light, shed)]
-        if look.surface.microfacets is not None:
-            mirrored = around, look.viewer
-            steps.append(Step(environment_stage.mirror_environment, mirrored))
-        return steps
+        if look.surface.microfacets is None:
+            return steps
+        mirrored = Step(environment_stage.mirror_environment, (around, look.viewer))
+        if look.surface.layers is None:
+            return [*steps, mirrored]
+        from rasterjit.pipeline.lighting import layered
+
+        return steps + layered.around_steps(look.surface.layers, look.viewer, mirrored, *steps)
 
     places: ClassVar = {"around": shed}
 

@@ -1,7 +1,7 @@
 """
 Convert the materials and meshes of glTF files to `Material` and `Mesh`.
 
-Materials keep their five textures; core properties follow [1]_, extensions [2]_. Each primitive of
+Materials keep their textures; core properties follow [1]_, extensions [2]_. Each primitive of
 triangles becomes one `Mesh`, of lines `Lines` and of points `Points`; those without normals are
 unlit, as section 3.7.2.1 has it.
 
@@ -9,7 +9,8 @@ References
 ----------
 .. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), sections 3.8 and 3.9.
 .. [2] The Khronos Group, "KHR_texture_transform", "KHR_materials_unlit",
-   "KHR_materials_emissive_strength", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness".
+   "KHR_materials_emissive_strength", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness";
+   those that lay something over a material are in ``layers``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.drawings import Drawing, lines_of
+from rasterjit.io.gltf import layers
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
@@ -136,7 +138,8 @@ class MaterialReader:
             "alpha_cutoff": number_of(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        textures, uv_sets = self._read_textures(values, UNLIT in extensions, label)
+        laid, uses = layers.layers_of(extensions)
+        textures, uv_sets = self._read_textures({**values, **uses}, UNLIT in extensions, label)
         if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
         strength = number_of(
@@ -152,6 +155,7 @@ class MaterialReader:
                 object_of(values, "occlusionTexture"), "strength", 1.0, 1.0
             ),
             emissive=tuple(strength * part for part in emitted),
+            **laid,
             **options,
             **textures,
         )
@@ -163,7 +167,7 @@ class MaterialReader:
         """Return the textures of a material by field, and their sets of texture coordinates."""
         found: dict[str, Texture] = {}
         uv_sets: list[int] = []
-        for field, (key, color_space) in TEXTURES.items():
+        for field, (key, color_space) in (TEXTURES | layers.TEXTURES).items():
             if values.get(key) is None or (is_unlit and field != "base_color_texture"):
                 continue
             try:
@@ -388,7 +392,7 @@ class MeshReader:
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
         every = [one for one in (material, *variants.values()) if one is not None]
-        if normals is not None and any(one.normal_texture is not None for one in every):
+        if normals is not None and any(one.has_normal_map for one in every):
             tangents = self._rows(attributes, "TANGENT", count, (4,), label)
         missing = [n for n, values in enumerate(uv) if values is None]
         if material is not None:

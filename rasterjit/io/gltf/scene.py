@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.content import COMPRESSED, MaterialReader, MeshReader
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.layers import LAYERS
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -49,7 +50,7 @@ UNDERSTOOD = frozenset(
     (
         LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_xmp_json_ld", "KHR_xmp", VARIANTS,
+        "KHR_xmp_json_ld", "KHR_xmp", VARIANTS, *LAYERS,
     )
 )  # fmt: skip
 """Extensions that are read, or have nothing to show."""

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf import layers
 from rasterjit.io.gltf.content import (
     LINEAR,
     LINES,
@@ -420,11 +421,13 @@ class _Writer:
     def _textures(
         self, material: Material, entry: dict[str, Any], core: dict[str, Any], is_unlit: bool
     ) -> None:
-        """Say the textures of a material."""
-        first = True
-        for field, (key, color_space) in TEXTURES.items():
+        """Say the textures of a material, and what lies over it."""
+        first, uses = True, {}
+        for field, (key, color_space) in (TEXTURES | layers.TEXTURES).items():
             texture = getattr(material, field)
             if texture is None:
+                continue
+            if field in layers.TEXTURES and material.shading != "pbr":
                 continue
             if is_unlit and field != "base_color_texture":
                 if texture in material.textures_read():
@@ -439,7 +442,15 @@ class _Writer:
             elif field == "occlusion_texture":
                 use["strength"] = material.occlusion_strength
             inside = field in ("base_color_texture", "metallic_roughness_texture")
-            (core if inside else entry)[key] = use
+            if field in layers.TEXTURES:
+                uses[field] = use
+            else:
+                (core if inside else entry)[key] = use
+        if material.shading != "pbr":
+            return
+        for name, told in layers.told_by(material, uses).items():
+            self._use(name)
+            entry.setdefault("extensions", {})[name] = told
 
     def _texture(self, texture: Texture, color_space: str, field: str) -> dict[str, Any]:
         """Add a texture, its picture and its sampler, and return how it is used."""

@@ -47,6 +47,21 @@ ACROSS, DOWN, BIAS = 28, 29, 30
 FOUND, NEARER = 31, 32
 """Rows: what may shade a sample, by the share of the light that it hides, and that times how much
 nearer to the light it is, in stored depth."""
+COAT_NORMAL_X, COAT = 33, 36
+COAT_RED, COAT_LIT, COAT_OUT, COAT_METALLIC, COAT_ROUGHNESS = 37, 40, 41, 44, 45
+"""Rows of varnish: its normal, three; how much of it there is, 0..1; and what changes places with
+the surface below: RED to BLUE, then LIT to ROUGHNESS."""
+SHEEN_RED, SHEEN_ROUGHNESS = 46, 49
+"""Rows of fibres: their colour, the first of three; how much they lean."""
+HEAD_ON_RED, EDGE, OWN_MIRROR = 50, 53, 54
+"""Rows of what is no metal: the share mirrored straight on, the first of three; a factor on all
+that it mirrors; 1 where these are its own."""
+BELOW_RED, BEFORE_RED = 55, 58
+"""Rows, three each: the colour that is seen before fibres, and own mirrors, have their part."""
+LAYER_RED, LAYER_LIT, LAYER_OUT, LAYER_METALLIC, LAYER_ROUGHNESS = 61, 64, 65, 68, 69
+"""Rows of a layer that is lit in place of a surface: RED to BLUE, then LIT to ROUGHNESS."""
+WHITE_RED = 70
+"""Rows, three: what a white mirror shows of the light from all sides."""
 
 SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
@@ -90,7 +105,7 @@ VERTEX_ROWS = 9
 VECTOR = 16
 """Samples of the longest vectors."""
 
-BLOCK_ROWS = 33
+BLOCK_ROWS = 73
 """Rows of samples: those above."""
 PLACE_ROWS = 14
 

@@ -1,0 +1,56 @@
+"""
+Lay varnish over what samples show.
+
+The varnish is a mirror of its own normal and roughness, lit by the stages that light every surface
+(as a white metal it mirrors all light). Its share in what is seen is
+``w = clearcoat (0.04 + 0.96 (1 - |n v|)**5)`` [1]_; of what lies below, and of what is sent out
+there, ``1 - w`` is left.
+
+References
+----------
+.. [1] The Khronos Group, "KHR_materials_clearcoat", and appendix B of the glTF 2.0 specification:
+   ``fresnel_coat``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.light_stages import three_rows
+from rasterjit.pipeline.lighting.pbr import DIELECTRIC, grazing
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.runtime.float_math import clamped
+from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.jit import disjoint_helper, stage
+from rasterjit.runtime.state import float32
+
+
+@disjoint_helper
+def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
+    """Lay one channel of varnish over what is below it."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(below.shape[0]):
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
+        mirrored = DIELECTRIC + (one - DIELECTRIC) * grazing(max(zero, abs(n_v)))
+        share = clamped(coat[i], zero, one) * mirrored
+        laid = below[i] * (one - share) + share * shown[i]
+        below[i] = laid if share > zero else below[i]
+
+
+@stage
+def lay_coats(block: Block, count, toward_viewer: float32[::1]):
+    """Lay the varnish over what samples show: reads its rows, with normals of length one."""
+    s = block.samples
+    for k in range(3):
+        lay_coat(
+            toward_viewer, *three_rows(s, rows.COAT_NORMAL_X, count),
+            *three_rows(s, rows.POINT_X, count), part(s, rows.COAT, 0, count),
+            part(s, rows.COAT_OUT + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+        )  # fmt: skip
