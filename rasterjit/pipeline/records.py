@@ -281,7 +281,7 @@ class Surface(NamedTuple):
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
     through: Any = None
-    """(O, 10) float32, columns of ``surface.through``: how light goes through | None -> it goes
+    """(O, 9) float32, columns of ``surface.through``: how light goes through | None -> it goes
     through nothing."""
     limits: Any = None
     """(3,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""

@@ -323,14 +323,14 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
 
 
 def join_through(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join how light goes through the objects: rows of `Surface.through`, (O, 10) float32."""
+    """Join how light goes through the objects: rows of `Surface.through`, (O, 9) float32."""
     runs = runs_of(meshes)
     rows = []
     for mesh, _ in runs:
         material = mesh.material
         share = material.transmission if lets_through(mesh) else 0.0
         straight, factor = _head_on(material.ior), material.specular_factor
-        mirrored = [min(straight * part, 1.0) * factor for part in material.specular_color]
+        mirrored = min(straight * max(material.specular_color), 1.0), factor
         inside = *material.attenuation_color, 1.0 / material.attenuation_distance
         rows.append((share, material.thickness, material.ior, *mirrored, *inside))
     return _repeat(rows, runs, np.float32)

@@ -215,7 +215,7 @@ class MaterialTables:
 
     @cached_property
     def through(self) -> NDArray[np.float32]:
-        """How light goes through all objects, (O, 10)."""
+        """How light goes through all objects, (O, 9)."""
         return plan_arrays.join_through(self.meshes)
 
     @cached_property

@@ -33,7 +33,7 @@ from rasterjit.pipeline.surface.samples import (
     TRANSMITTED,
     Block,
 )
-from rasterjit.pipeline.surface.through import INSIDE, IOR, MIRRORED, PER_DISTANCE
+from rasterjit.pipeline.surface.through import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
 from rasterjit.runtime.float_math import clamped, log2, power
 from rasterjit.runtime.jit import helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -150,13 +150,12 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
     block.single[LEVEL, i] = levels_of_width * rough * bending
     facing = normal[0] * toward[0] + normal[1] * toward[1] + normal[2] * toward[2]
     shares = reflected_shares(clamped(np.float32(facing), zero, one), rough)
+    once, often = bounces(factors[owner, MIRRORED], shares)
+    kept = clamped(one - factors[owner, EDGE] * (once + often), zero, one)
     distance = np.float32(length) * factors[owner, PER_DISTANCE]
     for k in range(3):
-        once, often = bounces(factors[owner, MIRRORED + k], shares)
-        kept = clamped(one - (once + often), zero, one)
-        if distance > zero:
-            kept *= power_of(factors[owner, INSIDE + k], distance)
-        through[TINT + k, i] *= kept
+        left = power_of(factors[owner, INSIDE + k], distance) if distance > zero else one
+        through[TINT + k, i] *= kept * left
 
 
 @helper
@@ -221,7 +220,7 @@ def transmit(
         The picture behind, level by level, row by row.
     levels : (M, 3) int64
         First texel, width and height of each level.
-    factors : (O, 10) float32
+    factors : (O, 9) float32
         ``Surface.through``.
     scales : (O,) float64
         Units of the world in one of each object.

@@ -26,7 +26,7 @@ from rasterjit.scene.material import (
 )
 
 LEAST_DISTANCE = 1e-6
-"""Where a file says that light goes no way at all in a body until it is tinted, which nothing is."""
+"""In place of 0, where a file says that light is tinted before it goes any way in a body."""
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 

@@ -16,10 +16,11 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state import float32
 
-TRANSMISSION, THICKNESS, IOR, MIRRORED, INSIDE, PER_DISTANCE = 0, 1, 2, 3, 6, 9
-"""Columns of ``Surface.through``: of light straight on the share that is mirrored, and the colour
-of what light goes through, three each; one over the distance that it has this colour after."""
-COLUMNS = 10
+TRANSMISSION, THICKNESS, IOR, MIRRORED, EDGE, INSIDE, PER_DISTANCE = 0, 1, 2, 3, 4, 5, 8
+"""Columns of ``Surface.through``: MIRRORED is the share of light straight on that is mirrored, EDGE
+a factor on all that is; INSIDE, three, the colour that light has which went through the body for a
+distance, PER_DISTANCE one over that."""
+COLUMNS = 9
 
 
 @stage
@@ -32,7 +33,7 @@ def find_through(block: Block, count, factors: float32[:, ::1]):
     block : Block
         Writes rows TRANSMITTED and THICKNESS of ``through``.
     count : int
-    factors : (O, 10) float32
+    factors : (O, 9) float32
         ``Surface.through``.
     """
     through = block.through
