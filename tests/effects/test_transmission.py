@@ -48,7 +48,7 @@ def scene_of(*meshes, ambient=(0.3, 0.5, 0.7), behind=None):
     scene.add(wall() if behind is None else behind, PLACE((0, 0, -1)), "wall")
     for number, mesh in enumerate(meshes):
         scene.add(mesh, PLACE((0, 0, 0.3 * number)), f"pane {number}")
-    scene.lights = [rj.AmbientLight(ambient)]
+    scene.lights = [rj.AmbientLight(ambient, 1.0)]
     return scene
 
 
@@ -192,7 +192,7 @@ def test_a_body_refracts_by_snells_law(camera):
     moved = np.hypot(
         places[0] - np.arange(WIDTH) - 0.5, places[1].T.T - np.arange(HEIGHT)[:, None] - 0.5
     )
-    assert moved[is_glass].max() > 2.0
+    assert moved[is_glass].max() > 1.0
     have = linear(scene, camera=camera)
     assert have[is_glass] == pytest.approx(want[is_glass], abs=2e-4)
 
@@ -290,11 +290,6 @@ def test_textures_multiply_transmission_and_thickness():
     halves = np.zeros((1, 2, 3), np.float32)
     halves[:, 1] = 1.0
     texture = rj.Texture(halves, color_space="linear", filter="nearest")
-    columns = (
-        np.arange(WIDTH)[None, :]
-        < drawn(scene_of(pane()), outputs=("object_position",)).object_position[..., 0].shape[1]
-    )
-    assert columns.all()
     where = drawn(scene_of(pane()), outputs=("object_position",)).object_position[..., 0]
     left, right = where < -0.02, where > 0.02
     own = {"transmission": 1.0, "thickness": 0.7, "ior": 1.8}
@@ -336,6 +331,27 @@ def test_frames_have_the_same_bits_for_any_threads(samples):
         assert getattr(frames[0], name).tobytes() == getattr(frames[1], name).tobytes(), name
 
 
+@pytest.mark.parametrize("quality", [
+    rj.Quality(samples="area"), rj.Quality(samples=4, blending="srgb8"),
+    rj.Quality(blending="srgb8"),
+])  # fmt: skip
+def test_all_that_lies_over_a_picture_lies_over_glass(quality):
+    """Tones, edges and corners, with glass and without, for any threads."""
+    scene = busy_scene()
+    scene.remove(scene.find("pane 1"))
+    scene.tone_map, scene.outline = rj.ToneMap("aces"), rj.Outline()
+    scene.ambient_occlusion, scene.eye_dome = rj.AmbientOcclusion(0.8), rj.EyeDome()
+    scene.vignette, scene.wireframe = rj.Vignette(), rj.Wireframe()
+    frames = [
+        rj.render(scene, CAMERA, size=(160, 130), quality=quality, threads=n).color for n in (1, 3)
+    ]
+    assert frames[0].tobytes() == frames[1].tobytes()
+    scene.nodes[1].mesh = pane(**GLASS | {"transmission": 0.0})
+    solid = rj.render(scene, CAMERA, size=(160, 130), quality=quality, threads=1).color
+    beside = rj.render(scene, CAMERA, size=(160, 130), outputs=("object_id",)).object_id == -1
+    assert (solid[~beside] != frames[0][~beside]).any()
+
+
 def test_views_of_a_batch_are_those_drawn_alone():
     scene = busy_scene()
     cameras = [replace(CAMERA, eye=(0.3 * n, 0.4, 4.0)) for n in range(3)]
@@ -364,20 +380,16 @@ def test_many_samples_average_pictures_that_see_through_each():
     is_glass = covered(scene)
     is_glass[1:-1, 1:-1] &= is_glass[:-2, 1:-1] & is_glass[2:, 1:-1]
     is_glass[:, 1:-1] &= is_glass[:, :-2] & is_glass[:, 2:]
-    assert np.abs(one - many)[is_glass].max() < 0.02
+    assert np.abs(one - many)[is_glass].max() < 0.04
 
 
 def test_glass_and_what_is_blended_are_not_seen_through_glass():
-    own = pane(transmission=1.0)
-    blended = rj.Mesh(
-        SQUARE * 0.4,
-        FACES,
-        normals=UP,
-        material=rj.Material("unlit", (1, 0, 0, 0.5), alpha_mode="blend"),
-    )
+    own, red = pane(transmission=1.0), rj.Material("unlit", (1, 0, 0, 0.5), alpha_mode="blend")
+    blended = rj.Mesh(SQUARE * 0.4, FACES, normals=UP, material=red)
     for other in (pane(0.4, transmission=1.0, base_color="red"), blended):
-        assert (linear(scene_of(own))[covered(scene_of(own))]
-                == linear(scene_of(other, own))[covered(scene_of(own))]).all()  # fmt: skip
+        scene = scene_of(own)
+        scene.add(other, PLACE((0, 0, -0.3)))
+        assert (linear(scene) == linear(scene_of(own)))[covered(scene)].all()
     over = linear(scene_of(own, blended))
     assert (over != linear(scene_of(own))).any()
 
@@ -476,7 +488,7 @@ def test_explain_pixel_tells_what_is_seen_through_glass():
     told = rj.explain_pixel(scene, CAMERA, SIZE, 30, 22)
     frame = drawn(scene)
     assert told.linear[:3] == pytest.approx(frame.linear[22, 30, :3], abs=1e-6)
-    (through,) = [term for term in told.light.terms if term.name == "what is seen through it"]
+    (through,) = [term for term in told.light.lights if term.name == "what is seen through it"]
     assert "what is seen through it" in str(told)
     assert np.abs(through.diffuse).max() > 0.01
 
