@@ -74,16 +74,20 @@ BELOW = "texture_lookup.multiply_textures_below_highlights"
 FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
 """Lights vertices once more, for the part of their colour that textures multiply."""
+VARNISH = {"clearcoat.lay_coats"}
+FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres"}
+MIRRORS = {"dielectrics.light_own_mirrors", "dielectrics.show_around_on_own_mirrors"}
+SCALED = "layers.scale_rows_by_textures"
 
 GONE = {
     "textures": {
         *MAPS, "texture_gradients.find_coordinates", "texture_gradients.find_steps", BELOW,
-        FACES_BELOW, "texture_lookup.read_textures", DULL,
+        FACES_BELOW, "texture_lookup.read_textures", DULL, SCALED,
     },
     # Numbers of the textures, not code.
     "texture transforms": set(),
     "anisotropic filter": set(),
-    "maps and emission": {*MAPS, "maps.find_emission", "maps.show_emission"},
+    "maps and emission": {*MAPS, "maps.find_emission", "maps.show_emission", SCALED},
     "normal maps": {"maps.bend_normals_by_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
@@ -97,8 +101,12 @@ GONE = {
     "microfacets": {
         "attributes.find_facets", "environment.mirror_environment",
         "light_stages.add_lights_on_facets", "light_stages.show_ambient_on_facets",
-        "maps.scale_facets_by_maps",
+        "maps.scale_facets_by_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED, "layers.copy_rows",
+        "layers.exchange_rows", "layers.fill_rows",
     },
+    "clearcoat": {*VARNISH, SCALED},
+    "sheen": FIBRES,
+    "specular and ior": MIRRORS,
     "Gouraud": {
         "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
         "vertices.write_vertices",
