@@ -169,6 +169,45 @@ def metallic_roughness(size: Size) -> Picture:
 
 
 @picture
+def layers(size: Size) -> Picture:
+    """Varnish over rough paint, sheen of cloth, tinted mirrors, and ior from 1.1 to 2.4."""
+    rows: list[list[rj.Material]] = [
+        [
+            rj.Material("pbr", "#8c1420", roughness=0.75, clearcoat=share, clearcoat_roughness=0.06)
+            for share in (0.0, 0.25, 0.5, 0.75, 1.0)
+        ],
+        [
+            rj.Material("pbr", "#262a58", roughness=1.0, sheen_color=color, sheen_roughness=rough)
+            for color, rough in (
+                ("black", 0.0), ("#8f96e8", 0.2), ("#8f96e8", 0.35), ("#8f96e8", 0.6),
+                ("#e8b0a0", 0.35),
+            )
+        ],
+        [
+            rj.Material("pbr", "#1c1f22", roughness=0.2, specular_factor=share, specular_color=tint)
+            for share, tint in (
+                (0.0, "white"), (0.5, "white"), (1.0, "white"), (1.0, (9.0, 4.0, 0.6)),
+                (1.0, (0.6, 5.0, 9.0)),
+            )
+        ],
+        [
+            rj.Material("pbr", "#1d3a34", roughness=0.08, ior=ior)
+            for ior in (1.1, 1.33, 1.5, 1.8, 2.4)
+        ],
+    ]  # fmt: skip
+    scene, globe = rj.Scene(), ball()
+    for row, materials in enumerate(rows):
+        for column, material in enumerate(materials):
+            place = PLACE.translate((2.25 * (column - 2), 2.25 * (1.5 - row), 0.0))
+            scene.add(dressed(globe, material), place)
+    scene.environment = replace(studio(), rotation=-60.0, intensity=1.3, background=False)
+    scene.lights = [sun(0.8)]
+    scene.tone_map = rj.ToneMap("neutral")
+    camera = rj.PerspectiveCamera(eye=(0.0, 0.0, 40.0), target=(0, 0, 0), fov_y=13.2)
+    return shown(scene, camera, size, background="#aeb4ba", quality=SMOOTH)
+
+
+@picture
 def normal_map(size: Size) -> Picture:
     """A wall of two triangles, without and with a map of its normals."""
     part, pictures = part_of((size[0], size[1] * 2 // 3), 2), []

@@ -116,6 +116,17 @@ def scene_of(row):
         emissive_texture=noise(2), emissive=(0.1, 0.0, 0.2),
     )  # fmt: skip
     scene.add(square(facets), place((0.9, 0.5, -0.4) if on["facets"] else BEHIND), "facets")
+    layered = rj.Material(
+        "pbr", "#a03020", roughness=0.7, clearcoat=0.9, clearcoat_roughness=0.2,
+        clearcoat_texture=noise(2, 0.5), clearcoat_normal_texture=noise(2, 0.4),
+        sheen_color="#8060a0", sheen_roughness=0.5, specular_color=(3.0, 1.0, 0.5), ior=1.4,
+    )  # fmt: skip
+    scene.add(square(layered), place((-0.3, 1.1, -0.7) if on["facets"] else BEHIND), "layered")
+    clear = rj.Material(
+        "pbr", "#c0e0ff", roughness=0.2, transmission=0.8, thickness=0.4, ior=1.4,
+        attenuation_distance=1.0, attenuation_color="#80c0a0", thickness_texture=noise(2),
+    )  # fmt: skip
+    scene.add(square(clear), place((0.6, -0.5, 0.1) if on["facets"] else BEHIND), "clear")
     scene.add(square(rj.Material("phong", "#60a0d0")), place((0.2, -0.9, -1.2)), "plain")
     if mix == "layers":
         glass = rj.Material("phong", (0.2, 0.8, 0.4, 0.5), alpha_mode="blend")

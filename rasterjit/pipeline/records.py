@@ -250,6 +250,21 @@ class Layers(NamedTuple):
     """``lighting.sheen.ALBEDO`` as an array."""
 
 
+IOR, MIRRORED, EDGE, INSIDE, PER_DISTANCE = 0, 1, 2, 3, 6
+"""Columns of ``Through.factors``: MIRRORED is the share of light straight on that is mirrored, EDGE
+a factor on all that is; INSIDE, three, the colour that light has which went through the body for a
+distance, PER_DISTANCE one over that."""
+
+
+class Through(NamedTuple):
+    """How light goes through the objects."""
+
+    rows: Any
+    """(O, 2) float32: transmission; thickness in units of the mesh."""
+    factors: Any
+    """(O, 7) float32: columns from IOR on."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -280,9 +295,8 @@ class Surface(NamedTuple):
     none."""
     in_float32: bool = False
     """Whether colours between those of vertices are found in float32."""
-    through: Any = None
-    """(O, 9) float32, columns of ``surface.through``: how light goes through | None -> it goes
-    through nothing."""
+    through: Through | None = None
+    """How light goes through the objects | None -> through none in view."""
     limits: Any = None
     """(3,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
     layers: Layers | None = None

@@ -26,11 +26,11 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
     Textures,
+    Through,
     Viewport,
 )
 from rasterjit.pipeline.surface import textures
 from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.pipeline.surface.through import COLUMNS
 from rasterjit.rendering import shade, stage_list, supersample
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.material import SHADINGS
@@ -142,7 +142,7 @@ class _Tables(NamedTuple):
     layers: Layers
     maps: Maps
     fields: Fields
-    through: NDArray[np.float32]
+    through: Through
 
 
 def _tables(plan: RenderPlan) -> _Tables:
@@ -168,7 +168,7 @@ def _tables(plan: RenderPlan) -> _Tables:
     fields = Fields(np.empty(0), np.empty((0, 2)), none, empty, lines)
     layers = Layers(empty, empty, empty, empty, empty, empty, empty)
     own = _textures(plan), microfacets, layers, maps, fields
-    return _Tables(surface, empty[:, :3], *own, np.empty((0, COLUMNS), np.float32))
+    return _Tables(surface, empty[:, :3], *own, Through(empty, empty))
 
 
 def _textures(plan: RenderPlan) -> Textures:

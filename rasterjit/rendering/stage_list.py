@@ -45,7 +45,6 @@ from rasterjit.pipeline.surface import (
     texture_lookup,
     texture_places,
     textures,
-    through,
     weights,
 )
 from rasterjit.pipeline.surface import samples as rows
@@ -300,15 +299,19 @@ def through_steps(surface: Surface, geometry: Geometry, placement: Placement) ->
     laid, own = surface.maps, surface.textures
     if surface.through is None:
         return []
-    steps = [Step(through.find_through, (surface.through,))]
-    for kind, applied in (
-        (textures.TRANSMISSION, through.scale_transmission_by_maps),
-        (textures.THICKNESS, through.scale_thickness_by_maps),
+    from rasterjit.pipeline.surface import layers as moves
+
+    steps = [Step(moves.fill_rows, (surface.through.rows, rows.TRANSMITTED))]
+    for kind, scaled in (
+        (textures.TRANSMISSION, (rows.TRANSMITTED, 0, 1)),
+        (textures.THICKNESS, (rows.THICKNESS, 1, 1)),
     ):
-        if own is not None and laid is not None and laid.counts[kind]:
-            steps += [*read_steps(kind, own, laid, geometry, placement), Step(applied, ())]
-            if laid.coordinates[kind] is not None:
-                steps += lay_steps(own, geometry, placement)
+        if own is None or laid is None or not laid.counts[kind]:
+            continue
+        steps += read_steps(kind, own, laid, geometry, placement)
+        steps.append(Step(moves.scale_rows_by_textures, scaled))
+        if laid.coordinates[kind] is not None:
+            steps += lay_steps(own, geometry, placement)
     return steps
 
 

@@ -24,6 +24,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
     Textures,
+    Through,
 )
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.visibility.primitives import LineRule, PointRule, Primitive
@@ -322,18 +323,17 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
-def join_through(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join how light goes through the objects: rows of `Surface.through`, (O, 9) float32."""
+def join_through(meshes: Sequence[Mesh]) -> Through:
+    """Join how light goes through the objects."""
     runs = runs_of(meshes)
-    rows = []
+    rows, factors = [], []
     for mesh, _ in runs:
-        material = mesh.material
-        share = material.transmission if lets_through(mesh) else 0.0
-        straight, factor = _head_on(material.ior), material.specular_factor
-        mirrored = min(straight * max(material.specular_color), 1.0), factor
-        inside = *material.attenuation_color, 1.0 / material.attenuation_distance
-        rows.append((share, material.thickness, material.ior, *mirrored, *inside))
-    return _repeat(rows, runs, np.float32)
+        own = mesh.material
+        mirrored = min(_head_on(own.ior) * max(own.specular_color), 1.0), own.specular_factor
+        inside = *own.attenuation_color, 1.0 / own.attenuation_distance
+        rows.append((own.transmission * lets_through(mesh), own.thickness))
+        factors.append((own.ior, *mirrored, *inside))
+    return Through(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
 
 
 def join_layers(meshes: Sequence[Mesh]) -> Layers:

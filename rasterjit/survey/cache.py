@@ -18,6 +18,7 @@ from rasterjit.pipeline.records import (
     Microfacets,
     Surface,
     Textures,
+    Through,
 )
 from rasterjit.pipeline.visibility.primitives import runs_between
 from rasterjit.scene.mesh import Mesh
@@ -214,8 +215,8 @@ class MaterialTables:
         return join_microfacets(self.meshes)
 
     @cached_property
-    def through(self) -> NDArray[np.float32]:
-        """How light goes through all objects, (O, 9)."""
+    def through(self) -> Through:
+        """How light goes through all objects."""
         return plan_arrays.join_through(self.meshes)
 
     @cached_property

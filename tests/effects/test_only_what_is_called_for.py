@@ -62,13 +62,8 @@ def test_plain_scene_has_each_kernel_in_one_form(used):
     assert len(used) == len({*used})
 
 
-THROUGH_MAPS = {"through.scale_thickness_by_maps", "through.scale_transmission_by_maps"}
-THROUGH = {
-    "through.find_through", "transmission.halve_picture", "transmission.hold_back",
-    "transmission.transmit",
-}  # fmt: skip
+THROUGH = {"transmission.halve_picture", "transmission.hold_back", "transmission.transmit"}
 MAPS = {
-    *THROUGH_MAPS,
     "maps.bend_normals_by_maps", "maps.scale_emission_by_maps", "maps.scale_facets_by_maps",
     "maps.scale_occlusion_by_maps",
 }  # fmt: skip
@@ -80,16 +75,20 @@ BELOW = "texture_lookup.multiply_textures_below_highlights"
 FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
 """Lights vertices once more, for the part of their colour that textures multiply."""
+VARNISH = {"clearcoat.lay_coats"}
+FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres"}
+MIRRORS = {"dielectrics.light_own_mirrors", "dielectrics.show_around_on_own_mirrors"}
+SCALED = "layers.scale_rows_by_textures"
 
 GONE = {
     "textures": {
         *MAPS, "texture_gradients.find_coordinates", "texture_gradients.find_steps", BELOW,
-        FACES_BELOW, "texture_lookup.read_textures", DULL,
+        FACES_BELOW, "texture_lookup.read_textures", DULL, SCALED,
     },
     # Numbers of the textures, not code.
     "texture transforms": set(),
     "anisotropic filter": set(),
-    "maps and emission": {*MAPS, "maps.find_emission", "maps.show_emission"},
+    "maps and emission": {*MAPS, "maps.find_emission", "maps.show_emission", SCALED},
     "normal maps": {"maps.bend_normals_by_maps"},
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
@@ -103,8 +102,12 @@ GONE = {
     "microfacets": {
         "attributes.find_facets", "environment.mirror_environment",
         "light_stages.add_lights_on_facets", "light_stages.show_ambient_on_facets",
-        "maps.scale_facets_by_maps", *THROUGH, *THROUGH_MAPS,
+        "maps.scale_facets_by_maps", *VARNISH, *FIBRES, *MIRRORS, SCALED, *THROUGH,
+        "layers.copy_rows", "layers.exchange_rows", "layers.fill_rows",
     },
+    "clearcoat": VARNISH,
+    "sheen": FIBRES,
+    "specular and ior": MIRRORS,
     "Gouraud": {
         "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
         "vertices.write_vertices",
@@ -127,7 +130,7 @@ GONE = {
         "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",
     },
     "fog": {"fog.cover_exponentially"},
-    "transmission": THROUGH | THROUGH_MAPS,
+    "transmission": THROUGH,
     "tone mapping": {"tone_map.show_over"},
     "ambient occlusion": {
         "ambient_occlusion.find_occlusion", "ambient_occlusion.look_around",

@@ -60,13 +60,20 @@ def rich_scene():
     shiny = rj.Material(
         "pbr", "#c08040", metallic=0.75, roughness=0.3, name="mapped", normal_scale=0.5,
         occlusion_strength=0.25, emissive=(2.0, 1.0, 0.5), double_sided=False, **maps,
+        clearcoat=0.75, clearcoat_roughness=0.25, clearcoat_texture=maps["occlusion_texture"],
+        clearcoat_normal_texture=maps["normal_texture"], clearcoat_normal_scale=0.25,
+        sheen_color=(0.5, 0.25, 0.125), sheen_roughness=0.5,
+        sheen_color_texture=maps["emissive_texture"],
     )  # fmt: skip
     tangents = [(1, 0, 0.1, 1), (1, 0.2, 0, -1), (0.5, 0.5, 0, 1), (1, 0, 0, 1)]
     wall = quad(material=shiny, uv1=[(0, 0), (1, 0), (1, 1), (0, 1)], tangents=tangents)
     scene = rj.Scene()
     base = scene.add(wall, rotate((1, 2, 0), 25), "base")
     elbow = rj.Node(None, translate((1.5, 0, 0.5)), "elbow", parent=base)
-    glass = rj.Material("pbr", (0.2, 0.9, 0.4, 0.5), alpha_mode="blend", name="glass")
+    glass = rj.Material(
+        "pbr", (0.2, 0.9, 0.4, 0.5), alpha_mode="blend", name="glass", ior=1.75,
+        specular_factor=0.5, specular_color=(2.0, 1.0, 0.5),
+    )  # fmt: skip
     heat = np.random.default_rng(8).random((162, 3), dtype=np.float32)
     ball = sphere(colors=colors, material=glass, attributes={"heat": heat})
     scene.add(ball, scale((0.5, 0.75, -0.5)), "ball", parent=elbow)
@@ -268,8 +275,9 @@ def test_a_file_is_as_other_programs_read_it(tmp_path):
         assert header["bufferViews"][accessor["bufferView"]]["byteLength"] >= 4 * accessor["count"]
     assert len(header["images"]) == 6
     assert header["extensionsUsed"] == [
-        "KHR_materials_emissive_strength", "KHR_texture_transform", "KHR_materials_unlit",
-        "KHR_lights_punctual",
+        "KHR_materials_emissive_strength", "KHR_texture_transform", "KHR_materials_clearcoat",
+        "KHR_materials_sheen", "KHR_materials_specular", "KHR_materials_ior",
+        "KHR_materials_unlit", "KHR_lights_punctual",
     ]  # fmt: skip
     other = trimesh.load_scene(tmp_path / "a.glb")
     low, high = scene.bounds()

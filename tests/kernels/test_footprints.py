@@ -190,10 +190,13 @@ def test_an_object_has_a_texture_of_each_kind():
     textures = {
         name: rj.Texture([[shade]]) for name, shade in zip(TEXTURE_FIELDS, shades, strict=True)
     }
+    on = {"clearcoat": 1.0}
     quad = square(None, box((0, 0), (1, 1)))
-    full = rj.Mesh(quad.vertices, quad.faces, uv=quad.uv, material=rj.Material("pbr", **textures))
+    full = rj.Mesh(
+        quad.vertices, quad.faces, uv=quad.uv, material=rj.Material("pbr", **textures, **on)
+    )
     record = join_textures([quad, full, quad])
-    for kind in range(texturing.KINDS):
+    for kind in range(texturing.TRANSMISSION):
         first = record.table[:, kind, texturing.FIRST_LEVEL]
         assert first[[0, 2]].tolist() == [-1, -1]
         assert record.texels[record.levels[first[1], texturing.FIRST_TEXEL], 0] == shades[kind]

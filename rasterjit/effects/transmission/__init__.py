@@ -43,7 +43,7 @@ ROWS_AT_ONCE = 8
 """Fewest rows of a level that a task makes."""
 
 
-class Through(NamedTuple):
+class Behind(NamedTuple):
     """The picture behind all that transmits, as ``stage.transmit`` takes it."""
 
     texels: NDArray[np.float32]
@@ -159,7 +159,7 @@ class Transmission(Effect):
 
     def prepare(
         self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]
-    ) -> Through | None:
+    ) -> Behind | None:
         """
         Return the picture behind glass, in levels; None where nobody has drawn it.
 
@@ -169,7 +169,7 @@ class Transmission(Effect):
         if linear is None:
             return None
         texels, levels = halve_again_and_again(linear, plan.facts.blurs_behind, context.workers)
-        return Through(
+        return Behind(
             texels, levels, mean_scales(context.placement.relative_from_model),
             np.ascontiguousarray(clip_from_relative(plan.camera, plan.size)),
             np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
@@ -188,14 +188,14 @@ class Transmission(Effect):
             ("what is looked up of it", 3, "float32", plan.size),
         ]
 
-    def sketch(self, facts: Facts, data: Any) -> Through:
+    def sketch(self, facts: Facts, data: Any) -> Behind:
         """Return a picture of no pixels."""
-        return Through(
+        return Behind(
             np.empty((0, 3), np.float32), np.empty((0, 3), np.int64), np.empty(0),
             np.empty((4, 4)), np.empty(2), np.empty(2, np.int64),
         )  # fmt: skip
 
-    def neutral(self, record: Through) -> Through:
+    def neutral(self, record: Behind) -> Behind:
         """Return what lets nothing through."""
         return record._replace(amount=np.float32(0.0))
 
@@ -204,20 +204,20 @@ class Transmission(Effect):
         return without_transmission(scene)
 
     @staticmethod
-    def hold_back(record: Through, look: Look) -> list[Step]:
+    def hold_back(record: Behind, look: Look) -> list[Step]:
         """Return the stage that takes what goes through out of the base colour."""
         if look.surface.through is None:
             return []
         return [Step(transmission_stage.hold_back, (record.amount,))]
 
     @staticmethod
-    def transmit(record: Through, look: Look) -> list[Step]:
+    def transmit(record: Behind, look: Look) -> list[Step]:
         """Return the stage that adds what is seen through samples, behind fog before them."""
         if look.surface.through is None:
             return []
         *picture, _ = record
         texels, levels, *placed = picture
-        own = texels, levels, look.surface.through, *placed, look.viewer
+        own = texels, levels, look.surface.through.factors, *placed, look.viewer
         return [Step(transmission_stage.transmit, own)]
 
     places: ClassVar = {"rows": hold_back, "sample": transmit}

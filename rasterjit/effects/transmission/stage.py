@@ -24,16 +24,16 @@ import numpy as np
 
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
+from rasterjit.pipeline.records import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import (
     INTERVAL_FRAME_ROW,
     INTERVALS,
     THICKNESS,
-    TINT,
+    TINT_RED,
     TRANSMITTED,
     Block,
 )
-from rasterjit.pipeline.surface.through import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
 from rasterjit.runtime.float_math import clamped, log2, power
 from rasterjit.runtime.jit import helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -65,15 +65,15 @@ def hold_back(block: Block, count, amount: float32):
     amount : float32
         1; 0: nothing goes through.
     """
-    s, through = block.samples, block.through
+    s = block.samples
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(count):
         # A metal lets nothing through; its base colour is that of what it mirrors.
-        share = through[TRANSMITTED, i] * (one - clamped(s[rows.METALLIC, i], zero, one))
+        share = s[TRANSMITTED, i] * (one - clamped(s[rows.METALLIC, i], zero, one))
         share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
         for k in range(3):
             base = s[rows.RED + k, i]
-            through[TINT + k, i] = share * base
+            s[TINT_RED + k, i] = share * base
             s[rows.RED + k, i] = base * (one - share)
 
 
@@ -117,7 +117,7 @@ def unit(x, y, z):
 @helper
 def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_width):
     """Find where sample ``i`` looks, at which level, and tint what it will see."""
-    s, through = block.samples, block.through
+    s = block.samples
     zero, one = np.float32(0.0), np.float32(1.0)
     px, py, pz = (
         np.float64(s[rows.POINT_X, i]), np.float64(s[rows.POINT_Y, i]),
@@ -133,7 +133,7 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
         np.float64(s[rows.NORMAL_Z, i]),
     )  # fmt: skip
     ior = np.float64(factors[owner, IOR])
-    length = np.float64(through[THICKNESS, i]) * scale
+    length = np.float64(s[THICKNESS, i]) * scale
     right, down = 0.0, 0.0
     if length > 0.0 and ior != 1.0:
         dx, dy, dz = refracted(normal, toward, ior)
@@ -155,7 +155,7 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
     distance = np.float32(length) * factors[owner, PER_DISTANCE]
     for k in range(3):
         left = power_of(factors[owner, INSIDE + k], distance) if distance > zero else one
-        through[TINT + k, i] *= kept * left
+        s[TINT_RED + k, i] *= kept * left
 
 
 @helper
@@ -182,7 +182,7 @@ def texel_mix(texels, levels, level, x, y, k):
 @helper
 def add_seen(block, i, column, row, texels, levels):
     """Add what a sample of a pixel sees behind it."""
-    s, through = block.samples, block.through
+    s = block.samples
     last = np.float32(levels.shape[0] - 1)
     level = clamped(block.single[LEVEL, i], np.float32(0.0), last)
     finer = np.int64(level)
@@ -191,14 +191,14 @@ def add_seen(block, i, column, row, texels, levels):
     # Coarser levels are as wide as the picture: a texel more where it is odd.
     step = 1.0 / np.float64(np.int64(1) << finer)
     for k in range(3):
-        if through[TINT + k, i] > np.float32(0.0):
+        if s[TINT_RED + k, i] > np.float32(0.0):
             seen = texel_mix(texels, levels, finer, x * step, y * step, k)
             if share > np.float32(0.0):
                 coarser = texel_mix(
                     texels, levels, finer + 1, 0.5 * x * step, 0.5 * y * step, k
                 )  # fmt: skip
                 seen += share * (coarser - seen)
-            s[rows.OUT_RED + k, i] += through[TINT + k, i] * seen
+            s[rows.OUT_RED + k, i] += s[TINT_RED + k, i] * seen
 
 
 @stage
@@ -213,15 +213,15 @@ def transmit(
     Parameters
     ----------
     block : Block
-        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS and those of ``through``; adds to rows
+        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS, TINT_RED.. and THICKNESS; adds to rows
         OUT_RED...
     count : int
     texels : (N, 3) float32, linear RGB
         The picture behind, level by level, row by row.
     levels : (M, 3) int64
         First texel, width and height of each level.
-    factors : (O, 9) float32
-        ``Surface.through``.
+    factors : (O, 7) float32
+        ``Through.factors``.
     scales : (O,) float64
         Units of the world in one of each object.
     clip : (4, 4) float64
@@ -233,13 +233,13 @@ def transmit(
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
-    through = block.through
+    s = block.samples
     steps = log2(np.float32(size[0]))
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
-            if through[TINT, n] + through[TINT + 1, n] + through[TINT + 2, n] > np.float32(0.0):
+            if s[TINT_RED, n] + s[TINT_RED + 1, n] + s[TINT_RED + 2, n] > np.float32(0.0):
                 look_through(
                     block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
                 )
@@ -247,7 +247,7 @@ def transmit(
         _, column, start, stop = interval_of(block, k)
         row = np.int64(block.intervals[k, INTERVAL_FRAME_ROW]) + corner[1]
         for n in range(start, stop):
-            if through[TINT, n] + through[TINT + 1, n] + through[TINT + 2, n] > np.float32(0.0):
+            if s[TINT_RED, n] + s[TINT_RED + 1, n] + s[TINT_RED + 2, n] > np.float32(0.0):
                 add_seen(block, n, column + corner[0] + n - start, row, texels, levels)
 
 

@@ -62,6 +62,9 @@ LAYER_RED, LAYER_LIT, LAYER_OUT, LAYER_METALLIC, LAYER_ROUGHNESS = 61, 64, 65, 6
 """Rows of a layer that is lit in place of a surface: RED to BLUE, then LIT to ROUGHNESS."""
 WHITE_RED = 70
 """Rows, three: what a white mirror shows of the light from all sides."""
+TINT_RED, TRANSMITTED, THICKNESS = 73, 76, 77
+"""Rows of glass: what tints the light that goes through, three; the share of the light in a surface
+that does; how thick the body below it is, in units of the mesh."""
 
 SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
@@ -105,14 +108,9 @@ VERTEX_ROWS = 9
 VECTOR = 16
 """Samples of the longest vectors."""
 
-BLOCK_ROWS = 73
+BLOCK_ROWS = 78
 """Rows of samples: those above."""
 PLACE_ROWS = 14
-
-TINT, TRANSMITTED, THICKNESS = 0, 3, 4
-"""Rows of ``through``: what tints the light that goes through, three; the share of the light in a
-surface that does; how thick the body below it is, in units of the mesh."""
-THROUGH_ROWS = 5
 
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
@@ -157,5 +155,3 @@ class Block(NamedTuple):
     edges: float64[PLANES, EDGE_ELEMENTS]
     planes: float32[PLANES, PLANE_ELEMENTS]
     """What is known of faces that were met: see ``float32_planes``."""
-    through: float32[THROUGH_ROWS, ROOM]
-    """The light that goes through surfaces: see ``through``."""
