@@ -578,6 +578,37 @@ def lines(size: Size) -> Picture:
 
 
 @picture
+def glass(size: Size) -> Picture:
+    """Clear, tinted and frosted glass on a chess board: what is behind is refracted."""
+    scene, globe = rj.Scene(), ball(96, 144)
+    board = rj.Texture(checks(8, 512, 60, 235), filter="trilinear", anisotropy=8)
+    ground = rj.Material("pbr", base_color_texture=board, roughness=0.7)
+    scene.add(floor(24.0, ground, repeat=4.0))
+    clear = {"base_color": "white", "roughness": 0.0, "transmission": 1.0}
+    pot = rj.Material(
+        "pbr", **clear, thickness=1.2, ior=1.33, attenuation_distance=1.2,
+        attenuation_color="#9fd8e8",
+    )  # fmt: skip
+    scene.add(dressed(model("teapot.obj"), pot), PLACE.rotate_y(-25))
+    for place, more in (
+        ((-3.1, 1.0, 2.6), {"ior": 1.5}),
+        ((0.2, 0.9, 4.4), {"ior": 1.5, "roughness": 0.25}),
+        ((3.5, 1.0, 2.4), {"attenuation_distance": 1.5, "attenuation_color": "#f0b840"}),
+    ):
+        look = rj.Material("pbr", **clear | {"thickness": 2.0 * place[1]} | more)
+        stands = PLACE.compose(PLACE.translate(place), PLACE.scale(place[1]))
+        scene.add(dressed(globe, look), stands)
+    for place, color in (((-3.4, 0.0, -4.2), "#b03020"), ((4.4, 0.0, -3.6), "#2f5fa8")):
+        scene.add(
+            dressed(box(1.4, 3.2, 1.4), rj.Material(base_color=color)), PLACE.translate(place)
+        )
+    scene.environment = rj.Environment.gradient()
+    scene.lights = [sun(0.9, shadow=rj.Shadow(size=2048, filter="pcf"))]
+    camera = rj.PerspectiveCamera(eye=(0.6, 5.0, 13.5), target=(0.1, 1.2, 0.0), fov_y=34.0)
+    return shown(scene, camera, size, quality=SMOOTH, background=None)
+
+
+@picture
 def tone_curves(size: Size) -> Picture:
     """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
     part, pictures = part_of(size, 2, 2), []

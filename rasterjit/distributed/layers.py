@@ -192,10 +192,12 @@ def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
 
 def _refuse_mixing(plan: RenderPlan) -> None:
     """Raise ``ValueError`` if a pixel shows more than its nearest face."""
-    if plan.layers is not None or plan.pictures > 1:
+    sees_through = any(one.effect.sees_through for one in plan.planned)
+    if plan.layers is not None or plan.pictures > 1 or sees_through:
         raise ValueError(
             "partitions must be opaque: what is seen through a face, or mixed at its edges, may "
-            "lie in another partition; use alpha_mode 'opaque' or 'mask' and quality.samples of 1"
+            "lie in another partition; use alpha_mode 'opaque' or 'mask', no transmission, "
+            "and quality.samples of 1"
         )
 
 
