@@ -217,6 +217,12 @@ class GltfFile:
         if number not in self._unpacked:
             packed = object_of(extensions, name)
             count, size = whole_of(packed, "count"), whole_of(packed, "byteStride")
+            most = whole_of(view, "byteLength")
+            if count * size > most:
+                raise ValueError(
+                    f"{name}: {count} rows of {size} bytes must be no more than the {most} bytes "
+                    f"of buffer view {number}"
+                )
             self.budget.take(f"buffer view {number}", count * size)
             stored = self._stored_bytes(packed)
             self._unpacked[number] = decode_meshopt(name, packed, stored)

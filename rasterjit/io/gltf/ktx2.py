@@ -55,7 +55,7 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget) -> NDArray[Any]
     if len(content) < _SIZE + 8:
         raise ValueError("it ends too early")
     size = struct.unpack_from("<II", content, _SIZE)
-    check_extent(what, *size)
+    check_extent("it", *size)
     take_texels(size, what, budget)
     try:
         file = library.open(content)
