@@ -30,16 +30,26 @@ LIBRARIES = {DRACO: "DracoPy", **dict.fromkeys(MESHOPT, "meshopt"), BASIS: "open
 _OLDEST = {"meshopt": (3, 11)}
 """Versions of Python that a library needs, where they are newer than ours."""
 
-UNDERSTOOD = frozenset(
+DRAWN = frozenset(
     (
         DRACO, *MESHOPT, *PICTURES, INSTANCING, VISIBILITY, LIGHTS,
         "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_xmp_json_ld", "KHR_xmp", "MSFT_lod",
-        "KHR_node_hoverability", "KHR_node_selectability", "GODOT_single_root",
     )
 )  # fmt: skip
-"""Extensions that are read, or have nothing to show in a picture."""
+
+NOTHING_TO_SHOW = frozenset(
+    (
+        "KHR_collision_shapes", "KHR_node_hoverability", "KHR_node_selectability",
+        "KHR_physics_rigid_bodies", "KHR_xmp", "KHR_xmp_json_ld", "EXT_instance_features",
+        "EXT_mesh_features", "EXT_mesh_manifold", "EXT_structural_metadata", "AGI_stk_metadata",
+        "FB_geometry_metadata", "GODOT_single_root", "MSFT_lod",
+    )
+)  # fmt: skip
+"""Extensions without which a picture is the same: a finest level of detail is shown as it is."""
+
+UNDERSTOOD = DRAWN | NOTHING_TO_SHOW
+"""Extensions that a file may require."""
 
 
 class MissingLibraryError(ValueError):
