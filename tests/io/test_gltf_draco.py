@@ -155,11 +155,16 @@ def test_a_file_that_says_something_else_than_its_stream_is_left_out_by_name(tmp
     def wider(header, primitive):
         header["accessors"][primitive["attributes"]["POSITION"]]["type"] = "VEC4"
 
+    def smaller(header, primitive):
+        header["accessors"][primitive["attributes"]["_OWN"]]["componentType"] = 5121
+
     def missing(header, primitive):
         primitive["extensions"][DRACO]["attributes"]["POSITION"] = 99
 
     assert f"has {2 * (SIDE - 1) ** 2} faces and 144 vertices, but its accessor" in said(lower)
     assert "type must have 4 numbers, got (3,) in its stream" in said(wider)
+    assert "_OWN of mesh 0, which cannot be read: " in said(smaller)
+    assert "componentType must hold 42900, which is in its stream" in said(smaller)
     assert "its stream has no attribute 99, POSITION" in said(missing)
     assert "mode must be 4 or 5, got 1" in said(lambda h, p: p.update(mode=1))
     assert "indices is missing" in said(lambda h, p: p.pop("indices"))

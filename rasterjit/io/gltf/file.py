@@ -320,13 +320,24 @@ def _as_said(
     accessor: dict[str, Any], rows: NDArray[Any], dtype: np.dtype, width: int
 ) -> NDArray[Any]:
     """Return rows with the numbers that an accessor says, normalized ones as float64."""
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise ValueError(f"type must have {width} numbers, got {rows.shape[1:]} in its stream")
-    with np.errstate(invalid="ignore"):
-        rows = rows.astype(dtype, copy=False)
+    if rows.dtype != dtype or rows.shape[1] != width:
+        rows = _converted(rows, dtype, width)
     if accessor.get("normalized") and dtype.kind in "ui":
         return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
     return rows
+
+
+def _converted(rows: NDArray[Any], dtype: np.dtype, width: int) -> NDArray[Any]:
+    """Return rows of a stream as the numbers that an accessor says, or raise ``ValueError``."""
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise ValueError(f"type must have {width} numbers, got {rows.shape[1:]} in its stream")
+    if rows.size and dtype.kind in "ui" and rows.dtype.kind in "ui":
+        held = np.iinfo(dtype)
+        wrong = [int(one) for one in (rows.min(), rows.max()) if not held.min <= one <= held.max]
+        if wrong:
+            raise ValueError(f"componentType must hold {wrong[0]}, which is in its stream")
+    with np.errstate(invalid="ignore"):
+        return rows.astype(dtype)
 
 
 def _known(values: dict[str, Any], key: str, known: tuple[Any, ...]) -> Any:
