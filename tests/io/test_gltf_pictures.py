@@ -100,6 +100,8 @@ def changed(place, form, value):
     [
         (samples.UASTC[:20], "it ends too early"),
         (samples.UASTC[:60], "truncated KTX 2 file"),
+        (samples.UASTC[:104], "not a valid Basis Universal KTX 2 file"),
+        (changed(96, "<Q", 3 << 30), "not a valid Basis Universal KTX 2 file"),
         (samples.UASTC[:-9], "not a valid Basis Universal KTX 2 file"),
         (changed(12, "<I", 37), "vkFormat 37 holds no Basis Universal"),
         (changed(20, "<I", 0), "it must be 1..65536 texels wide and high, got 0×8"),

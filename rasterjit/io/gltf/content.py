@@ -74,7 +74,7 @@ POINTS, LINES, LINE_LOOP, LINE_STRIP = 0, 1, 2, 3
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
 _DRACO_BYTES = 64
-"""What a corner of a triangle takes at most, of one attribute and its number."""
+"""What a row of an accessor takes, as it is decoded, and as it is read."""
 
 _FACE_BYTES, _SPLIT_FACE_BYTES = 64, 512
 """What a face takes, of a primitive with normals and of one that gets them."""
@@ -474,7 +474,9 @@ class MeshReader:
         numbers = {name: whole_of(accessors, name) for name in object_of(packed, "attributes")}
         corners = needed(primitive, "indices")
         most = whole_of(self._file.entry("accessors", corners), "count")
-        self._file.budget.take("a Draco stream", most * _DRACO_BYTES * (1 + len(numbers)))
+        for number in (corners, *numbers.values()):
+            count = whole_of(self._file.entry("accessors", number), "count")
+            self._file.budget.take("a Draco stream", count * _DRACO_BYTES)
         mesh = decode_draco(self._file.view_bytes(needed(packed, "bufferView")), most)
         decoded: dict[int, NDArray[Any]] = {corners: mesh.corners[:, None]}
         for name, number in numbers.items():
