@@ -7,6 +7,8 @@ import pytest
 from gltf_drafts import CORNERS, NORMAL, POSITION, TEXCOORD, Draft, quad
 
 import rasterjit as rj
+from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.resources import Resources
 from rasterjit.scene.memory import FileSizeError
 
 INSTANCING = "EXT_mesh_gpu_instancing"
@@ -139,3 +141,29 @@ def test_the_lowest_normalized_number_is_minus_one(tmp_path, kind):
     mesh = load(file, tmp_path).nodes[0].mesh
     np.testing.assert_array_equal(mesh.vertices[:, 0].min(), -1.0)
     assert np.abs(mesh.vertices).max() == 1.0
+
+
+@pytest.mark.parametrize("normalized", [False, True])
+@pytest.mark.parametrize("width", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", [np.int8, np.uint8, np.int16, np.uint16, np.uint32])
+def test_accessors_of_every_type(tmp_path, kind, width, normalized):
+    """As joints, weights and the targets of morphs have them, and what is sparse."""
+    held = np.iinfo(kind)
+    rows = np.linspace(held.min, held.max, 6 * width).round().astype(kind).reshape(6, width)
+    file = Draft()
+    file.accessor(rows, normalized=normalized)
+    changed = rows[::-1].copy()
+    places = np.uint8([0, 2, 5])
+    sparse = {
+        "count": 3, "indices": {"bufferView": file.view(places.tobytes()), "componentType": 5121},
+        "values": {"bufferView": file.view(changed[places].tobytes())},
+    }  # fmt: skip
+    base = file.header["accessors"][0]["bufferView"]
+    file.say(rows, normalized=normalized, bufferView=base, sparse=sparse)
+    path = file.save(tmp_path / "a.glb")
+    found = GltfFile(path, Resources(path))
+    mixed = rows.copy()
+    mixed[places] = changed[places]
+    for number, whole in enumerate((rows, mixed)):
+        wanted = np.maximum(whole / held.max, -1.0) if normalized else whole
+        np.testing.assert_array_equal(found.array(number), wanted)
