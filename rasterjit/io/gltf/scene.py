@@ -151,13 +151,14 @@ class _GltfScene:
         """Add what stands at a node."""
         if "camera" in place.entry:
             self._add_camera(place.entry["camera"], place.world_from_node())
-        if place.is_hidden:
-            return
         light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
-        if light is not None:
+        if light is not None and not place.is_hidden:
             self._add_light(light, place.world_from_node())
-        if "mesh" not in place.entry:
-            return
+        if "mesh" in place.entry and not place.is_hidden:
+            self._add_meshes(place)
+
+    def _add_meshes(self, place: Place) -> None:
+        """Add the mesh of a node, a part for each primitive, or its instances."""
         instances = self._instances(place)
         if instances is not None:
             self._add_instances(place, instances)
