@@ -31,6 +31,7 @@ EXTRAS = {
     "formats": FORMATS_EXTRA,
     "clouds": ("laspy", "lazrs"),
     "vtk": ("meshio",),
+    "gltf": ("DracoPy", "opengl_basisu", *(("meshopt",) if sys.version_info >= (3, 11) else ())),
     "video": ("imageio_ffmpeg",),
     "animation": ("scipy",),
     "exr": ("OpenEXR",),

@@ -23,7 +23,10 @@ SAMPLED_AS_THEY_ARE = ("L", "LA", "RGB", "RGBA", "I;16")
 
 
 def picture_pixels(
-    content: bytes, what: str = "a picture", budget: MemoryBudget | None = None
+    content: bytes,
+    what: str = "a picture",
+    budget: MemoryBudget | None = None,
+    further: tuple[str, ...] = (),
 ) -> NDArray[Any]:
     """
     Decode a picture's file.
@@ -35,6 +38,8 @@ def picture_pixels(
         What a message calls it.
     budget : MemoryBudget, optional
         Counts what its texels take, by its header.
+    further : tuple of str
+        Formats that it may have besides, by Pillow's names.
 
     Returns
     -------
@@ -49,7 +54,7 @@ def picture_pixels(
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
-    with _opened(content) as image:
+    with _opened(content, further) as image:
         if budget is not None:
             take_texels(image.size, what, budget)
         return image_pixels(image)
@@ -67,14 +72,14 @@ def check_picture(content: bytes) -> None:
 
 
 @contextmanager
-def _opened(content: bytes) -> Iterator[Image.Image]:
+def _opened(content: bytes, further: tuple[str, ...] = ()) -> Iterator[Image.Image]:
     """Open a picture's file, warning of nothing."""
     from PIL import UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            with opened_picture("it", io.BytesIO(content)) as image:
+            with opened_picture("it", io.BytesIO(content), further) as image:
                 yield image
         except UnidentifiedImageError:
             # Pillow names the place in memory.

@@ -370,7 +370,7 @@ class Texture:
 
 
 @contextmanager
-def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
+def opened_picture(name: str, source: Any, further: tuple[str, ...] = ()) -> Iterator[Image.Image]:
     """
     Open a picture's file with Pillow, if it is no larger than `Texture` takes.
 
@@ -379,6 +379,8 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
     name : str
         What a message calls it.
     source : Path or binary file
+    further : tuple of str
+        Formats that are opened besides ``PICTURE_FORMATS``, where Pillow knows them.
 
     Raises
     ------
@@ -389,11 +391,14 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
     """
     from PIL import Image
 
+    if further:
+        Image.init()
+    known = tuple(name for name in further if name in Image.OPEN)
     with warnings.catch_warnings():
         # Pillow warns of half as many texels as it refuses: the limit here lies in between.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
-            image = Image.open(source, formats=PICTURE_FORMATS)
+            image = Image.open(source, formats=PICTURE_FORMATS + known)
         except Image.DecompressionBombError as error:
             raise PictureSizeError(
                 f"{name} must have at most {MOST_TEXELS:,} texels; Pillow says: {error}"

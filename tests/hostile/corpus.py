@@ -6,6 +6,7 @@ Small hostile files, one or more for each way in which a file from a stranger ca
 
 from __future__ import annotations
 
+import base64
 import gzip
 import io
 import json
@@ -176,6 +177,22 @@ def draco(is_required: bool) -> Callable[[dict], None]:
     return change
 
 
+def huge_stream(document: dict) -> None:
+    """Let a Draco stream of a few bytes say that it has four billion faces."""
+    name = "KHR_draco_mesh_compression"
+    stream = b"DRACO\2\2\1\0\0\0" + b"\xff\xff\xff\xff\x0f" * 2
+    uri = "data:;base64," + base64.b64encode(stream).decode()
+    buffer, view = len(document["buffers"]), len(document["bufferViews"])
+    document["buffers"].append({"byteLength": len(stream), "uri": uri})
+    document["bufferViews"].append({"buffer": buffer, "byteLength": len(stream)})
+    primitive = document["meshes"][0]["primitives"][0]
+    for number in [*primitive["attributes"].values(), primitive["indices"]]:
+        document["accessors"][number].pop("bufferView")
+    primitive["extensions"] = {
+        name: {"bufferView": view, "attributes": dict.fromkeys(primitive["attributes"], 0)}
+    }
+
+
 def lying_zip(folder: Path) -> Path:
     """Write a 3MF file whose model says that it is small."""
     size = 40 << 20
@@ -306,6 +323,7 @@ HOSTILE: dict[str, Hostile] = {
                                        .encode()}), "warned", "no finite numbers"),
     "unknown extension": Hostile(with_gltf(draco(True)), "refused", "EXT_that_nobody_knows"),
     "optional Draco": Hostile(with_gltf(draco(False)), "loaded"),
+    "huge Draco": Hostile(with_gltf(huge_stream), "warned", "KHR_draco_mesh_compression"),
     # What is not shown.
     "DAE picture that is missing": Hostile(
         lambda folder: placed(folder, {"a.dae": dae_text("none.png").encode()}), "warned", "none"

@@ -26,7 +26,10 @@ from numpy.typing import NDArray
 from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.drawings import Drawing, lines_of
 from rasterjit.io.gltf import layers
+from rasterjit.io.gltf.draco import decode_draco
+from rasterjit.io.gltf.extensions import DRACO, FURTHER_FORMATS, PICTURES
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.ktx2 import SIGNATURE, ktx2_pixels
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -43,6 +46,7 @@ from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
+from rasterjit.scene.memory import FileSizeError
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
@@ -55,9 +59,6 @@ NEAREST, LINEAR = 9728, 9729
 UNLIT = "KHR_materials_unlit"
 STRENGTH = "KHR_materials_emissive_strength"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-
-_OTHER_SOURCES = ("EXT_texture_webp",)
-"""Extensions that name another picture of a texture, of a kind that Pillow reads."""
 
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 MODE_NAMES = {mode: name for name, mode in MODES.items()}
@@ -75,10 +76,11 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 POINTS, LINES, LINE_LOOP, LINE_STRIP = 0, 1, 2, 3
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
+_DRACO_BYTES = 64
+"""What a row of an accessor takes, as it is decoded, and as it is read."""
+
 _FACE_BYTES, _SPLIT_FACE_BYTES = 64, 512
 """What a face takes, of a primitive with normals and of one that gets them."""
-
-COMPRESSED = "KHR_draco_mesh_compression"
 
 
 class MaterialReader:
@@ -96,7 +98,8 @@ class MaterialReader:
         self._file = file
         self._left_out = left_out
         self._known: dict[Any, tuple[Material, list[int]]] = {}
-        self._textures: dict[tuple, Texture | None] = {}
+        self._textures: dict[tuple, Texture | ValueError] = {}
+        """Each picture as it is used, or why it cannot be read."""
 
     def read(self, number: Any) -> tuple[Material | None, list[int]]:
         """
@@ -192,19 +195,8 @@ class MaterialReader:
     def _texture(self, use: dict[str, Any], transform: dict[str, Any], color_space: str) -> Texture:
         """Return one use of a texture; uses of one picture share its texels."""
         entry = self._file.entry("textures", needed(use, "index"))
-        extensions = object_of(entry, "extensions")
-        sources = [object_of(extensions, name).get("source") for name in _OTHER_SOURCES]
-        picture = next((n for n in sources if n is not None), entry.get("source"))
-        if picture is None:
-            kinds = ", ".join(extensions) or "no source"
-            raise ValueError(f"its picture is given by {kinds}")
         options = self._sampler(entry.get("sampler"))
-        self._file.entry("images", picture)
-        key = (picture, color_space, *options.values())
-        if key not in self._textures:
-            pixels = self._pixels(picture)
-            self._textures[key] = Texture(pixels, color_space=color_space, **options)
-        texture = self._textures[key]
+        texture = self._first_readable(self._sources(entry), color_space, options)
         if not transform:
             return texture
         offset = finite_numbers_of(transform, "offset", (0.0, 0.0))
@@ -212,12 +204,55 @@ class MaterialReader:
         degrees = math.degrees(finite_of(transform, "rotation", 0.0))
         return texture.with_transform(*turned_over(offset, degrees, scale))
 
-    def _pixels(self, picture: Any) -> NDArray[Any]:
+    def _sources(self, entry: dict[str, Any]) -> list[tuple[str, Any]]:
+        """Return the pictures that a texture names, those of extensions first, and what of."""
+        extensions = object_of(entry, "extensions")
+        named = [(name, object_of(extensions, name).get("source")) for name in PICTURES]
+        sources = [*named, ("", entry.get("source"))]
+        found = [(name, number) for name, number in sources if number is not None]
+        if not found:
+            kinds = ", ".join(extensions) or "no source"
+            raise ValueError(f"its picture is given by {kinds}")
+        return found
+
+    def _first_readable(
+        self, sources: list[tuple[str, Any]], color_space: str, options: dict[str, Any]
+    ) -> Texture:
+        """Return the first picture that can be read, noting those before it."""
+        for extension, number in sources[:-1]:
+            try:
+                return self._picture(extension, number, color_space, options)
+            except ValueError as error:
+                if isinstance(error.__cause__, FileSizeError):
+                    raise
+                self._left_out.note(f"{extension} of a texture, which has another: {error}")
+        return self._picture(*sources[-1], color_space, options)
+
+    def _picture(
+        self, extension: str, number: Any, color_space: str, options: dict[str, Any]
+    ) -> Texture:
+        """Return a picture as a texture, or raise ``ValueError`` naming it; each is read once."""
+        self._file.entry("images", number)
+        key = (number, color_space, *options.values())
+        if key not in self._textures:
+            try:
+                pixels = self._pixels(number, FURTHER_FORMATS.get(extension, ()))
+                self._textures[key] = Texture(pixels, color_space=color_space, **options)
+            except ValueError as error:
+                self._textures[key] = error
+        found = self._textures[key]
+        if isinstance(found, ValueError):
+            raise found
+        return found
+
+    def _pixels(self, picture: Any, further: tuple[str, ...]) -> NDArray[Any]:
         """Return the texels of a picture, or raise ``ValueError`` naming it."""
         name = self._file.picture_name(picture)
         try:
             content = self._file.picture(picture)
-            return picture_pixels(content, name, self._file.budget)
+            if content.startswith(SIGNATURE):
+                return ktx2_pixels(content, name, self._file.budget)
+            return picture_pixels(content, name, self._file.budget, further)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
@@ -334,7 +369,9 @@ class MeshReader:
     def _primitive(self, primitive: dict[str, Any], label: str) -> Mesh | None:
         """Return a primitive as a mesh, lines or points; None, with a note, if it is no use."""
         try:
-            arrays = self._arrays(primitive, label)
+            decoded = self._decoded(primitive)
+            with self._file.standing_in(decoded):
+                arrays = self._arrays(primitive, label, TRIANGLES if decoded else None)
         except (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError) as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__
             self._left_out.note(f"{label}, which cannot be read: {reason}")
@@ -356,16 +393,13 @@ class MeshReader:
         except ValueError as error:
             raise MeshFileError(f"{self._source}: {label}: {error}") from error
 
-    def _arrays(self, primitive: Any, label: str) -> dict[str, Any] | Cloud | Drawing | None:
+    def _arrays(
+        self, primitive: dict[str, Any], label: str, mode: int | None
+    ) -> dict[str, Any] | Cloud | Drawing | None:
         """Return what `Mesh` takes, lines or points; None, with a note, if it has none of them."""
-        if not isinstance(primitive, dict):
-            raise ValueError(f"a primitive must be an object, got {shown(primitive)}")
-        mode = whole_of(primitive, "mode", TRIANGLES)
+        if mode is None:
+            mode = whole_of(primitive, "mode", TRIANGLES)
         attributes = object_of(primitive, "attributes")
-        is_compressed = COMPRESSED in object_of(primitive, "extensions")
-        if is_compressed and not self._is_plain(primitive):
-            self._left_out.note(f"{label}, which is compressed by {COMPRESSED}")
-            return None
         vertices = self._file.array(needed(attributes, "POSITION"))
         if "indices" in primitive:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
@@ -492,6 +526,32 @@ class MeshReader:
             rgba, normals = (None if one is None else one[corners] for one in (rgba, normals))
             own = {name: values[corners] for name, values in own.items()}
         return Cloud(label, vertices, rgba, normals, own, material)
+
+    def _decoded(self, primitive: Any) -> dict[int, NDArray[Any]]:
+        """Return what stands for accessors of a compressed primitive, all as triangles; or none."""
+        if not isinstance(primitive, dict):
+            raise ValueError(f"a primitive must be an object, got {shown(primitive)}")
+        extensions = object_of(primitive, "extensions")
+        if DRACO not in extensions or self._is_plain(primitive):
+            return {}
+        mode = whole_of(primitive, "mode", TRIANGLES)
+        if mode not in (TRIANGLES, STRIP):
+            raise ValueError(f"{DRACO}: mode must be {TRIANGLES} or {STRIP}, got {mode}")
+        packed, accessors = object_of(extensions, DRACO), object_of(primitive, "attributes")
+        numbers = {name: whole_of(accessors, name) for name in object_of(packed, "attributes")}
+        corners = needed(primitive, "indices")
+        most = whole_of(self._file.entry("accessors", corners), "count")
+        for number in (corners, *numbers.values()):
+            count = whole_of(self._file.entry("accessors", number), "count")
+            self._file.budget.take("a Draco stream", count * _DRACO_BYTES)
+        mesh = decode_draco(self._file.view_bytes(needed(packed, "bufferView")), most)
+        decoded: dict[int, NDArray[Any]] = {corners: mesh.corners[:, None]}
+        for name, number in numbers.items():
+            place = whole_of(packed["attributes"], name)
+            if place not in mesh.attributes:
+                raise ValueError(f"{DRACO}: its stream has no attribute {place}, {name}")
+            decoded[number] = mesh.attributes[place]
+        return decoded
 
     def _is_plain(self, primitive: dict[str, Any]) -> bool:
         """Tell whether the accessors of a compressed primitive hold it uncompressed as well."""

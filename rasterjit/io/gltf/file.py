@@ -11,6 +11,8 @@ from __future__ import annotations
 import base64
 import json
 import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_to_bytes
@@ -18,6 +20,8 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf.extensions import MESHOPT
+from rasterjit.io.gltf.meshopt import decode_meshopt
 from rasterjit.io.gltf.values import (
     LONGEST_SHOWN,
     list_of,
@@ -72,6 +76,8 @@ class GltfFile:
         The file's JSON.
     budget : MemoryBudget
         Counts what is made of the file.
+    required : frozenset of str
+        Extensions without which it makes no sense.
 
     Raises
     ------
@@ -83,6 +89,9 @@ class GltfFile:
         self._resources = resources
         self.budget = resources.budget
         self._buffers: dict[int, bytes] = {}
+        self._unpacked: dict[int, bytes] = {}
+        """Buffer views that were compressed, by their numbers."""
+        self._decoded: Mapping[int, NDArray[Any]] = {}
         text, self._chunk = _split_chunks(resources.read_itself(path))
         self.budget.take("its JSON", len(text) * _JSON_BYTES)
         try:
@@ -94,6 +103,7 @@ class GltfFile:
         version = str(object_of(self.header, "asset").get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise ValueError(f"it is of glTF {version[:LONGEST_SHOWN]}, not 2.0")
+        self.required = frozenset(map(str, list_of(self.header, "extensionsRequired")))
 
     def entry(self, section: str, number: Any) -> dict[str, Any]:
         """
@@ -133,6 +143,8 @@ class GltfFile:
     def _accessed(self, number: int, accessor: dict[str, Any]) -> NDArray[Any]:
         """Return what an accessor shows, or raise without its name."""
         dtype, width = _component(accessor), WIDTHS[_known(accessor, "type", tuple(WIDTHS))]
+        if number in self._decoded:
+            return _as_said(accessor, self._decoded[number], dtype, width)
         count = whole_of(accessor, "count")
         taken = f"accessor {number}", count * width * _NUMBER_BYTES
         if "bufferView" in accessor:
@@ -146,9 +158,16 @@ class GltfFile:
             raise ValueError(f"it has {count} rows and no bytes")
         if "sparse" in accessor:
             rows = self._with_sparse(rows, object_of(accessor, "sparse"), width, dtype)
-        if accessor.get("normalized") and dtype.kind in "ui":
-            return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
-        return rows
+        return _as_said(accessor, rows, dtype, width)
+
+    @contextmanager
+    def standing_in(self, decoded: Mapping[int, NDArray[Any]]) -> Iterator[None]:
+        """Let arrays, (count, width), stand for accessors, by their numbers, for a while."""
+        self._decoded = decoded
+        try:
+            yield
+        finally:
+            self._decoded = {}
 
     def _with_sparse(
         self, rows: NDArray[Any], sparse: dict[str, Any], width: int, dtype: np.dtype
@@ -170,7 +189,7 @@ class GltfFile:
         view = self.entry("bufferViews", number)
         stride, offset = whole_of(view, "byteStride", 0), whole_of(place, "byteOffset", 0)
         stride = stride or width * dtype.itemsize
-        content = self._view_bytes(view)
+        content = self.view_bytes(number)
         end = offset + (count - 1) * stride + width * dtype.itemsize if count else offset
         if end > len(content):
             raise ValueError(
@@ -179,14 +198,48 @@ class GltfFile:
             )
         return np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize))
 
-    def _view_bytes(self, view: dict[str, Any]) -> bytes:
-        """Return the bytes of a buffer view."""
+    def view_bytes(self, number: Any) -> bytes:
+        """
+        Return the bytes of a buffer view, unpacked if they are compressed.
+
+        Where the file has them in plain as well and asks for no extension, those are taken.
+
+        Raises
+        ------
+        ValueError, LookupError, OSError
+            If they are damaged, or not there.
+        """
+        view = self.entry("bufferViews", number)
+        extensions = object_of(view, "extensions")
+        name = next((name for name in MESHOPT if name in extensions), None)
+        if name is None or (name not in self.required and self._is_there(needed(view, "buffer"))):
+            return self._stored_bytes(view)
+        if number not in self._unpacked:
+            packed = object_of(extensions, name)
+            count, size = whole_of(packed, "count"), whole_of(packed, "byteStride")
+            most = whole_of(view, "byteLength")
+            if count * size > most:
+                raise ValueError(
+                    f"{name}: {count} rows of {size} bytes must be no more than the {most} bytes "
+                    f"of buffer view {number}"
+                )
+            self.budget.take(f"buffer view {number}", count * size)
+            stored = self._stored_bytes(packed)
+            self._unpacked[number] = decode_meshopt(name, packed, stored)
+        return self._unpacked[number]
+
+    def _stored_bytes(self, view: dict[str, Any]) -> bytes:
+        """Return the bytes of a buffer that an entry points at."""
         start, length = whole_of(view, "byteOffset", 0), whole_of(view, "byteLength")
         number = needed(view, "buffer")
         content = self._buffer(number)[start : start + length]
         if len(content) < length:
             raise ValueError(f"buffer {number} is cut short")
         return content
+
+    def _is_there(self, number: Any) -> bool:
+        """Tell whether the file says where a buffer's bytes are."""
+        return "uri" in self.entry("buffers", number) or (number == 0 and self._chunk is not None)
 
     def _buffer(self, number: Any) -> bytes:
         """Return the bytes of a buffer, read when they are first asked for."""
@@ -211,7 +264,7 @@ class GltfFile:
         """
         image = self.entry("images", number)
         if "bufferView" in image:
-            return self._view_bytes(self.entry("bufferViews", image["bufferView"]))
+            return self.view_bytes(image["bufferView"])
         return self._uri_bytes(image["uri"])
 
     def picture_name(self, number: Any) -> str:
@@ -261,6 +314,30 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
 def _component(accessor: dict[str, Any]) -> np.dtype:
     """Return the type of an accessor's numbers, or raise ``ValueError``."""
     return np.dtype(COMPONENTS[_known(accessor, "componentType", tuple(COMPONENTS))])
+
+
+def _as_said(
+    accessor: dict[str, Any], rows: NDArray[Any], dtype: np.dtype, width: int
+) -> NDArray[Any]:
+    """Return rows with the numbers that an accessor says, normalized ones as float64."""
+    if rows.dtype != dtype or rows.shape[1] != width:
+        rows = _converted(rows, dtype, width)
+    if accessor.get("normalized") and dtype.kind in "ui":
+        return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
+    return rows
+
+
+def _converted(rows: NDArray[Any], dtype: np.dtype, width: int) -> NDArray[Any]:
+    """Return rows of a stream as the numbers that an accessor says, or raise ``ValueError``."""
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise ValueError(f"type must have {width} numbers, got {rows.shape[1:]} in its stream")
+    if rows.size and dtype.kind in "ui" and rows.dtype.kind in "ui":
+        held = np.iinfo(dtype)
+        wrong = [int(one) for one in (rows.min(), rows.max()) if not held.min <= one <= held.max]
+        if wrong:
+            raise ValueError(f"componentType must hold {wrong[0]}, which is in its stream")
+    with np.errstate(invalid="ignore"):
+        return rows.astype(dtype)
 
 
 def _known(values: dict[str, Any], key: str, known: tuple[Any, ...]) -> Any:

@@ -21,9 +21,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.content import COMPRESSED, MaterialReader, MeshReader
+from rasterjit.io.gltf.content import MaterialReader, MeshReader
+from rasterjit.io.gltf.extensions import (
+    INSTANCING,
+    LIGHTS,
+    UNDERSTOOD,
+    VISIBILITY,
+    MissingLibraryError,
+    check_library,
+)
 from rasterjit.io.gltf.file import GltfFile
-from rasterjit.io.gltf.layers import LAYERS
+from rasterjit.io.gltf.instancing import instances_of
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -33,7 +41,6 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
-from rasterjit.io.gltf.variants import VARIANTS
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
@@ -43,20 +50,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
 GLTF_FORMATS = ("gltf", "glb")
-
-LIGHTS = "KHR_lights_punctual"
-
-UNDERSTOOD = frozenset(
-    (
-        LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
-        "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_xmp_json_ld", "KHR_xmp", VARIANTS, *LAYERS,
-    )
-)  # fmt: skip
-"""Extensions that are read, or have nothing to show."""
-
-NAMED_WHERE_USED = frozenset((COMPRESSED,))
-"""Extensions that are named where they stop something."""
 
 MOVING = {"skins": "skin", "animations": "animation"}
 """Lists of the header for what moves; it is shown at rest."""
@@ -139,12 +132,17 @@ class _GltfScene:
                 f"{self._source} must require no extension that is not read, but "
                 f"extensionsRequired names {', '.join(name[:80] for name in unknown)}"
             )
+        for name in required:
+            try:
+                check_library(name)
+            except MissingLibraryError as error:
+                raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_what_is_not_read(self) -> None:
         """Note the extensions and movements that are not shown, by name."""
         header = self._file.header
         for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
-            if name not in UNDERSTOOD | NAMED_WHERE_USED:
+            if name not in UNDERSTOOD:
                 self._left_out.note(f"extension {name[:80]}")
         for section, what in MOVING.items():
             if list_of(header, section):
@@ -155,9 +153,16 @@ class _GltfScene:
         if "camera" in place.entry:
             self._add_camera(place.entry["camera"], place.world_from_node())
         light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
-        if light is not None:
+        if light is not None and not place.is_hidden:
             self._add_light(light, place.world_from_node())
-        if "mesh" not in place.entry:
+        if "mesh" in place.entry and not place.is_hidden:
+            self._add_meshes(place)
+
+    def _add_meshes(self, place: Place) -> None:
+        """Add the mesh of a node, a part for each primitive, or its instances."""
+        instances = self._instances(place)
+        if instances is not None:
+            self._add_instances(place, instances)
             return
         for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
             label = f"{place.name} part {part + 1}" if part else place.name
@@ -168,6 +173,32 @@ class _GltfScene:
             with self._naming(label):
                 node = self.scene.add(mesh, place.parent_from_node, label, parent=parent)
             self._groups[place.number] = node
+
+    def _instances(self, place: Place) -> list[NDArray[np.float64]] | None:
+        """Return where the instances of a node stand, or None, with a note if they are damaged."""
+        try:
+            found = instances_of(self._file, place.entry)
+            return None if found is None else [parent_from_node(one) for one in found]
+        except (ValueError, LookupError) as error:
+            self._left_out.note(f"{INSTANCING} of node {place.number}: {reason_of(error)}")
+            return None
+
+    def _add_instances(self, place: Place, instances: list[NDArray[np.float64]]) -> None:
+        """Add a group and, below it, a node for each part of each instance."""
+        meshes = self._meshes.read(place.entry["mesh"])
+        if not meshes or not instances:
+            return
+        above = self._group_above(place)
+        with self._naming(place.name):
+            group = Node(None, place.parent_from_node, place.name, parent=above)
+            if above is None:
+                self.scene.add(group)
+            self._groups[place.number] = group
+            for number, node_from_instance in enumerate(instances):
+                for part, mesh in enumerate(meshes):
+                    label = f"{place.name} instance {number + 1}"
+                    label += f" part {part + 1}" if part else ""
+                    self.scene.add(mesh, node_from_instance, label, parent=group)
 
     @contextmanager
     def _naming(self, node: str) -> Iterator[None]:
@@ -271,6 +302,8 @@ class Place(NamedTuple):
     above: Place | None
     """What it hangs below."""
     parent_from_node: NDArray[np.float64]
+    is_hidden: bool
+    """Whether it, or a node above it, is said to be invisible."""
 
     def world_from_node(self) -> NDArray[np.float64]:
         """Return where it stands: the product from the topmost on."""
@@ -320,10 +353,12 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
         children = _numbers_of_nodes({name: node}, name, "children", nodes)
         try:
             matrix = parent_from_node(node)
+            said = object_of(object_of(node, "extensions"), VISIBILITY)
+            is_hidden = said.get("visible") is False or (above is not None and above.is_hidden)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         # A product has other zeros than its factor: all are products.
-        place = Place(number, node, above, compose(matrix) if above is None else matrix)
+        place = Place(number, node, above, compose(matrix) if above is None else matrix, is_hidden)
         yield place
         waiting += [(child, place) for child in reversed(children)]
 

@@ -37,8 +37,8 @@ from rasterjit.io.gltf.content import (
     UNLIT,
     WRAPS,
 )
+from rasterjit.io.gltf.extensions import LIGHTS
 from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
-from rasterjit.io.gltf.scene import LIGHTS
 from rasterjit.io.gltf.variants import VARIANTS, written_mappings
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes

@@ -1,0 +1,143 @@
+"""
+Decode the meshes that KHR_draco_mesh_compression [1]_ compresses, with the library DracoPy.
+
+A stream says first how many faces and vertices it has. Those are compared with what the file says
+in plain before the library sees the stream, so that a damaged one asks for no memory.
+
+References
+----------
+.. [1] The Khronos Group, "KHR_draco_mesh_compression".
+.. [2] Google, "Draco Bitstream Specification", version 2.2, sections ParseHeader, DecodeMetadata,
+   DecodeSequentialConnectivityData and DecodeEdgebreakerConnectivityData.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf.extensions import DRACO, library_of
+from rasterjit.io.skipped import reason_of
+
+_HEAD = b"DRACO\x02\x02"
+"""How a stream begins: the format's name and its version, 2.2."""
+
+_MESH, _EDGEBREAKER, _SEQUENTIAL = 1, 1, 0
+_HAS_METADATA = 0x8000
+
+
+class DracoMesh(NamedTuple):
+    """What a stream holds."""
+
+    corners: NDArray[np.uint32]
+    """Vertex numbers, (3 F,): three for each triangle."""
+    attributes: dict[int, NDArray]
+    """Rows of every vertex, (V, width), by the attribute's unique number."""
+
+
+def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
+    """
+    Decode a mesh.
+
+    Parameters
+    ----------
+    stream : bytes
+    most_corners : int
+        Corners of triangles that it may have.
+
+    Raises
+    ------
+    MissingLibraryError
+        If DracoPy is not installed.
+    ValueError
+        If the stream is damaged, holds no mesh, or a larger one.
+    """
+    library = library_of(DRACO)
+    try:
+        faces, vertices = declared_counts(stream)
+    except IndexError:
+        raise ValueError(f"{DRACO}: its stream ends too early") from None
+    if max(3 * faces, vertices) > most_corners:
+        raise ValueError(
+            f"{DRACO}: its stream has {faces} faces and {vertices} vertices, but its accessor of "
+            f"indices {most_corners} corners"
+        )
+    try:
+        mesh = library.decode(stream)
+        corners = np.asarray(mesh.faces, np.uint32).reshape(-1)
+        found = {int(one["unique_id"]): np.asarray(one["data"]) for one in mesh.attributes}
+    except Exception as error:
+        # The library's own errors share no base.
+        raise ValueError(f"{DRACO}: its stream is damaged: {reason_of(error)}") from None
+    return DracoMesh(corners, found)
+
+
+def declared_counts(stream: bytes) -> tuple[int, int]:
+    """
+    Return how many faces and vertices a stream says that it has.
+
+    Raises
+    ------
+    IndexError
+        If it ends too early.
+    ValueError
+        If it is no mesh of version 2.2.
+    """
+    if not stream.startswith(_HEAD):
+        raise ValueError(f"{DRACO}: it is no Draco stream of version 2.2")
+    kind, method, flags = stream[7], stream[8], stream[9] | stream[10] << 8
+    if kind != _MESH or method not in (_SEQUENTIAL, _EDGEBREAKER):
+        raise ValueError(f"{DRACO}: its stream is of kind {kind}, {method}, which is no mesh")
+    reader = _Reader(stream, 11)
+    if flags & _HAS_METADATA:
+        for _ in range(reader.number()):
+            reader.number()
+            reader.skip_metadata()
+        reader.skip_metadata()
+    if method == _SEQUENTIAL:
+        return reader.number(), reader.number()
+    reader.skip(1)
+    vertices = reader.number()
+    return reader.number(), vertices
+
+
+class _Reader:
+    """Reads a stream's numbers one by one; ``IndexError`` where it ends."""
+
+    def __init__(self, stream: bytes, place: int) -> None:
+        self._stream = stream
+        self._place = place
+
+    def skip(self, count: int) -> None:
+        """Go on by some bytes."""
+        self._place += count
+        if self._place > len(self._stream):
+            raise IndexError
+
+    def number(self) -> int:
+        """Read a whole number of seven bits a byte, the lowest first."""
+        value = 0
+        for shift in range(0, 35, 7):
+            byte = self._stream[self._place]
+            self._place += 1
+            value |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return value
+        raise ValueError(f"{DRACO}: a number of its stream is too long")
+
+    def _skip_name(self) -> None:
+        self.skip(1 + self._stream[self._place])
+
+    def skip_metadata(self) -> None:
+        """Pass names and values, and those below them, each with a name of its own."""
+        waiting, is_below = 1, False
+        while waiting:
+            if is_below:
+                self._skip_name()
+            is_below = True
+            for _ in range(self.number()):
+                self._skip_name()
+                self.skip(self.number())
+            waiting += self.number() - 1

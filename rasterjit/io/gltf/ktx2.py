@@ -1,0 +1,67 @@
+"""
+Decode KTX 2 textures of Basis Universal, ETC1S and UASTC, with the library opengl_basisu.
+
+References
+----------
+.. [1] The Khronos Group, "KHR_texture_basisu" and "KTX File Format Specification", version 2.0.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf.extensions import BASIS, library_of
+from rasterjit.io.pictures import take_texels
+from rasterjit.io.skipped import reason_of
+from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.texture import check_extent
+
+SIGNATURE = b"\xabKTX 20\xbb\r\n\x1a\n"
+
+_SIZE = 20
+"""Where the header has the width and the height."""
+
+
+def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget) -> NDArray[Any]:
+    """
+    Decode the largest level of a KTX 2 file.
+
+    Parameters
+    ----------
+    content : bytes
+        Begins with ``SIGNATURE``.
+    what : str
+        What a message calls it.
+    budget : MemoryBudget
+        Counts what its texels take.
+
+    Returns
+    -------
+    (H, W, 3) uint8, or (H, W, 4) with alpha
+
+    Raises
+    ------
+    MissingLibraryError
+        If opengl_basisu is not installed.
+    ValueError
+        If it is damaged, holds something else than a Basis Universal picture, or is larger than
+        the budget or `Texture` allows.
+    """
+    library = library_of(BASIS)
+    if len(content) < _SIZE + 8:
+        raise ValueError("it ends too early")
+    size = struct.unpack_from("<II", content, _SIZE)
+    check_extent("it", *size)
+    take_texels(size, what, budget)
+    try:
+        file = library.open(content)
+        if file.faces != 1 or file.is_array or file.is_video:
+            raise ValueError("it is no single picture")
+        pixels = file.transcode("rgba8").data
+    except Exception as error:
+        raise ValueError(f"{BASIS}: {reason_of(error)}") from None
+    return np.ascontiguousarray(pixels if file.has_alpha else pixels[:, :, :3])
