@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.drawings import Drawing, lines_of
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.posable import read_posable, with_morph_weights
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -316,7 +317,8 @@ class MeshReader:
                 self._left_out.note(f"{label}, which cannot be read: {error}")
                 return []
             found = (self._primitive(primitive, label) for primitive in primitives)
-            self._known[number] = [mesh for mesh in found if mesh is not None]
+            meshes = [mesh for mesh in found if mesh is not None]
+            self._known[number] = with_morph_weights(entry, meshes, label, self._left_out)
         return self._known[number]
 
     def _primitive(self, primitive: dict[str, Any], label: str) -> Mesh | None:
@@ -363,8 +365,6 @@ class MeshReader:
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
             return None
-        if list_of(primitive, "targets"):
-            self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_sets = self._material(primitive)
         colors = self._colors(attributes, count, label)
@@ -388,6 +388,9 @@ class MeshReader:
             "tangents": tangents,
             "attributes": self._own_attributes(attributes, count, label),
             "material": material,
+            **read_posable(
+                self._file, primitive, count, (normals, tangents), label, self._left_out
+            ),
         }
 
     def _without_faces(
@@ -402,8 +405,11 @@ class MeshReader:
             what = "points" if mode == POINTS else "lines"
             self._left_out.note(f"{label}, which has no {what}")
             return None
+        what = "points" if mode == POINTS else "lines"
         if list_of(primitive, "targets"):
-            self._left_out.note("morph target", len(primitive["targets"]))
+            self._left_out.note(f"morph target of {what}", len(primitive["targets"]))
+        if any(name.startswith("JOINTS_") for name in attributes):
+            self._left_out.note(f"joints of {what}")
         self._file.budget.take(f"the points of {label}", count * _SPLIT_FACE_BYTES)
         colors = self._colors(attributes, count, label)
         rgba = None if colors is None else linear_rows("COLOR_0", colors)
