@@ -2,7 +2,7 @@
 Where the vertices of an animated glTF file are at a time, slowly, from the file and nothing else.
 
 Reads the JSON and the buffers itself and follows the specification's equations with plain numbers
-and small matrices of float64. Shares no code with what it checks.
+and matrices of float64. Shares no code with what it checks.
 
 References
 ----------
@@ -27,6 +27,8 @@ CODES = {5120: "b", 5121: "B", 5122: "h", 5123: "H", 5125: "I", 5126: "f"}
 LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TRIANGLES = 4
+ROUNDED_SUM = 1e-5
+"""How far from 1 weights may sum to by rounding."""
 
 
 class Posed(NamedTuple):
@@ -59,6 +61,7 @@ class NaiveGltf:
             chunk if "uri" not in one else _fetched(one["uri"], Path(path).parent)
             for one in self.document.get("buffers", [])
         ]
+        self._known = {}
         self.animations = [
             (one.get("name"), max(self._numbers(s["input"])[-1][0] for s in one["samplers"]))
             for one in self.document.get("animations", [])
@@ -156,25 +159,21 @@ class NaiveGltf:
                     positions = positions + weight * np.array(self._numbers(target["POSITION"]))
                 if "NORMAL" in target and normals is not None:
                     normals = normals + weight * np.array(self._numbers(target["NORMAL"]))
+            matrices = np.broadcast_to(worlds[number], (len(positions), 4, 4))
             if "skin" in node:
                 matrices = self._blended(self.document["skins"][node["skin"]], named, worlds)
-            else:
-                matrices = [worlds[number]] * len(positions)
-            placed = [(m @ [*p, 1.0])[:3] for m, p in zip(matrices, positions, strict=True)]
+            placed = np.einsum("vij,vj->vi", matrices[:, :3, :3], positions) + matrices[:, :3, 3]
             turned = None
             if normals is not None:
-                turned = np.array(
-                    [
-                        _unit(_cofactors(m[:3, :3]) @ n)
-                        for m, n in zip(matrices, normals, strict=True)
-                    ]
-                )
+                turned = np.einsum("vij,vj->vi", _cofactors(matrices[:, :3, :3]), normals)
+                lengths = np.linalg.norm(turned, axis=1, keepdims=True)
+                turned = turned / np.where(lengths > 0.0, lengths, 1.0)
             count = len(positions)
             faces = np.arange(count)
             if "indices" in primitive:
                 faces = np.array(self._numbers(primitive["indices"]), int)[:, 0]
             name = str(node.get("name", number))
-            found.append(Posed(name, np.array(placed), turned, faces.reshape(-1, 3)))
+            found.append(Posed(name, placed, turned, faces.reshape(-1, 3)))
         return found
 
     def _blended(self, skin, named, worlds):
@@ -185,19 +184,25 @@ class NaiveGltf:
             rows = self._numbers(skin["inverseBindMatrices"])
             binds = [np.array(row).reshape(4, 4).T for row in rows]
         matrices = [worlds[joint] @ bind for joint, bind in zip(joints, binds, strict=False)]
-        found = None
-        for k in range(sum(name.startswith("JOINTS_") for name in named)):
-            numbers = self._numbers(named[f"JOINTS_{k}"])
-            weights = self._numbers(named[f"WEIGHTS_{k}"])
-            parts = [
-                sum(w * matrices[int(j)] for j, w in zip(row, shares, strict=True))
-                for row, shares in zip(numbers, weights, strict=True)
-            ]
-            found = parts if found is None else [a + b for a, b in zip(found, parts, strict=True)]
-        return found
+        blended = 0.0
+        sets = range(sum(name.startswith("JOINTS_") for name in named))
+        shares = [np.array(self._numbers(named[f"WEIGHTS_{k}"])) for k in sets]
+        total = sum(one.sum(axis=1, keepdims=True) for one in shares)
+        # They have to sum to 1: where they do not, they are scaled.
+        total = np.where(np.abs(total - 1.0) <= ROUNDED_SUM, 1.0, total)
+        for k in sets:
+            numbers = np.array(self._numbers(named[f"JOINTS_{k}"]), int)
+            for joint, weight in zip(numbers.T, (shares[k] / total).T, strict=True):
+                blended = blended + weight[:, None, None] * np.array(matrices)[joint]
+        return blended
 
     def _numbers(self, index):
         """Return the rows of an accessor as lists of float (3.6.2)."""
+        if index not in self._known:
+            self._known[index] = self._read(index)
+        return self._known[index]
+
+    def _read(self, index):
         accessor = self.document["accessors"][index]
         width, kind = WIDTHS[accessor["type"]], accessor["componentType"]
         count = accessor["count"]
@@ -242,7 +247,8 @@ def _local(node):
     """Return the matrix of a node beside its parent (3.5.3)."""
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    # Unit quaternions have the roundings of float32.
+    x, y, z, w = _unit(node.get("rotation", (0.0, 0.0, 0.0, 1.0)))
     turn = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -258,6 +264,7 @@ def _local(node):
 
 def _slerp(first, second, t):
     """Return the rotation between two, the shorter way (Appendix C.4)."""
+    first, second = _unit(first), _unit(second)
     cosine = sum(a * b for a, b in zip(first, second, strict=True))
     sign = -1.0 if cosine < 0.0 else 1.0
     angle = math.acos(min(abs(cosine), 1.0))
@@ -274,7 +281,8 @@ def _unit(vector):
     return [x / length for x in vector] if length else list(vector)
 
 
-def _cofactors(matrix):
-    """Return the cofactors of a (3,3) matrix: what turns normals, whatever its determinant is."""
-    a, b, c = matrix.T
-    return np.column_stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+def _cofactors(matrices):
+    """Return what turns normals, (V,3,3): the inverse transposes, up to their size."""
+    a, b, c = np.moveaxis(matrices, 2, 0)
+    found = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=2)
+    return found * np.where(np.linalg.det(matrices) < 0.0, -1.0, 1.0)[:, None, None]
