@@ -318,12 +318,13 @@ class Scene(Guarded, Previewed):
         Write the scene to a glTF 2.0 file, whole or not at all.
 
         Nodes, their names and what hangs below what, meshes, colours, texture coordinates, normals,
-        attributes of vertices, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera
-        are kept, so that `load` draws the same again. Blinn-Phong materials become
-        metallic-roughness ones with highlights of the same width; faces with colours of their own
-        get vertices of their own. A ``base_color`` of None becomes what it is drawn as: white where
-        the mesh has colours or the material a texture, else the light grey. Points and lines stay
-        such, without their sizes, widths and dashes; points that are NaN or infinite are left out.
+        attributes of vertices, skins, morph targets, animations, textures, ``"pbr"`` and
+        ``"unlit"`` materials, lights and the camera are kept, so that `load` draws the same again.
+        Blinn-Phong materials become metallic-roughness ones with highlights of the same width;
+        faces with colours of their own get vertices of their own. A ``base_color`` of None becomes
+        what it is drawn as: white where the mesh has colours or the material a texture, else the
+        light grey. Points and lines stay such, without their sizes, widths and dashes; points that
+        are NaN or infinite are left out.
 
         glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
         counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have
