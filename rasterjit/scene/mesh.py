@@ -469,6 +469,11 @@ class Mesh(Guarded, Previewed):
                 )
         return self._vertex_normals
 
+    @property
+    def _makes_normals(self) -> bool:
+        """Whether its normals follow from its faces in each pose."""
+        return self._normals is None or self._normal_groups is not None
+
     def _made_normals(self) -> NDArray[np.float32]:
         """Return the normals that follow from the faces, (V, 3)."""
         if self._normal_groups is None:

@@ -174,9 +174,9 @@ class Scene(Guarded, Previewed):
         ----------
         mesh : Mesh, Points, Lines, Label, Node, Scene, or an object of another package
             A `Label` is carried by a node without a mesh. A `Node` brings all that hangs below it.
-            Of a scene, all nodes are copied, sharing their meshes, below the new node; lights,
-            camera and effects are left out. Objects of trimesh, PyVista, Open3D and meshio bring
-            what `load` takes of them.
+            Of a scene, all nodes are copied, sharing their meshes, below the new node, with its
+            animations; lights, camera and effects are left out. Objects of trimesh, PyVista, Open3D
+            and meshio bring what `load` takes of them.
         transform : (4, 4) array_like, optional
             Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
             Default: the identity, or that of the `Node`.
@@ -221,10 +221,11 @@ class Scene(Guarded, Previewed):
         found = HOOKS["scene_of_others"](mesh)
         if _is_plain(found):
             return self.add(found.nodes[0].mesh, transform, name, parent=parent)
-        group, drawn = _copied(found, transform, "" if name is None else str(name))
+        group, drawn, animations = _copied(found, transform, "" if name is None else str(name))
         known = len(self.nodes)
         self._add_node(group, None, None, parent)
         self.nodes[known:] = drawn
+        self.animations += animations
         return group
 
     def _add_node(
@@ -318,12 +319,13 @@ class Scene(Guarded, Previewed):
         Write the scene to a glTF 2.0 file, whole or not at all.
 
         Nodes, their names and what hangs below what, meshes, colours, texture coordinates, normals,
-        attributes of vertices, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera
-        are kept, so that `load` draws the same again. Blinn-Phong materials become
-        metallic-roughness ones with highlights of the same width; faces with colours of their own
-        get vertices of their own. A ``base_color`` of None becomes what it is drawn as: white where
-        the mesh has colours or the material a texture, else the light grey. Points and lines stay
-        such, without their sizes, widths and dashes; points that are NaN or infinite are left out.
+        attributes of vertices, skins, morph targets, animations, textures, ``"pbr"`` and
+        ``"unlit"`` materials, lights and the camera are kept, so that `load` draws the same again.
+        Blinn-Phong materials become metallic-roughness ones with highlights of the same width;
+        faces with colours of their own get vertices of their own. A ``base_color`` of None becomes
+        what it is drawn as: white where the mesh has colours or the material a texture, else the
+        light grey. Points and lines stay such, without their sizes, widths and dashes; points that
+        are NaN or infinite are left out.
 
         glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
         counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have
@@ -460,13 +462,7 @@ class Scene(Guarded, Previewed):
             for node in with_all_below(top):
                 above = None if node.parent is None else copies[id(node.parent)]
                 copies[id(node)] = _moved_copy(node, above, moved.get(id(node), {}))
-        skins: dict[int, Skin] = {}
-        for node in list(copies.values()):
-            skin = node._skin
-            if skin is not None:
-                if id(skin) not in skins:
-                    skins[id(skin)] = skin._with_joints([copies[id(one)] for one in skin.joints])
-                node._skin = skins[id(skin)]
+        _set_skins(copies)
         other = copy.copy(self)
         other.nodes = [copies[id(node)] for node in self.nodes]
         other.lights = list(self.lights)
@@ -716,24 +712,38 @@ def _is_plain(scene: Scene) -> bool:
     if len(scene.nodes) != 1 or scene.labelled:
         return False
     (node,) = scene.nodes
-    is_alone = node.parent is None and not node.children
+    is_alone = node.parent is None and not node.children and not scene.animations
+    is_alone = is_alone and node._skin is None and node._weights is None
     return is_alone and np.array_equal(node.transform, np.eye(4))
 
 
-def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> tuple[Node, list[Node]]:
-    """Return a group of copies of a scene's nodes, which hang together, and are numbered, alike."""
+def _copied(
+    scene: Scene, transform: ArrayLike | None, name: str
+) -> tuple[Node, list[Node], list[Animation]]:
+    """
+    Return a group of copies of a scene's nodes, which hang together, and are numbered, alike.
+
+    And those that are drawn, and the animations of all.
+    """
     group = Node(None, transform, name)
     drawn, copies = set(map(id, scene.nodes)), {}
-    for node in scene.every_node():
+    for node in (one for top in scene._all_tops() for one in with_all_below(top)):
         above = group if node.parent is None else copies[id(node.parent)]
-        mesh = node.mesh if id(node) in drawn else None
-        copies[id(node)] = Node(mesh, node.transform, node.name, parent=above, label=node.label)
-        if mesh is not None:
-            copies[id(node)]._weights = node._weights
-    for node in scene.every_node():
-        copied = copies[id(node)]
-        if node._skin is not None and copied.mesh is not None:
-            joints = [copies.get(id(one), one) for one in node._skin.joints]
-            copied._skin = node._skin._with_joints(joints)
+        copied = copies[id(node)] = _moved_copy(node, above, {})
+        if id(node) not in drawn:
+            copied._skin = copied._weights = copied._mesh = None
+    _set_skins(copies)
     order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
-    return group, [node for node in order if node.mesh is not None]
+    animations = [one._with_nodes(copies) for one in scene.animations]
+    return group, [node for node in order if node.mesh is not None], animations
+
+
+def _set_skins(copies: dict[int, Node]) -> None:
+    """Let copied nodes, by the ids of those they are copies of, have skins of copied joints."""
+    skins: dict[int, Skin] = {}
+    for node in copies.values():
+        skin = node._skin
+        if skin is not None:
+            if id(skin) not in skins:
+                skins[id(skin)] = skin._with_joints([copies[id(one)] for one in skin.joints])
+            node._skin = skins[id(skin)]

@@ -113,8 +113,7 @@ def _posed_mesh(
 
     positions = np.array(mesh.vertices)
     # Normals that follow from faces do so after posing.
-    normals = None if mesh._normal_groups is not None or mesh.normals is None else mesh.normals
-    normals = None if normals is None else np.array(normals)
+    normals = None if mesh._makes_normals else np.array(mesh.normals)
     tangents = None if mesh.tangents is None else np.array(mesh.tangents)
     if weights is not None and mesh._morph_targets is not None:
         targets = mesh._morph_targets

@@ -22,6 +22,10 @@ from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.skin import WEIGHT_ROUNDING, MorphTargets, sum_rows
 
+_ROUNDING = {5120: 4 / 127, 5121: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
+"""How far four weights may be from 1 in all as whole numbers, by the types of these: each is
+rounded by half a step, or cut off. They are scaled all the same."""
+
 _TARGETS = {"POSITION": "positions", "NORMAL": "normals", "TANGENT": "tangents"}
 """What of a target `MorphTargets` has, by its name in glTF."""
 
@@ -60,7 +64,7 @@ def _joints(
     file: GltfFile, attributes: dict[str, Any], count: int, label: str, left_out: LeftOut
 ) -> dict[str, Any]:
     """Return joints and weights, (V, 4 n); empty if there are none of use."""
-    joints, weights = [], []
+    joints, weights, rounding = [], [], WEIGHT_ROUNDING
     for number in itertools.count():
         names = f"JOINTS_{number}", f"WEIGHTS_{number}"
         missing = [name for name in names if name not in attributes]
@@ -74,6 +78,9 @@ def _joints(
         if rows[0] is not None and rows[1] is not None:
             joints.append(rows[0])
             weights.append(rows[1])
+            rounding += _ROUNDING.get(
+                file.entry("accessors", attributes[names[1]])["componentType"], 0.0
+            )
     if not joints:
         return {}
     shares = np.concatenate(weights, axis=1)
@@ -88,7 +95,7 @@ def _joints(
             int(is_lost.sum()),
         )
         shares[is_lost, 0] = 1.0
-    is_off = np.abs(sums - 1.0) > WEIGHT_ROUNDING
+    is_off = np.abs(sums - 1.0) > rounding
     if (is_off & ~is_lost).any():
         left_out.note(
             f"sums of weights of {label} that are not 1, to which they are scaled",
