@@ -170,6 +170,10 @@ class Mesh(Guarded, Previewed):
     """(V,): which vertices have one normal, in place of given ones; of what can be posed."""
     _rest: Mesh | None = None
     """Of a posed mesh: what it is when nothing poses it."""
+    _uses_all: bool | None = None
+    """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
+    _is_in_world: bool = False
+    """Whether a skin has put it into world space."""
 
     def __init__(
         self,

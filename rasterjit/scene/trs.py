@@ -67,9 +67,16 @@ def parts_of(matrix: NDArray[np.float64]) -> TRS:
     axes = [(rows[0][k], rows[1][k], rows[2][k]) for k in range(3)]
     lengths = [_length(axis) for axis in axes]
     # Make them perpendicular, one after the other; those that vanish take what is left.
-    x = _unit(axes[0]) or _perpendicular(_unit(axes[1]) or _unit(axes[2]) or (0.0, 0.0, 1.0))
+    second, third = _unit(axes[1]), _unit(axes[2])
+    x = _unit(axes[0])
+    if x is None and second is not None and third is not None:
+        x = _unit(cross(second, third))
+    x = x or _perpendicular(second or third or (0.0, 0.0, 1.0))
     along = dot(x, axes[1])
-    y = _unit(tuple(b - along * a for a, b in zip(x, axes[1], strict=True))) or _perpendicular(x)
+    y = _unit(tuple(b - along * a for a, b in zip(x, axes[1], strict=True)))
+    if y is None and third is not None:
+        y = _unit(cross(third, x))
+    y = y or _perpendicular(x)
     z = cross(x, y)
     if dot(z, axes[2]) < 0.0:
         lengths[0], x = -lengths[0], tuple(-part for part in x)

@@ -139,25 +139,32 @@ def _posed_mesh(
         )  # fmt: skip
     made = copy.copy(mesh)
     made._rest, made._joints, made._joint_weights, made._morph_targets = mesh, None, None, None
-    made._bounds, made._is_closed = None, None
+    made._is_closed, made._uses_all = None, None
     made._normals = made._vertex_normals = None if normals is None else read_only(normals)
     made._tangents = None if tangents is None else read_only(tangents)
-    _store_positions(made, positions)
+    _store_positions(made, mesh, positions)
     if place is not None:
+        made._is_in_world = True
         center = _far_middle(made)
         if center is not None:
-            _store_positions(made, positions - center)
+            _store_positions(made, mesh, positions - center)
             place[:3, 3] = center
             place[0, 3] *= place[0, 0]
     return made, place
 
 
-def _store_positions(mesh: Mesh, positions: NDArray[np.float64]) -> None:
-    """Let a posed mesh have other positions."""
-    mesh._vertices, mesh._bounds = read_only(positions), None
-    mesh._invalid_vertices = 0
-    if not np.isfinite(positions).all():
+def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> None:
+    """Let a posed mesh have other positions, and find its bounds."""
+    mesh._vertices, mesh._bounds, mesh._invalid_vertices = read_only(positions), None, 0
+    if rest._uses_all is None:
+        rest._uses_all = bool(rest.used_vertices().all())
+    # Long rows are looked through many times as fast as columns.
+    rows = np.ascontiguousarray(positions.T)
+    low, high = rows.min(axis=1), rows.max(axis=1)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
         mesh._invalid_vertices = int((~np.isfinite(positions).all(axis=1)).sum())
+    elif rest._uses_all:
+        mesh._bounds = low + 0.0, high + 0.0
 
 
 def _all_mirror(matrices: NDArray[np.float64]) -> bool:
