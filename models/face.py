@@ -130,7 +130,7 @@ def _brow(side: float, smile: float, surprise: float) -> Piece:
     for step in range(BROW_STEPS):
         t = 2.0 * step / (BROW_STEPS - 1) - 1.0
         x = side * 0.36 - 0.21 * t
-        y = 0.6 + 0.07 * smile + 0.17 * surprise - 0.07 * t * t - side * 0.03 * t
+        y = 0.6 + 0.07 * smile + 0.17 * surprise - 0.07 * t * t + side * 0.012 * t
         thick = 0.045 * (1.0 - 0.6 * t * t)
         ring = []
         for k in range(BROW_SIDES):
