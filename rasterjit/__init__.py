@@ -13,9 +13,8 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
     what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
     `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
-    has no word for.
-    what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
-    `SaveWarning` names what that has no word for.
+    has no word for. A `Skin` lets a mesh follow nodes, `MorphTargets` bend it by weights; an
+    `Animation` of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it.
     `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or

@@ -156,7 +156,7 @@ class Channel(Guarded):
             value = _hermite(keys[number], span * ahead, keys[number + 1], span * behind, t)
             return _unit(value) if self._path == "rotation" else value
         if self._path == "rotation":
-            return slerp(keys[number], keys[number + 1], t)
+            return rotation_between(keys[number], keys[number + 1], t)
         return (1.0 - t) * keys[number] + t * keys[number + 1]
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -246,7 +246,9 @@ class Animation(Guarded):
         return f"Animation({self.name!r}, {len(self._channels)} channels, {self.duration:g} s)"
 
 
-def slerp(first: NDArray[np.float64], second: NDArray[np.float64], t: float) -> NDArray[np.float64]:
+def rotation_between(
+    first: NDArray[np.float64], second: NDArray[np.float64], t: float
+) -> NDArray[np.float64]:
     """
     Return the rotation a share of the shorter arc from one to another, at even speed.
 

@@ -162,7 +162,7 @@ def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> 
     rows = np.ascontiguousarray(positions.T)
     low, high = rows.min(axis=1), rows.max(axis=1)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
-        mesh._invalid_vertices = int((~np.isfinite(positions).all(axis=1)).sum())
+        mesh._invalid_vertices = int(np.count_nonzero(~np.isfinite(positions).all(axis=1)))
     elif rest._uses_all:
         mesh._bounds = low + 0.0, high + 0.0
 

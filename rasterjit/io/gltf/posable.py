@@ -92,14 +92,14 @@ def _joints(
     if is_lost.any():
         left_out.note(
             f"weights of {label} that are all 0, whose vertices follow their first joint",
-            int(is_lost.sum()),
+            int(np.count_nonzero(is_lost)),
         )
         shares[is_lost, 0] = 1.0
     is_off = np.abs(sums - 1.0) > rounding
     if (is_off & ~is_lost).any():
         left_out.note(
             f"sums of weights of {label} that are not 1, to which they are scaled",
-            int((is_off & ~is_lost).sum()),
+            int(np.count_nonzero(is_off & ~is_lost)),
         )
     is_wrong = (numbers < 0.0) | (numbers != np.floor(numbers))
     if (is_wrong & (shares > 0.0)).any():
