@@ -15,14 +15,17 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 COMPONENT_TYPES = {"uint8": 5121, "uint16": 5123, "float32": 5126}
-ELEMENT_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+ELEMENT_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+JOINTS = "JOINTS_"
+"""Attributes that begin so hold whole numbers, not shares of the largest."""
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 LARGEST_STORED_BLOCK = 65535
@@ -52,6 +55,19 @@ def _store_zlib(data: bytes) -> bytes:
         is_last = start + LARGEST_STORED_BLOCK >= len(data)
         stream += struct.pack("<BHH", is_last, len(block), len(block) ^ 0xFFFF) + block
     return stream + struct.pack(">I", zlib.adler32(data))
+
+
+class Channel(NamedTuple):
+    """How a property of a node moves: what one channel of a glTF animation says."""
+
+    node: int
+    path: str
+    """"translation", "rotation", "scale" or "weights"."""
+    times: NDArray[np.float32]
+    """(K,) seconds, growing."""
+    values: NDArray[np.float32]
+    """A row for each key; three for CUBICSPLINE: tangent in, value, tangent out. Weights (N,)."""
+    interpolation: str = "LINEAR"
 
 
 class GlbFile:
@@ -104,6 +120,8 @@ class GlbFile:
         attributes: dict[str, NDArray[Any]],
         faces: NDArray[np.uint16],
         material: int,
+        targets: Sequence[dict[str, NDArray[Any]]] = (),
+        **more: Any,
     ) -> int:
         """
         Append a mesh of one indexed primitive.
@@ -112,39 +130,111 @@ class GlbFile:
         ----------
         name : str
         attributes : dict of str to ndarray
-            glTF attribute name to ``(V,2..4)`` float32, or uint8 (normalised, four channels).
+            glTF attribute name to ``(V,2..4)`` float32, or uint8 or uint16 (normalised, but for
+            joints).
         faces : ndarray (F,3) uint16
         material : int
+        targets : sequence of dict, optional
+            Morph targets: what each adds to attributes, ``(V,3)`` float32. Those that leave most
+            vertices alone are stored as sparse accessors.
+        **more
+            Further properties of the mesh, such as ``weights``.
         """
-        accessors = {key: self._add_accessor(key, data) for key, data in attributes.items()}
-        view = self._add_view(faces.tobytes(), {"target": ELEMENT_ARRAY_BUFFER})
-        indices = {
-            "bufferView": view,
-            "componentType": COMPONENT_TYPES[faces.dtype.name],
-            "count": faces.size,
-            "type": "SCALAR",
+        accessors = {
+            key: self.add_accessor(
+                data,
+                target=ARRAY_BUFFER,
+                bounds=key == "POSITION",
+                normalized=data.dtype.kind == "u" and not key.startswith(JOINTS),
+            )
+            for key, data in attributes.items()
         }
         primitive = {
             "attributes": accessors,
-            "indices": self.add("accessors", indices),
+            "indices": self.add_accessor(faces.reshape(-1), target=ELEMENT_ARRAY_BUFFER),
             "material": material,
         }
-        return self.add("meshes", {"name": name, "primitives": [primitive]})
+        if targets:
+            primitive["targets"] = [
+                {
+                    key: self._add_difference(data, bounds=key == "POSITION")
+                    for key, data in one.items()
+                }
+                for one in targets
+            ]
+        return self.add("meshes", {"name": name, "primitives": [primitive], **more})
 
-    def _add_accessor(self, attribute: str, data: NDArray[Any]) -> int:
-        view = self._add_view(np.ascontiguousarray(data).tobytes(), {"target": ARRAY_BUFFER})
-        accessor: dict[str, Any] = {
-            "bufferView": view,
-            "componentType": COMPONENT_TYPES[data.dtype.name],
-            "count": len(data),
-            "type": ELEMENT_TYPES[data.shape[1]],
+    def add_skin(
+        self, name: str, joints: Sequence[int], inverse_binds: NDArray[np.float32], skeleton: int
+    ) -> int:
+        """Append a skin of nodes; ``inverse_binds (J,4,4)`` as matrices of column vectors."""
+        columns = inverse_binds.transpose(0, 2, 1).reshape(len(joints), 16)
+        skin = {
+            "name": name,
+            "joints": list(joints),
+            "inverseBindMatrices": self.add_accessor(columns),
+            "skeleton": skeleton,
         }
-        if data.dtype == np.uint8:
+        return self.add("skins", skin)
+
+    def add_animation(self, name: str, channels: Sequence[Channel]) -> int:
+        """Append an animation; channels of the same array of times share its accessor."""
+        inputs: dict[int, int] = {}
+        samplers, targets = [], []
+        for channel in channels:
+            key = id(channel.times)
+            if key not in inputs:
+                inputs[key] = self.add_accessor(channel.times, bounds=True)
+            output = self.add_accessor(channel.values)
+            sampler = {"input": inputs[key], "interpolation": channel.interpolation}
+            samplers.append({**sampler, "output": output})
+            target = {"node": channel.node, "path": channel.path}
+            targets.append({"sampler": len(samplers) - 1, "target": target})
+        entry = {"name": name, "samplers": samplers, "channels": targets}
+        return self.add("animations", entry)
+
+    def add_accessor(
+        self,
+        data: NDArray[Any],
+        *,
+        target: int | None = None,
+        bounds: bool = False,
+        normalized: bool = False,
+    ) -> int:
+        """
+        Append an array and an accessor that describes it.
+
+        Parameters
+        ----------
+        data : ndarray (N,) or (N,2..4) or (N,16)
+        target : int, optional
+            What its buffer view is for, as glTF numbers it.
+        bounds : bool
+            Whether the accessor says the least and greatest values.
+        normalized : bool
+            Whether whole numbers stand for shares of the largest.
+        """
+        extra = {} if target is None else {"target": target}
+        view = self._add_view(np.ascontiguousarray(data).tobytes(), extra)
+        accessor = {"bufferView": view, **_described(data, bounds)}
+        if normalized:
             accessor["normalized"] = True
-        if attribute == "POSITION":
-            accessor["min"] = data.min(axis=0).tolist()
-            accessor["max"] = data.max(axis=0).tolist()
         return self.add("accessors", accessor)
+
+    def _add_difference(self, data: NDArray[np.float32], bounds: bool) -> int:
+        """Append what a morph target adds, the rows that are not zero alone if they are few."""
+        rows = np.flatnonzero((data != 0).any(axis=1)).astype(np.uint16)
+        if not len(rows) or len(rows) * (data.strides[0] + rows.itemsize) >= data.nbytes:
+            return self.add_accessor(data, target=ARRAY_BUFFER, bounds=bounds)
+        sparse = {
+            "count": len(rows),
+            "indices": {
+                "bufferView": self._add_view(rows.tobytes(), {}),
+                "componentType": COMPONENT_TYPES[rows.dtype.name],
+            },
+            "values": {"bufferView": self._add_view(data[rows].tobytes(), {})},
+        }
+        return self.add("accessors", {**_described(data, bounds), "sparse": sparse})
 
     def _add_view(self, data: bytes, extra: dict[str, int]) -> int:
         view = {"buffer": 0, "byteOffset": len(self._binary), "byteLength": len(data), **extra}
@@ -158,6 +248,20 @@ class GlbFile:
         body = struct.pack("<II", len(text), JSON_CHUNK) + text
         body += struct.pack("<II", len(self._binary), BINARY_CHUNK) + bytes(self._binary)
         path.write_bytes(struct.pack("<III", GLB_MAGIC, 2, 12 + len(body)) + body)
+
+
+def _described(data: NDArray[Any], bounds: bool) -> dict[str, Any]:
+    """Return what an accessor says of the numbers of an array."""
+    columns = data.reshape(len(data), -1)
+    said: dict[str, Any] = {
+        "componentType": COMPONENT_TYPES[data.dtype.name],
+        "count": len(data),
+        "type": ELEMENT_TYPES[columns.shape[1]],
+    }
+    if bounds:
+        said["min"] = columns.min(axis=0).tolist()
+        said["max"] = columns.max(axis=0).tolist()
+    return said
 
 
 def _padded(data: bytes, filler: bytes) -> bytes:

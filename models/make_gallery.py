@@ -609,6 +609,25 @@ def glass(size: Size) -> Picture:
 
 
 @picture
+def characters(size: Size) -> Picture:
+    """Two skins, one in two animations, and a face between two morph targets."""
+    part, pictures = part_of(size, 2, 2), []
+    for name, animation, time, eye, height, fov_y in (
+        ("figure", "walk", 0.42, (2.2, 1.5, 2.6), 0.92, 36.0),
+        ("figure", "wave", 0.2, (0.9, 1.5, 3.2), 1.0, 36.0),
+        ("face", "feelings", 2.6, (1.7, 1.7, 4.6), 1.2, 32.0),
+        ("tentacle", "curl", 0.8, (8.6, 3.2, 3.2), 1.5, 30.0),
+    ):
+        scene = rj.load(MODELS / f"{name}.glb").at(time, animation)
+        scene.lights = [
+            rj.AmbientLight(intensity=0.35), sun(1.0, shadow=rj.Shadow(size=1024, filter="pcf"))
+        ]  # fmt: skip
+        camera = rj.PerspectiveCamera(eye, (0.0, height, 0.0), fov_y=fov_y)
+        pictures.append(shown(scene, camera, part, quality=SMOOTH))
+    return in_rows(pictures, 2)
+
+
+@picture
 def tone_curves(size: Size) -> Picture:
     """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
     part, pictures = part_of(size, 2, 2), []

@@ -6,7 +6,8 @@ Make every file of this folder from formulas and one public table.
 rewrites them byte for byte the same: coordinates are computed with operations whose rounding IEEE
 754 fixes (and `math.sin`, `math.cos`, far more exact than the digits written), and nothing is
 compressed. The teapot is in `teapot.py` (its table in `teapot_patches.py`), the glTF scene in
-`gltf_scene.py` (its container in `glb.py`). All models are right-handed, y up, and their
+`gltf_scene.py` (its container in `glb.py`), what is animated in `tentacle.py`, `figure.py` and
+`face.py`. All models are right-handed, y up, and their
 faces counter-clockwise from outside.
 """
 
@@ -18,9 +19,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from face import make_face
+from figure import make_figure
 from gltf_scene import make_scene
 from surfaces import CUBE_CORNERS, CUBE_SIDES, QUAD, grid_faces, unit, write_obj
 from teapot import make_teapot
+from tentacle import make_tentacle
 
 
 def make_cube(folder: Path) -> None:
@@ -113,6 +117,9 @@ MAKERS: tuple[Callable[[Path], None], ...] = (
     make_pyramid,
     make_torus_knot,
     make_scene,
+    make_tentacle,
+    make_figure,
+    make_face,
 )
 
 

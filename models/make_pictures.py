@@ -168,8 +168,9 @@ def make_page(page: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / "models").symlink_to(MODELS.resolve())
         subprocess.run([sys.executable, "-c", program], cwd=place, check=True)
-        for picture in Path(place).glob("*.png"):
-            shutil.copy(picture, folder)
+        for suffix in ("png", "gif"):
+            for picture in Path(place).glob(f"*.{suffix}"):
+                shutil.copy(picture, folder)
 
 
 def main(folder: Path) -> None:
@@ -189,7 +190,8 @@ def main(folder: Path) -> None:
     cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
-    make_page(MODELS.resolve().parent / "docs" / "point_clouds.md", folder / "point_clouds")
+    for page in ("point_clouds", "animation"):
+        make_page(MODELS.resolve().parent / "docs" / f"{page}.md", folder / page)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,8 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Points`, `Lines`, `Node` and `Scene` hold what it had, or
     what you make; nodes move with those that they hang below, and may carry a `Label`. `Arrow` and
     `Arrows` are meshes of vectors. `Scene.save` writes glTF, and a `SaveWarning` names what that
-    has no word for.
-    what you make; nodes move with those that they hang below. `Scene.save` writes glTF, and a
-    `SaveWarning` names what that has no word for.
+    has no word for. A `Skin` lets a mesh follow nodes, `MorphTargets` bend it by weights; an
+    `Animation` of `Channel` moves nodes, and ``scene.at(time)`` is the scene at a time of it.
     `Axes`, `BoundingBox`, `Grid` and `Frustum` (of a camera) are `Lines` that are made for you.
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
@@ -110,6 +109,7 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
 from rasterjit.scene.hooks import set_hooks
+from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.label import Label
 from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
@@ -121,11 +121,13 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
+from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
     from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
@@ -135,21 +137,23 @@ if TYPE_CHECKING:
 
 set_hooks(
     picture=preview, as_scene=as_scene, scene_of_others=scene_to_add, save=save_gltf,
-    to_trimesh=to_trimesh,
+    to_trimesh=to_trimesh, posed=posed_scene,
 )  # fmt: skip
-del as_scene, preview, save_gltf, scene_to_add, set_hooks, to_trimesh
+del as_scene, posed_scene, preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "Animation",
     "Arrow",
     "Arrows",
     "Axes",
     "Batch",
     "BoundingBox",
     "CalibrationWarning",
+    "Channel",
     "Choice",
     "Colormap",
     "Contours",
@@ -173,6 +177,7 @@ __all__ = [
     "Measurement",
     "Mesh",
     "MeshFileError",
+    "MorphTargets",
     "Node",
     "OrthographicCamera",
     "Outline",
@@ -190,6 +195,7 @@ __all__ = [
     "SaveWarning",
     "Scene",
     "Shadow",
+    "Skin",
     "SpotLight",
     "Stats",
     "Texture",

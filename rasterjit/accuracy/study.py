@@ -40,6 +40,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
+from rasterjit.survey.posing import posed_scene
 
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
@@ -118,7 +119,7 @@ def study(
     seconds = BUDGET if budget is None else positive_number("budget", budget)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
-    scene = as_scene(what)
+    scene = posed_scene(as_scene(what))
     camera = choose_camera(scene, camera, size)
     (camera,) = settle_together(scene, [camera], size, Quality.standard())
     idle = without_effect(explain(scene, camera, size=size), chosen)

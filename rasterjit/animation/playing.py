@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,15 +19,18 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.views import look_from, needs_settling
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, settled
+from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.trs import TRS
 from rasterjit.scene.validation import finite_number, in_short
 from rasterjit.survey.clip_planes import NO_LOOK, Look
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
 MeshAt = Callable[[float], Mesh]
+AnimationsLike: TypeAlias = str | int | Animation | Sequence[str | int | Animation]
 
 
 MOST_AHEAD = 10_000
@@ -41,6 +45,8 @@ def frames(
     camera: Camera | CameraAt | None = None,
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
+    animation: AnimationsLike | None = None,
+    loop: bool = False,
     outputs: Outputs = ("color",),
     background: Background = None,
     cull: Cull = "none",
@@ -68,6 +74,11 @@ def frames(
         ``inverse(node.parent.world_matrix) @ pose`` there (`transforms.inverse`).
     meshes : dict, optional
         By node of the scene a function that returns a mesh for a time, such as a `MorphTrack`.
+    animation : str, int, Animation or a sequence of them, optional
+        Which of the scene's animations play, as in `Scene.at`; 0 is the first. Tracks of the same
+        nodes act after them. Default: none.
+    loop : bool
+        Whether the animation begins again when it has ended; else it stays at its last key.
     outputs, background, cull
         As in `rasterjit.render`.
 
@@ -78,8 +89,8 @@ def frames(
     Raises
     ------
     ValueError
-        At once, if a node is not one of the scene's or another argument is not such; with the
-        first frame, what `rasterjit.render` refuses.
+        At once, if a node or an animation is not one of the scene's or another argument is not
+        such; with the first frame, what `rasterjit.render` refuses.
     """
     if not isinstance(renderer, Renderer):
         raise ValueError(f"renderer must be a Renderer, got {in_short(renderer)}")
@@ -98,8 +109,68 @@ def frames(
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
+    played = () if animation is None else scene._chosen_animations(animation)
+    length = max((one.duration for one in played), default=0.0) if loop else math.inf
+    channels = [channel for one in played for channel in one.channels]
     options = {"outputs": outputs, "background": background, "cull": cull}
-    return _play(renderer, scene, times, camera, dict(moved), dict(morphed), options)
+    moves = _Moves(channels, length, dict(moved), dict(morphed))
+    return _play(renderer, scene, times, camera, moves, options)
+
+
+class _Moves(NamedTuple):
+    """What moves nodes."""
+
+    channels: list[Channel]
+    length: float
+    """Seconds after which the channels begin again."""
+    transforms: Mapping[Node, TransformAt]
+    meshes: Mapping[Node, MeshAt]
+
+    def move(self, time: float) -> None:
+        """Put the nodes where they are at a time."""
+        when = time % self.length if 0.0 < self.length < math.inf else time
+        parts: dict[Node, dict[str, Any]] = {}
+        for channel in self.channels:
+            parts.setdefault(channel.node, {})[channel.path] = channel.at(when)
+        for node, values in parts.items():
+            if "weights" in values:
+                node.weights = values.pop("weights")
+            if values:
+                node.set_trs(**values)
+        for node, track in self.transforms.items():
+            node.transform = track(time)
+        for node, mesh in self.meshes.items():
+            node.mesh = mesh(time)
+
+    def places(self) -> list[tuple[Node, _Place]]:
+        """Return all nodes that move, and where they are."""
+        animated = dict.fromkeys(channel.node for channel in self.channels)
+        return [
+            (node, _Place(node.transform, node.trs if node in animated else None, node.mesh,
+                          node.weights))
+            for node in {**animated, **self.transforms, **self.meshes}
+        ]  # fmt: skip
+
+
+class _Place(NamedTuple):
+    """What of a node changes."""
+
+    transform: NDArray[np.float64]
+    trs: TRS | None
+    """None where nothing changes these parts alone."""
+    mesh: Mesh | None
+    weights: NDArray[np.float64] | None
+
+    def put_back(self, node: Node) -> None:
+        """Let a node be as it was."""
+        if node.mesh is not self.mesh:
+            node.mesh = self.mesh  # type: ignore[assignment]
+        node.weights = self.weights
+        if self.trs is not None:
+            node.set_trs(*self.trs)
+        if self.trs is None or not np.array_equal(node.transform, self.transform):
+            # It was no product of these parts.
+            node.transform = self.transform
 
 
 def _play(
@@ -107,24 +178,16 @@ def _play(
     scene: Scene,
     times: Iterable[float],
     camera: Camera | CameraAt | None,
-    moved: Mapping[Node, TransformAt],
-    morphed: Mapping[Node, MeshAt],
+    moves: _Moves,
     options: dict[str, Any],
 ) -> Iterator[Frame]:
     """Move the nodes and render, time after time; put everything back at the end."""
-    before = [(node, node.transform, node.mesh) for node in {**moved, **morphed}]
+    before = moves.places()
 
     def camera_at(time: float) -> Camera | None:
         """Return the camera at a time; None if one fits the scene."""
         seen_by = camera(time) if callable(camera) else camera
         return scene.camera if seen_by is None else seen_by
-
-    def move(time: float) -> None:
-        """Put the nodes where they are at a time."""
-        for node, track in moved.items():
-            node.transform = track(time)
-        for node, track in morphed.items():
-            node.mesh = track(time)
 
     def look_at(seen_by: Camera) -> Look:
         """Return what a camera sees beside its planes, of the nodes as they are."""
@@ -138,11 +201,11 @@ def _play(
             for given in times:
                 time = finite_number("times", given)
                 if needs_settling(seen_by := camera_at(time)):
-                    move(time)
+                    moves.move(time)
                     look = look.beside(look_at(seen_by))
         for given in times:
             time = finite_number("times", given)
-            move(time)
+            moves.move(time)
             seen_by = camera_at(time)
             if needs_settling(seen_by):
                 # Those that nobody has looked at ahead come no farther away again.
@@ -150,8 +213,8 @@ def _play(
                 seen_by = settled(seen_by, *look.steps)
             yield renderer.render(scene, seen_by, **options)
     finally:
-        for node, place, mesh in before:
-            node.transform, node.mesh = place, mesh
+        for node, place in before:
+            place.put_back(node)
 
 
 def save(

@@ -25,7 +25,9 @@ from rasterjit.scene import transforms
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.framing import Projection, bounded, fit_camera, frame_of, orbit_direction
+from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.mesh import Mesh, with_face_values, with_field_of
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
@@ -42,6 +44,9 @@ Curve = Callable[[float], Any]
 
 FULL_TURN = 360.0
 """Degrees."""
+
+MEASURED_TIMES = 33
+"""Of an animation, from its beginning to its end."""
 
 
 class _Track(Guarded):
@@ -330,6 +335,7 @@ def turntable(
     zoom: float = 1.0,
     projection: Projection = "perspective",
     aspect: float = 1.0,
+    animation: str | int | Animation | Sequence[str | int | Animation] | None = None,
 ) -> Callable[[float], PerspectiveCamera | OrthographicCamera]:
     """
     Return a camera that goes around a scene, as a function of time.
@@ -352,6 +358,9 @@ def turntable(
     projection : {"perspective", "orthographic"}
     aspect : float
         Width over height of the pictures; narrower ones cut nothing off either.
+    animation : str, int, Animation or a sequence of them, optional
+        Which of the scene's animations play meanwhile, as in `Scene.at`: it is measured at 33 times
+        of it.
 
     Raises
     ------
@@ -362,7 +371,7 @@ def turntable(
     start = finite_number("azimuth", azimuth)
     height = bounded_number("elevation", elevation, -90.0, 90.0)
     frame = frame_of(up)
-    sphere = measured(scene)
+    sphere = measured(scene) if animation is None else _measured_moving(scene, animation)
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
@@ -391,6 +400,22 @@ class _Sphere(NamedTuple):
     def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
         """Return the centre, (3,), and the radius in world space."""
         return self.center, self.radius
+
+
+def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
+    """Return a sphere around all that a scene's animations show, measured at some times."""
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene to play an animation, got {in_short(scene)}")
+    length = max(one.duration for one in scene._chosen_animations(animation))
+    times = np.linspace(0.0, length, MEASURED_TIMES).tolist()
+    spheres = [scene.at(time, animation).bounding_sphere() for time in times]
+    lows = np.array([center - radius for center, radius in spheres])
+    highs = np.array([center + radius for center, radius in spheres])
+    middle = (lows.min(axis=0) + highs.max(axis=0)) / 2.0
+    reach = max(
+        float(np.sqrt(np.square(center - middle).sum())) + radius for center, radius in spheres
+    )
+    return _Sphere(middle, reach)
 
 
 def measured(scene: Bounded) -> Bounded:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli.dataset import dataset_options
+from rasterjit.cli.moments import ANIMATION_HELP, Moment, chosen_animation, moment_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
     READING,
@@ -84,6 +85,9 @@ if TYPE_CHECKING:
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
 
+TURN_FRAMES = 36
+"""Of a turn in which nothing else moves."""
+
 BACKENDS = ("auto", "window", "browser", "terminal")
 
 
@@ -115,6 +119,7 @@ def program(context: click.Context, version: bool) -> None:
 )  # fmt: skip
 @size_option("1280x720")
 @view_options
+@moment_options
 @background_option
 @look_options
 @effect_options
@@ -188,7 +193,7 @@ def render(
     pixels each if no --size is given; those that cannot be are named, and the status is 1. OUT may
     be FILE itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
     """
-    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
     if file.is_dir():
@@ -196,6 +201,7 @@ def render(
 
         refuse_picture(file, output)
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
+        refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
         options = {"background": background, "cull": cull}
         render_folder(file, output, size, threads, quiet, view, look, effects, **options)
         return
@@ -230,7 +236,7 @@ def render(
     ):
         # Said below, as lines.
         warnings.simplefilter("ignore", ViewWarning)
-        scene = load_scene(file, look, effects, quiet)
+        scene = moment.apply(load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         frame = render_frame(
@@ -259,11 +265,17 @@ def render(
     help="Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).",
 )  # fmt: skip
 @click.option(
-    "--frames", type=click.IntRange(1, 3600), default=36, show_default=True,
-    help="Number of frames in one turn.",
+    "--frames", type=click.IntRange(1, 3600), metavar="COUNT",
+    help="Number of frames; default: 36, or as many as --animate needs for the animation.",
 )  # fmt: skip
 @click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
               help="Frames a second.")  # fmt: skip
+@click.option("--turns", type=FiniteType(), default=1.0, show_default=True, metavar="NUMBER",
+              help="How often the camera goes around; below 0 the other way, 0 not at "
+                   "all.")  # fmt: skip
+@click.option("--animate", is_flag=True,
+              help="Play the file's animation meanwhile, again and again.")  # fmt: skip
+@click.option("--animation", metavar="NAME|NUMBER", help=f"{ANIMATION_HELP} Plays it.")
 @size_option("640x480")
 @view_options(orbit=True)
 @background_option
@@ -276,8 +288,11 @@ def render(
 def turntable(
     file: Path,
     output: Path,
-    frames: int,
+    frames: int | None,
     fps: int,
+    turns: float,
+    animate: bool,
+    animation: str | None,
     size: tuple[int, int],
     background: str | BackgroundImage | None,
     cull: str,
@@ -285,7 +300,12 @@ def turntable(
     quiet: bool,
     **rest: Any,
 ) -> None:
-    """Render FILE from a camera that goes once around it, to an animation."""
+    """
+    Render FILE from a camera that goes around it, once, to an animation.
+
+    With --animate what moves in FILE moves: the animation takes its time, and the camera goes
+    around in it; with --frames it begins again when it has ended.
+    """
     from rasterjit.animation import playing
     from rasterjit.animation.video import check_animation
     from rasterjit.rendering.renderer import Renderer
@@ -293,19 +313,27 @@ def turntable(
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     look.check()
+    animate = animate or animation is not None
+    if turns == 0.0 and not animate:
+        raise click.BadOptionUsage("--turns", "--turns: nothing moves without --animate")
     size = size_behind(background, size)
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
+    played = chosen_animation(scene, file, animation, "--animate") if animate else None
+    if frames is None:
+        frames = TURN_FRAMES if played is None else max(1, round(played.duration * fps))
     with (
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
         renderer.told = None
-        times = [number / frames for number in range(frames)]
+        around = view.turn(scene, size, played)
         turning = playing.frames(
-            renderer, scene, times, camera=view.turn(scene, size), background=background, cull=cull
-        )
+            renderer, scene, [number / fps for number in range(frames)],
+            camera=lambda second: around(turns * round(second * fps) / frames),
+            animation=played, loop=True, background=background, cull=cull,
+        )  # fmt: skip
         playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
@@ -358,6 +386,7 @@ def show_options(command: Any) -> Any:
 @file_argument
 @show_options
 @view_options
+@moment_options
 @color_behind_option
 @look_options
 @effect_options(quality=False)
@@ -393,6 +422,7 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @file_argument
 @size_option("1280x720")
 @view_options
+@moment_options
 @background_option
 @look_options
 @effect_options
@@ -418,7 +448,7 @@ def explain(
     **rest: Any,
 ) -> None:
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
-    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
     size = size_behind(background, size)
@@ -435,7 +465,7 @@ def explain(
     from rasterjit.rendering.plan import describe as describe_plan
     from rasterjit.rendering.renderer import explain as plan_of
 
-    scene = load_scene(file, look, effects, quiet=False)
+    scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
     camera = view.camera(scene, size)
     if pixel is not None:
         with compile_notice(quiet=False):
@@ -576,7 +606,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     """
     from rasterjit.viewer.show import choose_backend, show
 
-    view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
+    view, look, effects, moment = (gather(kind, options) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
     backend = choose_backend(options["backend"])
@@ -584,7 +614,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
         refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
     if backend == "terminal":
         refuse_idle(["size"], "a terminal has its own")
-    scene = load_scene(file, look, effects, options["quiet"])
+    scene = moment.apply(load_scene(file, look, effects, options["quiet"]), file)
     camera = view.camera(scene, options["size"])
     try:
         with compile_notice(options["quiet"]):

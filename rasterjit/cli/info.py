@@ -61,7 +61,8 @@ def describe(scene: Scene) -> dict[str, Any]:
         numbers of their parents in this list and of their objects, as ``object_id`` has them;
         outputs of attributes, with their columns and the number of meshes; bounds and bounding
         sphere, scene units; materials with the number of their objects, colours linear RGBA;
-        names of the variants; distinct textures; lights; the camera or None.
+        names of the variants; distinct textures; lights; the camera or None; animations with their
+        lengths, seconds.
     """
     meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
     low, high = (corner.tolist() for corner in scene.bounds())
@@ -89,6 +90,10 @@ def describe(scene: Scene) -> dict[str, Any]:
         "textures": _textures(by_id.values()),
         "lights": [_fields(light) for light in scene.lights],
         "camera": None if scene.camera is None else _fields(scene.camera),
+        "animations": [
+            {"name": one.name, "seconds": one.duration, "channels": len(one.channels)}
+            for one in scene.animations
+        ],
     }
 
 
@@ -103,7 +108,8 @@ def _counts(meshes: list[Mesh], drawn: list[Mesh]) -> dict[str, int]:
 
 def _attributes(meshes: list[Mesh]) -> dict[str, int]:
     """Return how many meshes have each attribute, of those that any has."""
-    names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors", "field")
+    names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors", "field",
+             "joints", "morph_targets")  # fmt: skip
     counts = {name: sum(getattr(mesh, name) is not None for mesh in meshes) for name in names}
     return {name: count for name, count in counts.items() if count}
 
@@ -235,6 +241,9 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield from _listed("light", map(_told_fields, held["lights"]), len(held["lights"]))
     camera = held["camera"]
     yield "camera", "none" if camera is None else _told_fields(camera)
+    if held["animations"]:
+        told = map(_told_animation, held["animations"])
+        yield from _listed("animation", told, len(held["animations"]))
     for text in held["warnings"]:
         yield "warning", text
 
@@ -266,6 +275,12 @@ def _told_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
             name = next((n for n in PRIMITIVE_NAMES.values() if one[n]), "faces")
             held = f"object {one['object']}, {_count(one[name], name.removesuffix('s'), name)}"
         yield f"{'  ' * depths[-1]}{one['name']!r}: {held}"
+
+
+def _told_animation(one: dict[str, Any]) -> str:
+    """Return an animation in a line."""
+    channels = _count(one["channels"], "channel", "channels")
+    return f"{one['name']!r}: {one['seconds']:.6g} s, {channels}"
 
 
 def _told_material(one: dict[str, Any]) -> str:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.contours import Contours
     from rasterjit.scene.framing import AnyCamera
+    from rasterjit.scene.keyframes import Animation
     from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
@@ -751,14 +752,21 @@ class View(NamedTuple):
         pose = transforms.compose(FLIP, placed.view_matrix())
         return camera_of(intrinsics, pose, size, scene)
 
-    def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
-        """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""
+    def turn(
+        self, scene: Scene, size: tuple[int, int], animation: Animation | None = None
+    ) -> Callable[[float], FittedCamera]:
+        """
+        Return the camera of one turn as a function of its share, 0..1.
+
+        It is always fitted: to the scene, or to all that an animation of it shows.
+        """
         from rasterjit.animation.tracks import turntable
 
         return turntable(
             scene,
             azimuth=DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
             elevation=DEFAULT_ELEVATION if self.elevation is None else self.elevation,
+            animation=animation,
             **self._fitting(size),
         )
 

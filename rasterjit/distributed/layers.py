@@ -159,6 +159,7 @@ def plan_part(
     for name in ("lights", *EFFECT_FIELDS):
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
+    scene = scene.posed()
     plan = planning.plan_frame(
         scene, camera, options.size, options.quality, options.outputs, options.background,
         options.cull,

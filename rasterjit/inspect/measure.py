@@ -22,6 +22,7 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.posing import posed_scene
 
 ROUNDS = 7
 """Frames of each kind; their median counts."""
@@ -113,7 +114,8 @@ def measure(
     """
     if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
         raise ValueError(f"rounds must be a whole number above 0, got {rounds!r}")
-    scene, quality, size = as_scene(what), check_quality(quality), image_size("size", size)
+    scene, quality = posed_scene(as_scene(what)), check_quality(quality)
+    size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}
     first = Subject(

@@ -52,6 +52,7 @@ from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -106,7 +107,7 @@ def explain_pixel(
     """
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
-    scene = as_scene(what)
+    scene = posed_scene(as_scene(what))
     camera = choose_camera(scene, camera, size)
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), ("color", "linear"), background, cull

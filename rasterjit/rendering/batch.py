@@ -46,6 +46,7 @@ from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.node import LAST_ROW_ROUNDING, Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, with_labelled
+from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import in_short, number_array
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.contents import find_attribute
@@ -109,8 +110,10 @@ def render_batch(
         Faces that are dropped. Default: none.
     transforms : (N, O, 4, 4) array_like, optional
         Where the objects stand in each view: ``world_from_model``, affine, in the order of
-        ``scene.nodes``. Default: where they stand in the scene, in all views. Near and far planes
-        of `rasterjit.fit_camera` fit the scene as it stands, and may cut objects that are moved.
+        ``scene.nodes``. Default: where they stand in the scene, in all views. Objects with a skin
+        are posed first, and then moved from where their joints put them: the identity leaves them.
+        Near and far planes of `rasterjit.fit_camera` fit the scene as it stands, and may cut
+        objects that are moved.
     out : dict of arrays, optional
         Where outputs are written, by their names: ``out["depth"]`` is an (N, H, W) float32 array,
         C-contiguous and writable. Outputs that are not in it get new arrays.
@@ -155,6 +158,7 @@ def render_batch(
             projections.of(camera)
     places = check_transforms(transforms, len(eyes), scene)
     arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
+    places = from_posed(places, scene)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
     drawn = Drawn(np.zeros(len(COUNTED), np.int64), Told())
@@ -210,6 +214,16 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
                 f"{number} (matrices multiply column vectors)"
             )
     return found
+
+
+def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.float64] | None:
+    """Return transforms of objects from where posed meshes are stored; see `survey.posing`."""
+    for number, node in enumerate(scene.nodes if places is not None else ()):
+        if node.mesh._is_in_world and not np.array_equal(node.world_from_model, np.eye(4)):
+            stored = np.broadcast_to(node.world_from_model, (len(places), 4, 4))
+            places = places.copy()
+            places[:, number] = product_of_each(places[:, number], stored)
+    return places
 
 
 def shapes_of(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:

@@ -38,6 +38,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, thread_count
 from rasterjit.scene.view import View
+from rasterjit.survey.posing import posed_scene
 
 
 def render_layers(
@@ -100,7 +101,7 @@ def render_layers(
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
         planned = plan_views(
-            size, quality, as_scene(what), camera, outputs, None, cull, False, previous
+            size, quality, posed_scene(as_scene(what)), camera, outputs, None, cull, False, previous
         )
         if planned.plan.facts.has_round_points:
             raise ValueError(

@@ -57,6 +57,7 @@ from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.posing import posed_scene
 
 MOST_KEPT = drawing.VERTICES_PER_TASK
 """Most faces, and vertices, of a scene whose pictures leave anything for the next: beside the time
@@ -181,7 +182,7 @@ def explain(
     ValueError
         Naming the argument that is wrong.
     """
-    scene = as_scene(what)
+    scene = posed_scene(as_scene(what))
     if lens is not None:
         planned = lenses.plan_lensed(
             lens, image_size("size", size), check_quality(quality), scene, camera, outputs,
@@ -722,7 +723,7 @@ class Renderer(Guarded):
     def _scene(self, what: Any) -> Scene:
         """Return anything that can be drawn as a scene, that of the last frame for a mesh again."""
         if not isinstance(what, Mesh):
-            return as_scene(what)
+            return posed_scene(as_scene(what))
         if self._lone is None or self._lone[0] is not what:
             self._lone = what, as_scene(what)
-        return self._lone[1]
+        return posed_scene(self._lone[1])

@@ -25,6 +25,7 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, thread_count
 from rasterjit.survey import contents
+from rasterjit.survey.posing import posed_scene
 
 AHEAD = 2
 """Frames begun for each worker before any is taken: one in work, one waiting."""
@@ -52,7 +53,7 @@ def check_arguments(
     cull: str,
 ) -> tuple[Scene, Options]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
-    scene = as_scene(what)
+    scene = posed_scene(as_scene(what))
     contents.check_scene(scene)
     size = image_size("size", size)
     if background is not None:

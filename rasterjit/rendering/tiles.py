@@ -32,6 +32,7 @@ from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.posing import posed_scene
 
 Survey = tuple[dict[str, Any], ...]
 """What effects see of a region, by name: at the centres of pixels, then at each sample beside."""
@@ -78,7 +79,7 @@ class RegionRenderer:
         whole = whole_size("size", size, quality.subpixel_bits)
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
-        scene = as_scene(what)
+        scene = posed_scene(as_scene(what))
         self._planned = plan_views(
             whole, quality, scene, camera, outputs, background, cull, False, None
         )

@@ -28,6 +28,7 @@ from rasterjit.survey.clip_planes import (
 from rasterjit.survey.depth_format import REVERSED_TYPES
 from rasterjit.survey.placement import Boxes, Views
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.posing import posed_scene
 
 
 class PlannedFrame(NamedTuple):
@@ -210,7 +211,7 @@ def find_earlier(
     earlier = scene
     if previous.scene is not None:
         with naming("previous.scene"):
-            earlier = as_scene(previous.scene)
+            earlier = posed_scene(as_scene(previous.scene))
             contents.check_scene(earlier)
         motion.check_same_objects(scene.nodes, earlier.nodes)
     if previous.camera is not None:

@@ -15,6 +15,7 @@ HOOKS: dict[str, Callable[..., Any]] = {}
 By name: ``picture`` takes a scene or mesh and returns a small PNG or None, for notebooks;
 ``scene_of_others`` returns another program's object, or another scene, as a scene to be added;
 ``as_scene`` returns what can be drawn as a scene, and takes what errors call it;
+``posed`` returns a scene with all skins and morph weights applied;
 ``save`` writes a scene to a path; ``to_trimesh`` returns a scene or mesh as trimesh's.
 """
 

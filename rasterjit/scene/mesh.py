@@ -26,12 +26,15 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
     crease_normals,
+    grouped_normals,
     is_creased,
+    normal_groups,
     safe_scale,
     smooth_normals,
     unit_rows,
     vertex_tangents,
 )
+from rasterjit.scene.skin import MorphTargets, Posable, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
@@ -122,6 +125,14 @@ class Mesh(Guarded, Previewed):
         values, or `Contours`, which has their width and colour too.
     material : Material, optional
         Default ``Material()``.
+    joints : (V, K) array_like of int, optional
+        Which joints of a node's `Skin` each vertex follows, by their numbers; any K >= 1. Without a
+        skin the mesh is as it was made.
+    weights : (V, K) array_like, optional
+        How much it follows each, at least 0. Those of a vertex are scaled to a sum of 1 where it is
+        not that but for rounding.
+    morph_targets : MorphTargets, optional
+        Shapes that it can be drawn towards.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
         for the renderer to leave out the faces that touch one.
@@ -135,8 +146,9 @@ class Mesh(Guarded, Previewed):
     ------
     ValueError
         If an array has the wrong shape or type or is empty, a face points outside the vertices, a
-        value is NaN or infinite where it may not be, no vertex is finite, or both ``colors`` and
-        ``scalars`` are given.
+        value is NaN or infinite where it may not be, no vertex is finite, both ``colors`` and
+        ``scalars`` are given, ``joints`` without ``weights``, weights of a vertex that are all 0,
+        or targets for another number of vertices.
     AttributeError
         If anything else than ``material`` and ``variants`` is assigned.
     """
@@ -150,6 +162,18 @@ class Mesh(Guarded, Previewed):
     """What the constructor calls its vertices, and one of them."""
     _PLAIN: ClassVar[Material | None] = None
     """Material of those that are told nothing, whose colour gives way to that of scalars."""
+    # Most meshes have none of them, and take no room for that.
+    _joints: NDArray[np.int32] | None = None
+    _joint_weights: NDArray[np.float64] | None = None
+    _morph_targets: MorphTargets | None = None
+    _normal_groups: NDArray[np.int32] | None = None
+    """(V,): which vertices have one normal, in place of given ones; of what can be posed."""
+    _rest: Mesh | None = None
+    """Of a posed mesh: what it is when nothing poses it."""
+    _uses_all: bool | None = None
+    """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
+    _is_in_world: bool = False
+    """Whether a skin has put it into world space."""
 
     _variants: tuple[tuple[str, Material], ...] = ()
     _default_material: Material | None = None
@@ -171,6 +195,9 @@ class Mesh(Guarded, Previewed):
         range: tuple[float, float] | None = None,
         nan_color: ColorLike = NAN_COLOR,
         contours: ContoursLike | None = None,
+        joints: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+        morph_targets: MorphTargets | None = None,
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
@@ -210,6 +237,8 @@ class Mesh(Guarded, Previewed):
         self._face_attributes: dict[str, NDArray[np.float32]] = {}
         if attributes is not None:
             self._store_attributes(attributes)
+        if joints is not None or weights is not None or morph_targets is not None:
+            self._store_posable(joints, weights, morph_targets)
         self.material = Material() if material is None else material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
@@ -281,6 +310,21 @@ class Mesh(Guarded, Previewed):
         return MappingProxyType(self._face_attributes)
 
     @property
+    def joints(self) -> NDArray[np.int32] | None:
+        """(V, K) int32, read-only: which joints of a skin each vertex follows, or None."""
+        return self._joints
+
+    @property
+    def weights(self) -> NDArray[np.float64] | None:
+        """(V, K) float64, read-only: how much it follows each, or None."""
+        return self._joint_weights
+
+    @property
+    def morph_targets(self) -> MorphTargets | None:
+        """Shapes that the mesh can be drawn towards, or None."""
+        return self._morph_targets
+
+    @property
     def material(self) -> Material:
         """How the surface is shaded; another may be assigned."""
         return self._material
@@ -343,6 +387,8 @@ class Mesh(Guarded, Previewed):
             if isinstance(value, dict):
                 value = {own: read_only(values) for own, values in value.items()}
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+        if self._joints is not None or self._morph_targets is not None:
+            Posable.was_made = True
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -383,6 +429,21 @@ class Mesh(Guarded, Previewed):
                     f"attributes[{name!r}] must have one row per vertex ({len(self.vertices)}) or "
                     f"per face ({len(self.faces)}), got {len(values)}"
                 )
+
+    def _store_posable(self, joints: Any, weights: Any, targets: Any) -> None:
+        """Store what poses move, checked."""
+        if joints is not None or weights is not None:
+            self._joints, self._joint_weights = skin_arrays(joints, weights, len(self.vertices))
+        if targets is not None:
+            if not isinstance(targets, MorphTargets):
+                raise ValueError(f"morph_targets must be a MorphTargets, got {in_short(targets)}")
+            if targets.vertex_count != len(self.vertices):
+                raise ValueError(
+                    f"morph_targets must be for {len(self.vertices)} vertices, got targets for "
+                    f"{targets.vertex_count}"
+                )
+            self._morph_targets = targets
+        Posable.was_made = True
 
     def used_vertices(self) -> NDArray[np.bool_]:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
@@ -447,15 +508,26 @@ class Mesh(Guarded, Previewed):
         if self._vertex_normals is None and self.primitive != "triangles":
             self._vertex_normals = read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
-            normals = smooth_normals(self.vertices, self.faces, self._scale())
-            self._vertex_normals = read_only(normals)
-            if is_creased(self.vertices, self.faces, self._scale()):
+            self._vertex_normals = read_only(self._made_normals())
+            # What is posed was told of, or is not creased, as it was made.
+            if self._rest is None and is_creased(self.vertices, self.faces, self._scale()):
                 warn_caller(
                     f"sharp edges are rounded off: {self!r} was given no normals, and those made "
                     "for it are averages across its edges; draw mesh.split_creases(), shade it "
                     "'flat', or give it normals"
                 )
         return self._vertex_normals
+
+    @property
+    def _makes_normals(self) -> bool:
+        """Whether its normals follow from its faces in each pose."""
+        return self._normals is None or self._normal_groups is not None
+
+    def _made_normals(self) -> NDArray[np.float32]:
+        """Return the normals that follow from the faces, (V, 3)."""
+        if self._normal_groups is None:
+            return smooth_normals(self.vertices, self.faces, self._scale())
+        return grouped_normals(self.vertices, self.faces, self._normal_groups, self._scale())
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
@@ -497,7 +569,7 @@ class Mesh(Guarded, Previewed):
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
         where their corners differ, and merged if they carry neither colours nor texture coordinates
-        nor ``tangents`` nor attributes nor scalars.
+        nor ``tangents`` nor attributes nor scalars, nor can be posed.
 
         Parameters
         ----------
@@ -518,7 +590,9 @@ class Mesh(Guarded, Previewed):
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
         carried = self.vertex_colors, *self.uv_sets, self.tangents, self.vertex_field
+        can_be_posed = self._joints is not None or self._morph_targets is not None
         plain = all(values is None for values in carried) and not self._vertex_attributes
+        plain = plain and not can_be_posed
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
@@ -548,7 +622,18 @@ class Mesh(Guarded, Previewed):
         result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed
+        if can_be_posed:
+            result._take_posable(self, split.sources)
+            result._normal_groups = read_only(normal_groups(result.vertices, result.normals))
         return result
+
+    def _take_posable(self, other: Mesh, sources: NDArray[np.integer]) -> None:
+        """Take what poses move from the vertices, (V,) numbers, of another mesh."""
+        if other._joints is not None and other._joint_weights is not None:
+            self._joints = read_only(other._joints[sources])
+            self._joint_weights = read_only(other._joint_weights[sources])
+        if other._morph_targets is not None:
+            self._morph_targets = other._morph_targets.of_vertices(sources)
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """

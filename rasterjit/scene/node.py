@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.skin import Placed, Skin, check_morph_weights, check_skin
 from rasterjit.scene.transforms import compose, inverse
+from rasterjit.scene.trs import TRS, matrix_of, parts_of
 from rasterjit.scene.validation import finite_array, in_short, read_only
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ LAST_ROW_ROUNDING = 1e-9
 _IDENTITY = read_only(np.eye(4))
 
 
-class Node(Guarded):
+class Node(Placed, Guarded):
     """
     A place in a scene: a mesh that stands there, or none, and further nodes that move with it.
 
@@ -51,16 +53,20 @@ class Node(Guarded):
         Where the node stands in the world, in place of ``transform``.
     label : Label, optional
         A text at the node, whether it has a mesh or not.
+    skin : Skin, optional
+        The joints that the mesh follows, in place of the node's own place.
+    weights : (T,) array_like, optional
+        How strong the morph targets of the mesh are. Default: as the mesh says.
 
     Raises
     ------
     ValueError
         If ``mesh`` is not a `Mesh`, ``parent`` not a `Node`, ``label`` not a `Label`, both
         transforms are given, or one is not 4×4, finite and affine, or has no finite product with
-        those above.
+        those above; if ``skin`` or ``weights`` do not fit the mesh.
     AttributeError
         If anything else is assigned than ``mesh``, ``transform``, ``world_from_model``, ``name``,
-        ``parent`` and ``label``.
+        ``parent``, ``label``, ``skin`` and ``weights``.
 
     Examples
     --------
@@ -74,7 +80,9 @@ class Node(Guarded):
     [0.0, 1.0, 0.0]
     """
 
-    _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent", "label")
+    _FIELDS = (
+        "mesh", "transform", "world_from_model", "name", "parent", "label", "skin", "weights",
+    )  # fmt: skip
     _INSTEAD = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
 
     name: str
@@ -86,6 +94,13 @@ class Node(Guarded):
     _children: list[Node]
     _scene: weakref.ref[Scene] | None
     """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
+    # Most nodes have none of them, and take no room for that.
+    _skin: Skin | None = None
+    _weights: NDArray[np.float64] | None = None
+    _trs: TRS | None = None
+    """What ``_transform`` was made of, where that is known."""
+    _posed: Any = None
+    """What it was drawn as in its last pose, and what that follows from; see `survey.posing`."""
 
     def __init__(
         self,
@@ -96,6 +111,8 @@ class Node(Guarded):
         parent: Node | None = None,
         world_from_model: ArrayLike | None = None,
         label: Label | None = None,
+        skin: Skin | None = None,
+        weights: ArrayLike | None = None,
     ) -> None:
         # All at once, past the check of each that is assigned.
         self.__dict__.update(
@@ -103,6 +120,10 @@ class Node(Guarded):
             _world_from_model=_IDENTITY, name=name, _parent=None, _children=[], _scene=None,
             _label=check_label(label),
         )  # fmt: skip
+        if skin is not None:
+            self._skin = check_skin(skin, self._mesh)
+        if weights is not None:
+            self._weights = check_morph_weights(weights, self._mesh)
         if world_from_model is not None:
             if transform is not None:
                 raise ValueError("transform must be None where world_from_model is not")
@@ -120,7 +141,11 @@ class Node(Guarded):
     @mesh.setter
     def mesh(self, value: Mesh | None) -> None:
         was_drawn = self._mesh is not None
-        self._mesh = None if value is None else _checked_mesh(value)
+        mesh = None if value is None else _checked_mesh(value)
+        if self._skin is not None or self._weights is not None:
+            check_skin(self._skin, mesh)
+            check_morph_weights(self._weights, mesh)
+        self._mesh = mesh
         scene = scene_of(self)
         if scene is not None and was_drawn != (value is not None):
             (scene._drop if was_drawn else scene._take)(self)
@@ -136,6 +161,65 @@ class Node(Guarded):
         scene = scene_of(self)
         if scene is not None:
             scene._know_label(self)
+
+    @property
+    def skin(self) -> Skin | None:
+        """The joints that the mesh follows, or ``None``; another, or none, may be assigned."""
+        return self._skin
+
+    @skin.setter
+    def skin(self, value: Skin | None) -> None:
+        self._skin = check_skin(value, self._mesh)
+
+    @property
+    def weights(self) -> NDArray[np.float64] | None:
+        """
+        How strong the morph targets of the mesh are, (T,) float64; ``None``: as the mesh says.
+
+        Read-only: they are assigned whole, ``node.weights = [0.5, 0.0]``.
+        """
+        return self._weights
+
+    @weights.setter
+    def weights(self, value: ArrayLike | None) -> None:
+        self._weights = check_morph_weights(value, self._mesh)
+
+    @property
+    def trs(self) -> TRS:
+        """
+        What ``transform`` is the product of: translation, rotation and scale.
+
+        As `set_trs` was given them; of a matrix that was assigned, those that come nearest: what
+        shears has none that are the same.
+        """
+        return parts_of(self._transform) if self._trs is None else self._trs
+
+    def set_trs(
+        self,
+        translation: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        scale: ArrayLike | None = None,
+    ) -> None:
+        """
+        Move the node by parts of its transform; what is not given stays.
+
+        Parameters
+        ----------
+        translation : (3,) array_like, optional
+            In units of the parent.
+        rotation : (4,) array_like, optional
+            Quaternion x, y, z, w, of any length but 0.
+        scale : (3,) array_like, optional
+            Factors along the node's own axes; below 0 they mirror.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that has another shape, is not finite, or a rotation of 0.
+        """
+        trs = self.trs.with_(translation, rotation, scale)
+        self.transform = matrix_of(trs)
+        self._trs = trs
 
     @property
     def transform(self) -> NDArray[np.float64]:
@@ -220,6 +304,8 @@ class Node(Guarded):
 
     def _place(self, transform: NDArray[np.float64], parent: Node | None) -> None:
         """Move with all below to a transform below a parent; if it cannot be, nothing moves."""
+        if self._trs is not None and transform is not self._transform:
+            self._trs = None
         if parent is None and not self._children:
             self._transform = self._world_from_model = transform
             return
@@ -233,6 +319,10 @@ class Node(Guarded):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
         alone = {"_parent": None, "_children": [], "_scene": None}
+        if self._posed is not None:
+            alone["_posed"] = None
+        if self._trs is not None and self._parent is not None:
+            alone["_trs"] = None
         return {**self.__dict__, **alone, "_transform": self._world_from_model}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -240,11 +330,15 @@ class Node(Guarded):
         self.__dict__.update(state)
         self._world_from_model = read_only(self._world_from_model)
         self._transform = read_only(self._transform)
+        if self._weights is not None:
+            self._weights = read_only(self._weights)
 
-    def _link(self, parent: Node, transform: NDArray[np.float64]) -> None:
+    def _link(self, parent: Node, transform: NDArray[np.float64], trs: TRS | None = None) -> None:
         """Hang a copied node, which stands at its place, below the copy of its parent."""
         self._parent, self._transform = parent, read_only(transform)
         parent._children.append(self)
+        if trs is not None:
+            self._trs = trs
 
     def __repr__(self) -> str:
         held = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)

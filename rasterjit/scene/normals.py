@@ -174,6 +174,39 @@ def smooth_normals(
     return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)
 
 
+def grouped_normals(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], groups: NDArray[np.int32], scale: float
+) -> NDArray[np.float32]:
+    """
+    Average the normals of the faces around all vertices of a group, weighted by area.
+
+    Parameters
+    ----------
+    vertices, faces, scale
+        As `smooth_normals` takes them.
+    groups : (V,) int32
+        The number of each vertex's group.
+
+    Returns
+    -------
+    (V, 3) float32
+        Unit normals; zero where no face with an area touches one of the group.
+    """
+    sums = np.zeros((3, int(groups.max()) + 1), dtype=np.float64)
+    for start in range(0, len(faces), _CHUNK):
+        chunk = faces[start : start + _CHUNK]
+        _add_at_corners(sums, groups[chunk], area_vectors(vertices, chunk, scale))
+    return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)[groups]
+
+
+def normal_groups(vertices: NDArray[np.float64], normals: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return a number for each vertex, (V,) int32: one for those of one position and normal."""
+    places, _ = merge_positions(vertices)
+    directions, _ = merge_positions(normals.astype(np.float64))
+    _, groups = np.unique(places * (directions.max() + 1) + directions, return_inverse=True)
+    return groups.reshape(-1).astype(np.int32)
+
+
 def is_creased(vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float) -> bool:
     """
     Tell whether smooth normals round off the edges of what is made of flat or smooth pieces.

@@ -7,7 +7,7 @@ import difflib
 import math
 import os
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.lines import Lines
@@ -26,9 +27,11 @@ from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
+from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import in_short, question
+from rasterjit.scene.trs import TRS, matrix_of
+from rasterjit.scene.validation import finite_number, in_short, index_below, question
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -70,6 +73,8 @@ class Scene(Guarded, Previewed):
         environment; a light of intensity 0 keeps it dark.
     camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
         The camera a file brought, if any.
+    animations : list of Animation
+        How its nodes can move; `at` says where they are at a time.
     wireframe : Wireframe or None
         Lines along the edges of all faces.
     environment : Environment or None
@@ -95,12 +100,13 @@ class Scene(Guarded, Previewed):
         If anything else is assigned than these.
     """
 
-    _FIELDS = ("nodes", "lights", "camera", *EFFECT_FIELDS, "variant")
+    _FIELDS = ("nodes", "lights", "camera", "animations", *EFFECT_FIELDS, "variant")
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.lights: list[Light] = []
         self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
+        self.animations: list[Animation] = []
         self.wireframe: Wireframe | None = None
         self.environment: Environment | None = None
         self.eye_dome: EyeDome | None = None
@@ -127,16 +133,21 @@ class Scene(Guarded, Previewed):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is deeply copied or pickled; nodes are alone, and what joins them beside."""
-        links = [(node, node.parent, node.transform) for node in self.every_node() if node.parent]
+        links = [
+            (node, node.parent, node.transform, node._trs)
+            for top in self._all_tops()
+            for node in with_all_below(top)
+            if node.parent
+        ]
         return {**self.__dict__, "links": links}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled, whose nodes are its own."""
         state = dict(state)
-        for node, parent, transform in state.pop("links"):
+        for node, parent, transform, trs in state.pop("links"):
             # Scenes that share nodes may be copied together.
             if node.parent is None:
-                node._link(parent, transform)
+                node._link(parent, transform, trs)
         self.__dict__.update(state)
         for top in map(topmost, (*self.nodes, *self._groups)):
             top._scene = weakref.ref(self)
@@ -168,9 +179,9 @@ class Scene(Guarded, Previewed):
         ----------
         mesh : Mesh, Points, Lines, Label, Node, Scene, or an object of another package
             A `Label` is carried by a node without a mesh. A `Node` brings all that hangs below it.
-            Of a scene, all nodes are copied, sharing their meshes, below the new node; lights,
-            camera and effects are left out. Objects of trimesh, PyVista, Open3D and meshio bring
-            what `load` takes of them.
+            Of a scene, all nodes are copied, sharing their meshes, below the new node, with its
+            animations; lights, camera and effects are left out. Objects of trimesh, PyVista, Open3D
+            and meshio bring what `load` takes of them.
         transform : (4, 4) array_like, optional
             Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
             Default: the identity, or that of the `Node`.
@@ -215,10 +226,11 @@ class Scene(Guarded, Previewed):
         found = HOOKS["scene_of_others"](mesh)
         if _is_plain(found):
             return self.add(found.nodes[0].mesh, transform, name, parent=parent)
-        group, drawn = _copied(found, transform, "" if name is None else str(name))
+        group, drawn, animations = _copied(found, transform, "" if name is None else str(name))
         known = len(self.nodes)
         self._add_node(group, None, None, parent)
         self.nodes[known:] = drawn
+        self.animations += animations
         return group
 
     def _add_node(
@@ -312,12 +324,13 @@ class Scene(Guarded, Previewed):
         Write the scene to a glTF 2.0 file, whole or not at all.
 
         Nodes, their names and what hangs below what, meshes, colours, texture coordinates, normals,
-        attributes of vertices, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera
-        are kept, so that `load` draws the same again. Blinn-Phong materials become
-        metallic-roughness ones with highlights of the same width; faces with colours of their own
-        get vertices of their own. A ``base_color`` of None becomes what it is drawn as: white where
-        the mesh has colours or the material a texture, else the light grey. Points and lines stay
-        such, without their sizes, widths and dashes; points that are NaN or infinite are left out.
+        attributes of vertices, skins, morph targets, animations, textures, ``"pbr"`` and
+        ``"unlit"`` materials, lights and the camera are kept, so that `load` draws the same again.
+        Blinn-Phong materials become metallic-roughness ones with highlights of the same width;
+        faces with colours of their own get vertices of their own. A ``base_color`` of None becomes
+        what it is drawn as: white where the mesh has colours or the material a texture, else the
+        light grey. Points and lines stay such, without their sizes, widths and dashes; points that
+        are NaN or infinite are left out.
 
         glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
         counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have
@@ -358,6 +371,130 @@ class Scene(Guarded, Previewed):
             Once, naming what trimesh has no place for.
         """
         return HOOKS["to_trimesh"](self)
+
+    def at(
+        self,
+        time: float,
+        animation: str | int | Animation | Sequence[str | int | Animation] | None = None,
+    ) -> Scene:
+        """
+        Return the scene as it is at a time of an animation.
+
+        Parameters
+        ----------
+        time : float
+            Seconds from the animation's beginning. Before its first key and after its last one it
+            is as at these.
+        animation : str, int, Animation or a sequence of them, optional
+            Which of ``animations``, by its name, its number or itself; of several, what the later
+            ones move they move in place of the earlier ones. Default: the first.
+
+        Returns
+        -------
+        Scene
+            A copy with nodes of its own, which shares meshes, lights, camera and effects. Nodes
+            that no channel moves stand where they do here. It has the same animations, of its
+            nodes.
+
+        Raises
+        ------
+        ValueError
+            If the time is not finite, or there is no such animation.
+
+        Examples
+        --------
+        >>> import rasterjit as rj
+        >>> scene = rj.Scene()
+        >>> node = scene.add(rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+        >>> keys = [[0, 0, 0, 1], [0, 0, 1, 0]]
+        >>> turn = rj.Channel(node, "rotation", [0.0, 1.0], keys)
+        >>> scene.animations.append(rj.Animation("turn", [turn]))
+        >>> before, now = scene.at(0.4), scene.at(0.5)
+        >>> view = rj.View(before)
+        >>> frame = rj.render(now, size=(64, 48), outputs="motion", previous=view)
+        """
+        when = finite_number("time", time)
+        chosen = self._chosen_animations(animation)
+        moved: dict[int, dict[str, Any]] = {}
+        for one in chosen:
+            for channel in one.channels:
+                moved.setdefault(id(channel.node), {})[channel.path] = channel.at(when)
+        return self._copied(moved)
+
+    def _chosen_animations(self, animation: Any) -> list[Animation]:
+        """Return the animations that are asked for, or raise ``ValueError``."""
+        if not self.animations:
+            raise ValueError("animation must be one of the scene's, which has none")
+        if animation is None:
+            return [self._animation(0)]
+        if isinstance(animation, list | tuple):
+            return [self._animation(one) for one in animation]
+        return [self._animation(animation)]
+
+    def _animation(self, which: Any) -> Animation:
+        """Return an animation by its name or number, or itself, or raise ``ValueError``."""
+        names = [one.name for one in self.animations]
+        if isinstance(which, str):
+            found = [one for one in self.animations if one.name == which]
+            if not found:
+                listed = ", ".join(map(repr, names))
+                raise ValueError(
+                    f"animation must be one of {listed}, got {which!r}{question(which, names)}"
+                )
+            return found[0]
+        if isinstance(which, Animation):
+            if not any(one is which for one in self.animations):
+                raise ValueError(f"animation must be one of the scene's, got {which!r}")
+            return which
+        return self.animations[index_below("animation", which, len(names))]
+
+    def posed(self) -> Scene:
+        """
+        Return the scene with all skins and weights of morph targets applied.
+
+        Returns
+        -------
+        Scene
+            The same objects, as they are drawn: nodes of their own, without skins, in the order of
+            ``nodes``, each with its mesh as it is posed. The scene itself where nothing is posed.
+        """
+        return HOOKS["posed"](self) if Posable.was_made else self
+
+    def _copied(self, moved: dict[int, dict[str, Any]]) -> Scene:
+        """Return a copy with nodes of its own, some moved: by their ids what is new of each."""
+        copies: dict[int, Node] = {}
+        for top in self._all_tops():
+            for node in with_all_below(top):
+                above = None if node.parent is None else copies[id(node.parent)]
+                copies[id(node)] = _moved_copy(node, above, moved.get(id(node), {}))
+        _set_skins(copies)
+        other = copy.copy(self)
+        other.nodes = [copies[id(node)] for node in self.nodes]
+        other.lights = list(self.lights)
+        other.animations = [one._with_nodes(copies) for one in self.animations]
+        other._groups = {copies[id(node)]: None for node in self._groups}
+        other._labelled = {copies[id(node)]: None for node in self._labelled}
+        for top in map(topmost, (*other.nodes, *other._groups)):
+            top._scene = weakref.ref(other)
+        return other
+
+    def _all_tops(self) -> list[Node]:
+        """Return the topmost nodes of all trees, of joints and animated nodes besides too."""
+        found = {id(top): top for top in map(topmost, (*self.nodes, *self._groups))}
+        for animation in self.animations:
+            for channel in animation.channels:
+                top = topmost(channel.node)
+                found[id(top)] = top
+        if Posable.was_made:
+            waiting = list(found.values())
+            for top in waiting:
+                for node in with_all_below(top):
+                    for joint in () if node._skin is None else node._skin.joints:
+                        above = topmost(joint)
+                        if id(above) not in found:
+                            found[id(above)] = above
+                            waiting.append(above)
+        return list(found.values())
 
     def every_node(self) -> list[Node]:
         """Return all nodes, with a mesh or without: tree by tree, each before those below it."""
@@ -552,7 +689,7 @@ class Scene(Guarded, Previewed):
             pixels.
         """
         matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
-        for node in self.nodes:
+        for node in self.posed().nodes:
             if node.mesh is None:
                 # What draws the scene says that it should not be there.
                 continue
@@ -602,22 +739,61 @@ def with_labelled(scene: Scene, nodes: Iterable[Node]) -> Scene:
     return changed
 
 
+def _moved_copy(node: Node, above: Node | None, values: dict[str, Any]) -> Node:
+    """Return a copy of a node below another one, with parts of its transform, or weights, new."""
+    transform, trs = node._transform, node._trs
+    parts = {path: value for path, value in values.items() if path != "weights"}
+    if parts:
+        trs = node.trs.with_(**parts)
+        transform = matrix_of(trs)
+    copied = Node(node._mesh, transform, node.name, parent=above, label=node._label)
+    if trs is not None:
+        copied._trs = TRS(*trs)
+    if node._skin is not None:
+        copied._skin = node._skin
+    weights = values.get("weights", node._weights)
+    if weights is not None:
+        copied.weights = weights
+    return copied
+
+
 def _is_plain(scene: Scene) -> bool:
     """Tell whether a scene is one mesh, at the origin."""
     if len(scene.nodes) != 1 or scene.labelled:
         return False
     (node,) = scene.nodes
-    is_alone = node.parent is None and not node.children
+    is_alone = node.parent is None and not node.children and not scene.animations
+    is_alone = is_alone and node._skin is None and node._weights is None
     return is_alone and np.array_equal(node.transform, np.eye(4))
 
 
-def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> tuple[Node, list[Node]]:
-    """Return a group of copies of a scene's nodes, which hang together, and are numbered, alike."""
+def _copied(
+    scene: Scene, transform: ArrayLike | None, name: str
+) -> tuple[Node, list[Node], list[Animation]]:
+    """
+    Return a group of copies of a scene's nodes, which hang together, and are numbered, alike.
+
+    And those that are drawn, and the animations of all.
+    """
     group = Node(None, transform, name)
     drawn, copies = set(map(id, scene.nodes)), {}
-    for node in scene.every_node():
+    for node in (one for top in scene._all_tops() for one in with_all_below(top)):
         above = group if node.parent is None else copies[id(node.parent)]
-        mesh = node.mesh if id(node) in drawn else None
-        copies[id(node)] = Node(mesh, node.transform, node.name, parent=above, label=node.label)
+        copied = copies[id(node)] = _moved_copy(node, above, {})
+        if id(node) not in drawn:
+            copied._skin = copied._weights = copied._mesh = None
+    _set_skins(copies)
     order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
-    return group, [node for node in order if node.mesh is not None]
+    animations = [one._with_nodes(copies) for one in scene.animations]
+    return group, [node for node in order if node.mesh is not None], animations
+
+
+def _set_skins(copies: dict[int, Node]) -> None:
+    """Let copied nodes, by the ids of those they are copies of, have skins of copied joints."""
+    skins: dict[int, Skin] = {}
+    for node in copies.values():
+        skin = node._skin
+        if skin is not None:
+            if id(skin) not in skins:
+                skins[id(skin)] = skin._with_joints([copies[id(one)] for one in skin.joints])
+            node._skin = skins[id(skin)]

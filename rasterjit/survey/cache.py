@@ -150,8 +150,10 @@ class Shapes:
         counts: dict[Mesh, int] = {}
         numbers = []
         for mesh in self.meshes:
-            numbers.append(counts.get(mesh, 0))
-            counts[mesh] = numbers[-1] + 1
+            # Of one that is posed, what it was made as counts.
+            shared = mesh if mesh._rest is None else mesh._rest
+            numbers.append(counts.get(shared, 0))
+            counts[shared] = numbers[-1] + 1
         return np.array([*numbers, -1], np.int32)
 
 

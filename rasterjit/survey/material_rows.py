@@ -406,7 +406,7 @@ def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
     """Return a scene with other meshes, each changed once."""
     changed, known = copy.copy(scene), {}
     changed.nodes = []
-    for node in scene.nodes:
+    for node in scene.posed().nodes:
         if node.mesh not in known:
             known[node.mesh] = change(node.mesh)
         changed.nodes.append(Node(known[node.mesh], node.world_from_model, node.name))

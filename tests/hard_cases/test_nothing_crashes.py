@@ -677,6 +677,13 @@ ELSEWHERE = {
     **dict.fromkeys(
         ("Arrow", "Arrows"), "descriptions; tests/scene/test_arrows.py refuses their bad input"
     ),
+    **dict.fromkeys(
+        ("Skin", "MorphTargets"), "descriptions; tests/scene/test_skin.py refuses their bad input"
+    ),
+    **dict.fromkeys(
+        ("Animation", "Channel"),
+        "descriptions; tests/scene/test_keyframes.py refuses their bad input",
+    ),
     "Label": "a description; tests/effects/test_label.py refuses its bad input",
     "Points": "a description; tests/scene/test_points.py refuses its bad input",
     "CalibrationWarning": "a warning of the dial",

@@ -365,6 +365,7 @@ ALLOWED = {
     ("survey/clip_planes.py", "dot"): "our own, three terms of Python",
     ("scene/vectors.py", "dot"): "our own, three terms of Python",
     ("scene/transforms.py", "dot"): "our own, three terms of Python",
+    ("scene/trs.py", "dot"): "our own, three terms of Python",
     ("rendering/lens_pictures.py", "dot"): "our own, three terms of Python",
     ("io/cameras.py", "dot"): "our own, three terms of Python",
     ("animation/tracks.py", "sum"): "between two keys all is SciPy's affair",

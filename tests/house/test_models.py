@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import trimesh
+from naive_animation import NaiveGltf
 
 MODELS = Path(__file__).parents[2] / "models"
 TEAPOT_HEIGHT = 3.15
@@ -50,8 +51,8 @@ def read_obj(name):
     return Obj(table["v"], table["vn"], table["vt"], faces[..., 0], faces[..., 1])
 
 
-def read_glb():
-    data = (MODELS / "scene.glb").read_bytes()
+def read_glb(name="scene.glb"):
+    data = (MODELS / name).read_bytes()
     magic, version, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
     assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
     return json.loads(data[20 : 20 + json_length])
@@ -258,3 +259,49 @@ def test_scene_texture_is_upright(scene):
     front = np.isclose(crate.vertices[:, 2], 1) & (crate.vertex_normals[:, 2] > 0.5)
     # trimesh turns glTF's v over: up in space is up in v, right is right in u.
     np.testing.assert_allclose(crate.visual.uv[front], (crate.vertices[front, :2] + 1) / 2)
+
+
+ANIMATED = {"tentacle.glb": ([8], 0), "figure.glb": ([18], 0), "face.glb": ([], 2)}
+"""Joints of the skins of each animated model, and its morph targets."""
+
+
+@pytest.mark.parametrize("name", ANIMATED)
+def test_animated_models_are_small_and_have_two_animations(name):
+    data = (MODELS / name).read_bytes()
+    document = read_glb(name)
+    joints, targets = ANIMATED[name]
+    assert len(data) < 300_000
+    assert [len(skin["joints"]) for skin in document.get("skins", [])] == joints
+    assert len(document["meshes"][0]["primitives"][0].get("targets", [])) == targets
+    assert len(document["animations"]) == 2
+
+
+@pytest.mark.parametrize("name", ANIMATED)
+def test_animated_models_are_closed_in_every_pose(name):
+    """What is open is the ground alone; faces keep their sides when the figure moves."""
+    file = NaiveGltf(MODELS / name)
+    for animation, (_, duration) in enumerate(file.animations):
+        for time in (0.0, 0.3 * duration, 0.7 * duration):
+            body = next(one for one in file.pose(time, animation) if one.node in name)
+            edges = np.sort(body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+            _, counts = np.unique(edges, axis=0, return_counts=True)
+            # The dark of the mouth has a rim, under the lips.
+            assert counts.max() == 2
+            assert np.count_nonzero(counts == 1) == (36 if name == "face.glb" else 0)
+            corners = body.positions[body.faces]
+            assert signed_volume(corners) > 0
+            a, b, c = corners.transpose(1, 0, 2)
+            across = np.cross(b - a, c - a)
+            cosines = np.einsum("fj,fkj->fk", across, body.normals[body.faces])
+            assert (cosines > 0).mean() > 0.99
+
+
+def test_weights_of_the_figure_sum_to_one_and_no_joint_stands_twice():
+    file = NaiveGltf(MODELS / "figure.glb")
+    primitive = file.document["meshes"][0]["primitives"][0]["attributes"]
+    weights = np.array(file._numbers(primitive["WEIGHTS_0"]))
+    joints = np.array(file._numbers(primitive["JOINTS_0"]))
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+    for row, shares in zip(joints, weights, strict=True):
+        used = row[shares > 0].tolist()
+        assert len(set(used)) == len(used)

@@ -13,7 +13,7 @@ import pytest
 from rasterjit.cli import commands
 
 ROOT = Path(__file__).parents[2]
-NOTEBOOKS = ("docs/point_clouds.md",)
+NOTEBOOKS = ("docs/point_clouds.md", "docs/animation.md")
 """Pages whose programs go on from one to the next: they are one."""
 PAGES = ("README.md", "models/README.md", "docs/cameras.md", *NOTEBOOKS)
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")

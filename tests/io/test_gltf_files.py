@@ -204,13 +204,13 @@ def test_specular_glossiness_becomes_the_nearest_dielectric_and_says_so(tmp_path
 
 def test_what_is_not_read_is_named_once(tmp_path):
     model = textured(extensions={"KHR_materials_iridescence": {"iridescenceFactor": 1}})
-    document(model).update(skins=[{}, {}], animations=[{}])
+    document(model).update(animations=[{}])
     document(model)["extensionsUsed"] += ["KHR_materials_dispersion", "KHR_materials_iridescence"]
-    document(model)["meshes"][0]["primitives"][0]["targets"] = [{}, {}, {}]
+    document(model)["meshes"][0]["primitives"][0]["targets"] = [{"COLOR_0": 0}, {}, {}]
     load_with(
         model.save(tmp_path / "a.glb"), "extension KHR_materials_iridescence (1)",
         "extension KHR_materials_dispersion (1)",
-        "skin (2)", "animation (1)", "morph target (3)",
+        "animation '0', which has no channel of use (1)", "COLOR_0 of morph targets (1)",
     )  # fmt: skip
 
 

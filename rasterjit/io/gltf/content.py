@@ -30,6 +30,7 @@ from rasterjit.io.gltf.draco import decode_draco
 from rasterjit.io.gltf.extensions import DRACO, FURTHER_FORMATS, PICTURES
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.ktx2 import SIGNATURE, ktx2_pixels
+from rasterjit.io.gltf.posable import read_posable, with_morph_weights
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -363,7 +364,8 @@ class MeshReader:
                 self._left_out.note(f"{label}, which cannot be read: {error}")
                 return []
             found = (self._primitive(primitive, label) for primitive in primitives)
-            self._known[number] = [mesh for mesh in found if mesh is not None]
+            meshes = [mesh for mesh in found if mesh is not None]
+            self._known[number] = with_morph_weights(entry, meshes, label, self._left_out)
         return self._known[number]
 
     def _primitive(self, primitive: dict[str, Any], label: str) -> Mesh | None:
@@ -414,8 +416,6 @@ class MeshReader:
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
             return None
-        if list_of(primitive, "targets"):
-            self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_sets = self._material(primitive)
         variants, uv_sets = self._variants(primitive, uv_sets, label)
@@ -446,6 +446,9 @@ class MeshReader:
             "attributes": self._own_attributes(attributes, count, label),
             "material": material,
             "variants": variants,
+            **read_posable(
+                self._file, primitive, count, (normals, tangents), label, self._left_out
+            ),
         }
 
     def _variants(
@@ -503,8 +506,11 @@ class MeshReader:
             what = "points" if mode == POINTS else "lines"
             self._left_out.note(f"{label}, which has no {what}")
             return None
+        what = "points" if mode == POINTS else "lines"
         if list_of(primitive, "targets"):
-            self._left_out.note("morph target", len(primitive["targets"]))
+            self._left_out.note(f"morph target of {what}", len(primitive["targets"]))
+        if any(name.startswith("JOINTS_") for name in attributes):
+            self._left_out.note(f"joints of {what}")
         self._file.budget.take(f"the points of {label}", count * _SPLIT_FACE_BYTES)
         colors = self._colors(attributes, count, label)
         rgba = None if colors is None else linear_rows("COLOR_0", colors)

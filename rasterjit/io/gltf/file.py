@@ -46,7 +46,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 ONE_OF = {
     "accessors": "accessor", "buffers": "buffer", "bufferViews": "buffer view",
     "cameras": "camera", "images": "image", "materials": "material", "meshes": "mesh",
-    "samplers": "sampler", "textures": "texture",
+    "nodes": "node", "samplers": "sampler", "skins": "skin", "textures": "texture",
 }  # fmt: skip
 """What an entry of a list of the header is called."""
 

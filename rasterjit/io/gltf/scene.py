@@ -32,6 +32,8 @@ from rasterjit.io.gltf.extensions import (
 )
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.instancing import instances_of
+from rasterjit.io.gltf.moving import MovingReader
+from rasterjit.io.gltf.placing import parent_from_node, trs_of
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -50,9 +52,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
 GLTF_FORMATS = ("gltf", "glb")
-
-MOVING = {"skins": "skin", "animations": "animation"}
-"""Lists of the header for what moves; it is shown at rest."""
 
 
 def load_gltf(
@@ -107,6 +106,7 @@ class _GltfScene:
         self._note_what_is_not_read()
         self._groups: dict[int, Node] = {}
         """What stands for nodes of the file that others may hang below, by their numbers."""
+        self._moving = MovingReader(file, left_out)
         for place in walk_nodes(file.header):
             try:
                 self._add_node(place)
@@ -114,6 +114,7 @@ class _GltfScene:
                 raise
             except ValueError as error:
                 raise ValueError(f"node {place.number}: {error}") from error
+        self._moving.finish(self.scene, self._groups)
         if not self.scene.nodes:
             held = (
                 "no faces, lines or points"
@@ -139,24 +140,35 @@ class _GltfScene:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_what_is_not_read(self) -> None:
-        """Note the extensions and movements that are not shown, by name."""
+        """Note the extensions that are not shown, by name."""
         header = self._file.header
         for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
             if name not in UNDERSTOOD:
                 self._left_out.note(f"extension {name[:80]}")
-        for section, what in MOVING.items():
-            if list_of(header, section):
-                self._left_out.note(what, len(header[section]))
 
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
         if "camera" in place.entry:
+            self._note_moved(place, "camera")
             self._add_camera(place.entry["camera"], place.world_from_node())
         light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
         if light is not None and not place.is_hidden:
+            self._note_moved(place, "light")
             self._add_light(light, place.world_from_node())
         if "mesh" in place.entry and not place.is_hidden:
             self._add_meshes(place)
+        if place.number in self._moving.wanted and place.number not in self._groups:
+            self._group_at(place)
+        if place.number in self._moving.targets and "matrix" not in place.entry:
+            self._groups[place.number]._trs = trs_of(place.entry)
+
+    def _note_moved(self, place: Place | None, what: str) -> None:
+        """Note that what is no node does not move with one that an animation moves."""
+        while place is not None:
+            if place.number in self._moving.targets:
+                self._left_out.note(f"movement of a {what}")
+                return
+            place = place.above
 
     def _add_meshes(self, place: Place) -> None:
         """Add the mesh of a node, a part for each primitive, or its instances."""
@@ -167,12 +179,14 @@ class _GltfScene:
         for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
             label = f"{place.name} part {part + 1}" if part else place.name
             if part:
-                self.scene.add(mesh, None, label, parent=self._groups[place.number])
+                node = self.scene.add(mesh, None, label, parent=self._groups[place.number])
+                self._moving.know_drawn(place.number, place.entry, node)
                 continue
             parent = self._group_above(place)
             with self._naming(label):
                 node = self.scene.add(mesh, place.parent_from_node, label, parent=parent)
             self._groups[place.number] = node
+            self._moving.know_drawn(place.number, place.entry, node)
 
     def _instances(self, place: Place) -> list[NDArray[np.float64]] | None:
         """Return where the instances of a node stand, or None, with a note if they are damaged."""
@@ -210,7 +224,13 @@ class _GltfScene:
 
     def _group_above(self, place: Place) -> Node | None:
         """Return what a node hangs below; groups are made where a mesh hangs below them."""
-        missing = []
+        return None if place.above is None else self._group_at(place.above)
+
+    def _group_at(self, place: Place) -> Node:
+        """Return what stands for a node of the file; it is made, with all above, if it is not."""
+        if place.number in self._groups:
+            return self._groups[place.number]
+        missing = [place]
         while place.above is not None and place.above.number not in self._groups:
             place = place.above
             missing.append(place)
@@ -219,7 +239,7 @@ class _GltfScene:
             with self._naming(one.name):
                 group = Node(None, one.parent_from_node, one.name, parent=node)
             node = self._groups[one.number] = self.scene.add(group) if node is None else group
-        return node
+        return self._groups[missing[0].number]
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
         """Keep the first camera, which looks along its node's -z; a mirroring node has none."""
@@ -374,26 +394,3 @@ def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[An
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     return [int(number) for number in found]
-
-
-def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
-    """Return a node's own transform: its matrix, or translation, rotation and scale."""
-    if "matrix" in node:
-        # glTF writes matrices column by column.
-        columns = finite_numbers_of(node, "matrix", (0.0,) * 16)
-        return np.array(columns, dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = finite_numbers_of(node, "rotation", (0.0, 0.0, 0.0, 1.0))
-    # A quaternion in float32 is a unit one to seven digits only.
-    squared = ((x * x + y * y) + z * z) + w * w
-    if squared == math.inf:
-        raise ValueError(f"rotation must be a unit quaternion, got {shown(node['rotation'])}")
-    double = 2.0 / squared if squared > 0.0 else 0.0
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w)],
-        [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
-        [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
-    ]
-    matrix[:3, :3] *= finite_numbers_of(node, "scale", (1.0, 1.0, 1.0))
-    matrix[:3, 3] = finite_numbers_of(node, "translation", (0.0, 0.0, 0.0))
-    return matrix

@@ -46,15 +46,18 @@ from rasterjit.io.point_clouds.cloud import LARGEST_SIZE
 from rasterjit.io.skipped import NotSaved
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.keyframes import WIDTHS as CHANNEL_WIDTHS
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node
+from rasterjit.scene.node import Node, with_all_below
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture, turned_over
+from rasterjit.scene.trs import matrix_of
 
 FORMATS = (".glb", ".gltf")
 
@@ -64,8 +67,19 @@ _ALIGNMENT = 4
 _VERTICES, _CORNERS = 34962, 34963
 """What a buffer view holds, as OpenGL numbers it."""
 
-_FLOAT, _WHOLE = 5126, 5125
-"""Types of numbers, float32 and uint32, as OpenGL numbers them."""
+_FLOAT, _WHOLE, _SHORT = 5126, 5125, 5123
+"""Types of numbers, float32, uint32 and uint16, as OpenGL numbers them."""
+
+_STORED = {_FLOAT: "<f4", _WHOLE: "<u4", _SHORT: "<u2"}
+
+_IN_A_SET = 4
+"""Joints that one attribute has for each vertex."""
+
+_MOST_JOINTS = 1 << 16
+"""Joints that uint16 numbers."""
+
+_SHEARED = 1e-6
+"""Share of an animated node's transform that a translation, rotation and scale may not have."""
 
 _MIPPED = 9987
 """OpenGL's number for mixing four texels of each of two mip levels."""
@@ -132,6 +146,7 @@ class _Writer:
         if not scene.nodes:
             raise ValueError("scene must hold at least one mesh to be saved, got an empty scene")
         roots = self._add_nodes(scene)
+        self._add_animations(scene)
         for light in scene.lights:
             roots += self._light(light)
         roots += self._camera(scene.camera)
@@ -201,9 +216,9 @@ class _Writer:
 
     def _accessor(self, rows: NDArray[Any], kind: str, component: int, **said: Any) -> int:
         """Add rows of numbers, and return the number of their accessor."""
-        is_vertices = component == _FLOAT
-        content = np.ascontiguousarray(rows, "<f4" if is_vertices else "<u4")
-        view = self._view(content.tobytes(), target=_VERTICES if is_vertices else _CORNERS)
+        content = np.ascontiguousarray(rows, _STORED[component])
+        target = _CORNERS if component == _WHOLE else _VERTICES
+        view = self._view(content.tobytes(), target=target)
         return self._append(
             "accessors",
             {
@@ -218,14 +233,23 @@ class _Writer:
     def _add_nodes(self, scene: Scene) -> list[int]:
         """Add all nodes, parents before their children, and return the topmost."""
         drawn, order = set(map(id, scene.nodes)), []
-        numbers: dict[int, int] = {}
-        for node in scene.every_node():
+        moved = {id(one.node) for every in scene.animations for one in every.channels}
+        self._numbers = numbers = {}
+        every_node = [node for top in scene._all_tops() for node in with_all_below(top)]
+        skinned: list[tuple[dict[str, Any], Skin]] = []
+        for node in every_node:
             entry: dict[str, Any] = {"name": str(node.name)}
-            if not np.array_equal(node.transform, np.eye(4)):
+            if id(node) in moved:
+                entry.update(self._placed(node))
+            elif not np.array_equal(node.transform, np.eye(4)):
                 entry["matrix"] = _columns(node.transform)
             if id(node) in drawn and node.mesh is not None:
                 entry["mesh"] = self._mesh(node)
                 order.append(node)
+                if node.skin is not None:
+                    skinned.append((entry, node.skin))
+                if node.weights is not None:
+                    entry["weights"] = node.weights.tolist()
             if node.label is not None:
                 self.left_out.note("labels")
             numbers[id(node)] = number = self._append("nodes", entry)
@@ -234,7 +258,114 @@ class _Writer:
                 above.setdefault("children", []).append(number)
         if any(one is not other for one, other in zip(order, scene.nodes, strict=False)):
             self.left_out.note("order of the objects, which is that of the tree")
-        return [numbers[id(node)] for node in scene.every_node() if node.parent is None]
+        for entry, skin in skinned:
+            entry["skin"] = self._skin(skin)
+        return [numbers[id(node)] for node in every_node if node.parent is None]
+
+    def _placed(self, node: Node) -> dict[str, Any]:
+        """Return what a node that is animated says of its transform: it has to have no matrix."""
+        trs, entry = node.trs, {}
+        difference = np.abs(matrix_of(trs) - node.transform).max()
+        if difference > _SHEARED * np.abs(node.transform).max():
+            self.left_out.note(f"shear of {node.name!r}, which is animated")
+        if trs.translation != (0.0, 0.0, 0.0):
+            entry["translation"] = list(trs.translation)
+        if trs.rotation != (0.0, 0.0, 0.0, 1.0):
+            entry["rotation"] = list(trs.rotation)
+        if trs.scale != (1.0, 1.0, 1.0):
+            entry["scale"] = list(trs.scale)
+        return entry
+
+    def _skin(self, skin: Skin) -> int:
+        """Add a skin, once for all nodes that have it, and return its number."""
+        key = "skin", id(skin)
+        if key in self._known:
+            return self._known[key]
+        with np.errstate(over="ignore"):
+            columns = skin.inverse_binds.transpose(0, 2, 1).reshape(-1, 16).astype(np.float32)
+        if not np.isfinite(columns).all():
+            raise ValueError(f"{skin!r} must have inverse_binds that fit float32 to be saved")
+        entry: dict[str, Any] = {
+            "joints": [self._numbers[id(joint)] for joint in skin.joints],
+            "inverseBindMatrices": self._numbers_of(columns, "MAT4"),
+        }
+        if skin.name:
+            entry["name"] = str(skin.name)
+        return self._once(key, "skins", entry)
+
+    def _numbers_of(self, rows: NDArray[Any], kind: str, **said: Any) -> int:
+        """Add rows of float32 that are no vertices, and return the number of their accessor."""
+        content = np.ascontiguousarray(rows, "<f4")
+        entry = {
+            "bufferView": self._view(content.tobytes()), "componentType": _FLOAT,
+            "count": len(content), "type": kind, **said,
+        }  # fmt: skip
+        return self._append("accessors", entry)
+
+    def _add_animations(self, scene: Scene) -> None:
+        """Add how the nodes move."""
+        for animation in scene.animations:
+            channels: list[dict[str, Any]] = []
+            samplers: list[dict[str, Any]] = []
+            for one in animation.channels:
+                with np.errstate(over="ignore"):
+                    times, values = one.times.astype(np.float32), one.values.astype(np.float32)
+                what = f"{one.path} of {one.node.name!r} in animation {animation.name!r}"
+                if not (np.diff(times) > 0.0).all() or not np.isfinite(values).all():
+                    self.left_out.note(f"{what}, whose keys float32 has not")
+                    continue
+                width = CHANNEL_WIDTHS.get(one.path, 1)
+                bounds = {"min": [float(times[0])], "max": [float(times[-1])]}
+                samplers.append(
+                    {
+                        "input": self._numbers_of(times, "SCALAR", **bounds),
+                        "output": self._numbers_of(values.reshape(-1, width), _KINDS[width]),
+                        "interpolation": one.interpolation,
+                    }
+                )
+                target = {"node": self._numbers[id(one.node)], "path": one.path}
+                channels.append({"sampler": len(samplers) - 1, "target": target})
+            if channels:
+                entry = {"name": str(animation.name), "channels": channels, "samplers": samplers}
+                self._append("animations", entry)
+
+    def _joints(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
+        """Add which joints vertices follow, and how much, four in each attribute."""
+        if mesh.joints is None or mesh.weights is None:
+            return
+        if int(mesh.joints.max()) >= _MOST_JOINTS:
+            self.left_out.note(f"joints of a mesh from number {_MOST_JOINTS} on")
+            return
+        count = -(-mesh.joints.shape[1] // _IN_A_SET) * _IN_A_SET
+        missing = ((0, 0), (0, count - mesh.joints.shape[1]))
+        joints, weights = (np.pad(one[rows], missing) for one in (mesh.joints, mesh.weights))
+        for number in range(count // _IN_A_SET):
+            columns = slice(number * _IN_A_SET, (number + 1) * _IN_A_SET)
+            attributes[f"JOINTS_{number}"] = self._accessor(joints[:, columns], "VEC4", _SHORT)
+            attributes[f"WEIGHTS_{number}"] = self._accessor(weights[:, columns], "VEC4", _FLOAT)
+
+    def _targets(
+        self, node: Node, targets: MorphTargets, rows: NDArray[Any] | slice
+    ) -> list[dict[str, int]]:
+        """Add morph targets, and return what their primitive says of them."""
+        found: list[dict[str, int]] = [{} for _ in range(len(targets))]
+        kinds = {
+            "POSITION": targets.positions, "NORMAL": targets.normals, "TANGENT": targets.tangents,
+        }  # fmt: skip
+        for name, values in kinds.items():
+            for entry, moved in zip(found, () if values is None else values, strict=False):
+                with np.errstate(over="ignore"):
+                    stored = moved[rows].astype(np.float32)
+                if not np.isfinite(stored).all():
+                    raise ValueError(
+                        f"the morph targets of {node.name!r} must fit float32 to be saved"
+                    )
+                bounds = {}
+                if name == "POSITION":
+                    low, high = stored.min(axis=0), stored.max(axis=0)
+                    bounds = {"min": low.tolist(), "max": high.tolist()}
+                entry[name] = self._accessor(stored, "VEC3", _FLOAT, **bounds)
+        return found
 
     def _mesh(self, node: Node) -> int:
         """Add a node's mesh, once for all its instances, and return its number."""
@@ -274,10 +405,21 @@ class _Writer:
         if colors is not None:
             attributes["COLOR_0"] = self._accessor(colors, "VEC4", _FLOAT)
         self._add_own(mesh, rows, attributes)
+        self._joints(mesh, rows, attributes)
         primitive: dict[str, Any] = {
             "attributes": attributes,
             "indices": self._accessor(corners, "SCALAR", _WHOLE),
         }
+        said: dict[str, Any] = {}
+        targets = mesh.morph_targets
+        if targets is not None:
+            primitive["targets"] = self._targets(node, targets, rows)
+            if targets.weights is not None:
+                said["weights"] = targets.weights.tolist()
+            if targets.names:
+                said["extras"] = {"targetNames": list(targets.names)}
+        if (targets is not None or mesh.joints is not None) and mesh._makes_normals:
+            self.left_out.note("normals that are made anew for each pose, but for those at rest")
         if mesh.default_material != UnsaidMaterial():
             primitive["material"] = self._material(mesh.default_material, colors is not None)
         if mesh.variants:
@@ -287,7 +429,7 @@ class _Writer:
             }
             mappings = written_mappings(numbers, self._variants)
             primitive["extensions"] = {VARIANTS: mappings}
-        return self._once(key, "meshes", {"primitives": [primitive]})
+        return self._once(key, "meshes", {"primitives": [primitive], **said})
 
     def _add_own(self, mesh: Mesh, rows: NDArray[Any] | slice, attributes: dict[str, int]) -> None:
         """Add the attributes of vertices, or of points, of some rows."""

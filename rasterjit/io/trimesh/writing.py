@@ -63,6 +63,12 @@ class _Converter:
         """Return a scene with its nodes, camera and lights."""
         import trimesh
 
+        posed = scene.posed()
+        if posed is not scene:
+            self.left_out.note("skins and morph targets, but for the pose as it is")
+            scene = posed
+        if scene.animations:
+            self.left_out.note("animations")
         made, geometries, names = trimesh.Scene(), {}, {}
         drawn = set(map(id, scene.nodes))
         # Objects are numbered as they come; what they hang below may come later.
@@ -109,7 +115,7 @@ class _Converter:
         if isinstance(mesh, Lines):
             return self._lines(mesh)
         normals, _ = lasting_units(mesh.vertex_normals())
-        for name in ("uv1", "tangents"):
+        for name in ("uv1", "tangents", "joints", "morph_targets"):
             if getattr(mesh, name) is not None:
                 self.left_out.note(name)
         if mesh.field is not None:

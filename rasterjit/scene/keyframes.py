@@ -1,0 +1,311 @@
+"""
+Animations: how nodes of a scene move with time, by keys.
+
+A channel moves one thing of one node: its translation, rotation or scale, or the weights of its
+morph targets. Before the first key and after the last one its value is that of the key.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.11 and
+   Appendix C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.angles import arc_tangent, sine_cosine
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.node import Node
+from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
+
+Path: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
+PATHS: tuple[Path, ...] = get_args(Path)
+"""What a channel moves."""
+
+Interpolation: TypeAlias = Literal["LINEAR", "STEP", "CUBICSPLINE"]
+INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
+"""How values between keys are found, as glTF names it."""
+
+WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""How many numbers a value has; weights have one for each morph target."""
+
+_LEAST_SINE = 1e-8
+"""Of the angle between two rotations: below, they are mixed along the straight line, which is the
+arc to the last bit."""
+
+
+class Channel(Guarded):
+    """
+    How one thing of one node moves.
+
+    Parameters
+    ----------
+    node : Node
+    path : {"translation", "rotation", "scale", "weights"}
+        What of it: a part of its ``trs``, or ``weights``.
+    times : (N,) array_like
+        When the keys are, seconds, ascending.
+    values : (N, W) array_like
+        Of each key: (x, y, z) in scene units of the parent, a quaternion (x, y, z, w), three
+        factors, or a weight for each morph target. With ``"CUBICSPLINE"`` (N, 3, W): the tangent
+        that leads in, per second, the value, and the tangent that leads out.
+    interpolation : {"LINEAR", "STEP", "CUBICSPLINE"}
+        Between keys: straight, rotations along the shorter arc at even speed; held until the next
+        key; or a cubic Hermite spline, rotations made of unit length.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong; if times do not ascend, or a rotation is 0.
+    AttributeError
+        If anything is assigned.
+    """
+
+    _INSTEAD = "make another Channel"
+
+    def __init__(
+        self,
+        node: Node,
+        path: Path,
+        times: ArrayLike,
+        values: ArrayLike,
+        interpolation: Interpolation = "LINEAR",
+    ) -> None:
+        if not isinstance(node, Node):
+            raise ValueError(f"node must be a Node, got {in_short(node)}")
+        self._node = node
+        self._path = one_of("path", path, PATHS)
+        self._interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
+        self._times = read_only(np.array(finite_array("times", times, (None,))))
+        if not len(self._times):
+            raise ValueError("times must have a key, got none")
+        if not (np.diff(self._times) > 0.0).all():
+            place = int(np.argmin(np.diff(self._times) > 0.0))
+            raise ValueError(
+                f"times must ascend, got {self._times[place]!s} before {self._times[place + 1]!s}"
+            )
+        width = WIDTHS.get(self._path)
+        if width is None and node.mesh is not None and node.mesh.morph_targets is not None:
+            width = len(node.mesh.morph_targets)
+        parts = (3,) if self._interpolation == "CUBICSPLINE" else ()
+        shape = (len(self._times), *parts, width)
+        self._values = read_only(np.array(finite_array("values", values, shape), order="C"))
+        if self._values.shape[-1] == 0:
+            raise ValueError(f"values must have a number for each key, got {self._values.shape}")
+        if self._path == "rotation":
+            keys = self._values[:, 1] if parts else self._values
+            if not keys.any(axis=1).all():
+                place = int(np.argmin(keys.any(axis=1)))
+                raise ValueError(f"values must be quaternions that are not 0, got one at {place}")
+
+    @property
+    def node(self) -> Node:
+        """What is moved."""
+        return self._node
+
+    @property
+    def path(self) -> Path:
+        """What of it is."""
+        return self._path
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """(N,) float64, read-only: when the keys are, seconds."""
+        return self._times
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """(N, W) or (N, 3, W) float64, read-only: of each key."""
+        return self._values
+
+    @property
+    def interpolation(self) -> Interpolation:
+        """How values between keys are found."""
+        return self._interpolation
+
+    def at(self, time: float) -> NDArray[np.float64]:
+        """
+        Return the value at a time.
+
+        Parameters
+        ----------
+        time : float
+            Seconds; before the first key and after the last one, the key's value holds.
+
+        Returns
+        -------
+        (W,) float64
+            Rotations are of unit length.
+        """
+        when, times = finite_number("time", time), self._times
+        is_spline = self._interpolation == "CUBICSPLINE"
+        keys = self._values[:, 1] if is_spline else self._values
+        number = int(np.searchsorted(times, when, side="right")) - 1
+        if number < 0 or number >= len(times) - 1 or self._interpolation == "STEP":
+            value = keys[min(max(number, 0), len(times) - 1)]
+            return _unit(value) if self._path == "rotation" else value.copy()
+        span = float(times[number + 1] - times[number])
+        t = (when - float(times[number])) / span
+        if is_spline:
+            ahead, behind = self._values[number, 2], self._values[number + 1, 0]
+            value = _hermite(keys[number], span * ahead, keys[number + 1], span * behind, t)
+            return _unit(value) if self._path == "rotation" else value
+        if self._path == "rotation":
+            return rotation_between(keys[number], keys[number + 1], t)
+        return (1.0 - t) * keys[number] + t * keys[number + 1]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its arrays are read-only too."""
+        for name, value in state.items():
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+
+    def _with_node(self, node: Node) -> Channel:
+        """Return the same channel of another node."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, _node=node)
+        return other
+
+    def __repr__(self) -> str:
+        return f"Channel({self._node.name!r}, {self._path!r}, {len(self._times)} keys)"
+
+
+class Animation(Guarded):
+    """
+    Channels that belong together, such as a walk.
+
+    Parameters
+    ----------
+    name : str
+    channels : sequence of Channel
+        No two may move the same of one node.
+
+    Raises
+    ------
+    ValueError
+        If there is no channel, one is none, or two move the same.
+    AttributeError
+        If anything else than ``name`` is assigned.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.Scene()
+    >>> node = scene.add(rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), name="flag")
+    >>> rise = rj.Channel(node, "translation", [0.0, 2.0], [[0, 0, 0], [0, 4, 0]])
+    >>> scene.animations.append(rj.Animation("rise", [rise]))
+    >>> scene.at(0.5).find("flag").world_matrix[:3, 3].tolist()
+    [0.0, 1.0, 0.0]
+    """
+
+    _FIELDS = ("name",)
+    _INSTEAD = "make another Animation"
+
+    def __init__(self, name: str, channels: Sequence[Channel]) -> None:
+        self.name = name
+        if isinstance(channels, (str, bytes)) or not isinstance(channels, Sequence):
+            raise ValueError(f"channels must be a sequence of Channel, got {in_short(channels)}")
+        if not channels:
+            raise ValueError("channels must have a Channel, got none")
+        moved = set()
+        for number, channel in enumerate(channels):
+            if not isinstance(channel, Channel):
+                raise ValueError(f"channels[{number}] must be a Channel, got {in_short(channel)}")
+            if (id(channel.node), channel.path) in moved:
+                raise ValueError(
+                    f"channels must each move something else, got two for the {channel.path} of "
+                    f"{channel.node!r}"
+                )
+            moved.add((id(channel.node), channel.path))
+        self._channels = tuple(channels)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What moves."""
+        return self._channels
+
+    @property
+    def duration(self) -> float:
+        """When the last key of all channels is, seconds."""
+        return max(float(channel.times[-1]) for channel in self._channels)
+
+    def _with_nodes(self, copies: dict[int, Node]) -> Animation:
+        """Return the same animation of copied nodes, by the ids of those they are copies of."""
+        other = object.__new__(type(self))
+        other.__dict__.update(
+            self.__dict__,
+            _channels=tuple(one._with_node(copies[id(one.node)]) for one in self._channels),
+        )
+        return other
+
+    def __repr__(self) -> str:
+        return f"Animation({self.name!r}, {len(self._channels)} channels, {self.duration:g} s)"
+
+
+def rotation_between(
+    first: NDArray[np.float64], second: NDArray[np.float64], t: float
+) -> NDArray[np.float64]:
+    """
+    Return the rotation a share of the shorter arc from one to another, at even speed.
+
+    Parameters
+    ----------
+    first, second : (4,) float64
+        Quaternions, not 0; of another length than 1 they count as scaled to it.
+    t : float
+        In 0..1.
+
+    Returns
+    -------
+    (4,) float64
+        Of unit length.
+
+    References
+    ----------
+    .. [1] The Khronos Group, "glTF 2.0 Specification", Appendix C.4.
+    """
+    one, other = _unit(first), _unit(second)
+    cosine = _dot(one, other)
+    sign = -1.0 if cosine < 0.0 else 1.0
+    difference, total = one - sign * other, one + sign * other
+    # The arc cosine of what is near 1 has half its digits.
+    half = float(arc_tangent(np.sqrt(_dot(difference, difference)), np.sqrt(_dot(total, total))))
+    angle = 2.0 * half
+    sines = sine_cosine(np.array([angle, angle * (1.0 - t), angle * t]))[0]
+    if sines[0] < _LEAST_SINE:
+        return _unit((1.0 - t) * one + (t * sign) * other)
+    return _unit((sines[1] / sines[0]) * one + (sign * sines[2] / sines[0]) * other)
+
+
+def _hermite(
+    first: NDArray[np.float64], ahead: NDArray[np.float64], second: NDArray[np.float64],
+    behind: NDArray[np.float64], t: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return a cubic Hermite spline between two values with their tangents, t in 0..1."""
+    square = t * t
+    cube = square * t
+    return (
+        (2.0 * cube - 3.0 * square + 1.0) * first
+        + (cube - 2.0 * square + t) * ahead
+        + (3.0 * square - 2.0 * cube) * second
+        + (cube - square) * behind
+    )
+
+
+def _unit(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a quaternion, (4,), of unit length; no rotation for one that is 0 or overflows."""
+    largest = float(np.abs(quaternion).max())
+    if not 0.0 < largest < np.inf:
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    scaled = quaternion / largest
+    return scaled / np.sqrt(_dot(scaled, scaled))
+
+
+def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the dot product of two quaternions, summed in one order on every CPU."""
+    a, b, c, d = (one * other).tolist()
+    return ((a + b) + c) + d

@@ -1,0 +1,432 @@
+"""
+Skins and morph targets: what bends a mesh.
+
+A mesh says for each vertex which joints it follows and how much, and where morph targets take it; a
+node says which nodes the joints are (`Skin`) and how strong the targets are. Targets move vertices
+first, then joints do.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), sections 3.7.2.2 and
+   3.7.3.3.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.transforms import inverse, product_of_each
+from rasterjit.scene.validation import finite_array, in_short, number_array, read_only
+
+WEIGHT_ROUNDING = 1e-5
+"""How far the weights of a vertex may be from 1 in all: what files round them by."""
+
+AFFINE_ROUNDING = 1e-6
+"""How far the last row of an inverse bind matrix may be from 0, 0, 0, 1: rounding of float32."""
+
+_LEAST_DETERMINANT = 1e-30
+"""Of a matrix whose rows are scaled to 1: below, it has no inverse."""
+
+
+class Posable:
+    """Whether this process has had any mesh that can be posed: if not, nobody looks for one."""
+
+    was_made = False
+
+
+class Placed:
+    """Something that stands somewhere in the world, such as a node."""
+
+    _world_from_model: NDArray[np.float64]
+
+
+class Skin(Guarded):
+    """
+    The joints that a mesh follows.
+
+    A node with a skin is drawn where the joints take its mesh: at the sum over a vertex's joints of
+    ``weight * joint.world_matrix @ inverse_bind``. Its own transform, and those above it, do not
+    count; the joints stand in the world by theirs. To pose it, joints are moved:
+    ``joint.transform = ...``.
+
+    Parameters
+    ----------
+    joints : sequence of Node
+        Any nodes, in the scene or not. `Mesh.joints` numbers them in this order.
+    inverse_binds : (J, 4, 4) array_like, optional
+        ``joint_from_model`` of each joint when the mesh is as it was made; affine. Default: the
+        inverses of the joints' ``world_matrix`` now, so that the mesh is as it was made where it
+        stands in model space.
+    name : str, optional
+
+    Raises
+    ------
+    ValueError
+        If there is no joint, one is no `Node`, or a matrix is not finite, not affine or without an
+        inverse; without ``inverse_binds``, if the ``world_matrix`` of a joint has none.
+    AttributeError
+        If anything else than ``name`` is assigned.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.Scene()
+    >>> root = scene.add(rj.Node(name="root"))
+    >>> tip = scene.add(rj.Node(transform=rj.transforms.translate((1, 0, 0))), parent=root)
+    >>> strip = rj.Mesh(
+    ...     [[0, 0, 0], [2, 0, 0], [2, 1, 0]], [[0, 1, 2]],
+    ...     joints=[[0], [1], [1]], weights=[[1.0], [1.0], [1.0]],
+    ... )
+    >>> node = scene.add(rj.Node(strip, skin=rj.Skin([root, tip])))
+    >>> tip.transform = rj.transforms.translate((3, 0, 0))
+    >>> scene.bounds()[1].tolist()
+    [4.0, 1.0, 0.0]
+    """
+
+    _FIELDS = ("name",)
+    _INSTEAD = "make another Skin"
+
+    def __init__(
+        self, joints: Sequence[Any], inverse_binds: ArrayLike | None = None, name: str = ""
+    ) -> None:
+        self.name = name
+        self._joints = _checked_joints(joints)
+        if inverse_binds is None:
+            self._inverse_binds = _inverses(self._joints)
+        else:
+            self._inverse_binds = read_only(_checked_binds(inverse_binds, len(self._joints)))
+        self._known: tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None = None
+
+    @property
+    def joints(self) -> tuple[Any, ...]:
+        """The nodes that move the mesh."""
+        return self._joints
+
+    @property
+    def inverse_binds(self) -> NDArray[np.float64]:
+        """(J, 4, 4) float64, read-only: ``joint_from_model`` of each joint."""
+        return self._inverse_binds
+
+    def joint_matrices(self) -> NDArray[np.float64]:
+        """
+        Return what each joint does to the mesh now, ``world_from_model``.
+
+        Returns
+        -------
+        (J, 4, 4) float64, read-only
+            The same array as long as no joint moves. Not finite where the product overflows.
+        """
+        places = [joint._world_from_model for joint in self._joints]
+        known = self._known
+        if known is not None and all(map(operator.is_, known[0], places)):
+            return known[1]
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrices = read_only(product_of_each(np.array(places), self._inverse_binds))
+        self._known = places, matrices
+        return matrices
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or pickled."""
+        return {**self.__dict__, "_known": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its arrays are read-only too."""
+        self.__dict__.update(state)
+        self._inverse_binds = read_only(self._inverse_binds)
+
+    def _with_joints(self, joints: Sequence[Any]) -> Skin:
+        """Return the same skin of other joints, as many."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__(), _joints=tuple(joints))
+        return other
+
+    def __repr__(self) -> str:
+        return f"Skin({len(self._joints)} joints{f', {self.name!r}' if self.name else ''})"
+
+
+class MorphTargets(Guarded):
+    """
+    Shapes that a mesh can be drawn towards, each by a weight.
+
+    Vertex ``v`` is drawn at ``vertices[v] + sum over t of weights[t] * positions[t, v]``; normals
+    and tangents alike, and of unit length again. A kind that is not given does not change, but for
+    the normals of a mesh that was given none, which follow its faces.
+
+    Parameters
+    ----------
+    positions : (T, V, 3) array_like, optional
+        How far each of T targets moves each vertex, model space, scene units.
+    normals : (T, V, 3) array_like, optional
+        What each adds to the normals.
+    tangents : (T, V, 3) array_like, optional
+        What each adds to the tangents' directions.
+    weights : (T,) array_like, optional
+        How strong they are where a node says nothing. Default: 0.
+    names : sequence of str, optional
+        One for each target.
+
+    Raises
+    ------
+    ValueError
+        If no array is given, one has the wrong shape or type, or holds NaN or infinity, or there is
+        not a name for each target.
+    AttributeError
+        If anything is assigned.
+    """
+
+    _INSTEAD = "make another MorphTargets"
+
+    def __init__(
+        self,
+        positions: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+        tangents: ArrayLike | None = None,
+        *,
+        weights: ArrayLike | None = None,
+        names: Sequence[str] = (),
+    ) -> None:
+        self._shape: tuple[int, int] | None = None
+        self._positions = self._checked("positions", positions)
+        self._normals = self._checked("normals", normals)
+        self._tangents = self._checked("tangents", tangents)
+        if self._shape is None:
+            raise ValueError("positions, normals or tangents must be given, got none of them")
+        self._weights: NDArray[np.float64] | None = None
+        if weights is not None:
+            self._weights = morph_weights(weights, self._shape[0])
+        self._names = tuple(map(str, names))
+        if isinstance(names, str) or len(self._names) not in (0, self._shape[0]):
+            raise ValueError(
+                f"names must have one for each of {self._shape[0]} targets, got {in_short(names)}"
+            )
+
+    def _checked(self, name: str, value: ArrayLike | None) -> NDArray[Any] | None:
+        """Return an array of all targets, of a shape with the others, or raise ``ValueError``."""
+        if value is None:
+            return None
+        given = np.asarray(value)
+        shape = (None, None, 3) if self._shape is None else (*self._shape, 3)
+        array = finite_array(name, value, shape)
+        if 0 in array.shape:
+            raise ValueError(f"{name} must have a target and a vertex, got {array.shape}")
+        self._shape = array.shape[0], array.shape[1]
+        is_single = given.dtype == np.float32 or name != "positions"
+        return read_only(np.array(array, np.float32 if is_single else np.float64, order="C"))
+
+    @property
+    def positions(self) -> NDArray[Any] | None:
+        """(T, V, 3) float64, or float32 where such were given, read-only; or None."""
+        return self._positions
+
+    @property
+    def normals(self) -> NDArray[np.float32] | None:
+        """(T, V, 3) float32, read-only, or None."""
+        return self._normals
+
+    @property
+    def tangents(self) -> NDArray[np.float32] | None:
+        """(T, V, 3) float32, read-only, or None."""
+        return self._tangents
+
+    @property
+    def weights(self) -> NDArray[np.float64] | None:
+        """(T,) float64, read-only: how strong they are where a node says nothing; None: 0."""
+        return self._weights
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the targets are called; empty if nobody said."""
+        return self._names
+
+    @property
+    def vertex_count(self) -> int:
+        """V."""
+        assert self._shape is not None
+        return self._shape[1]
+
+    def __len__(self) -> int:
+        assert self._shape is not None
+        return self._shape[0]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its arrays are read-only too."""
+        for name, value in state.items():
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+
+    def of_vertices(self, rows: NDArray[np.integer]) -> MorphTargets:
+        """Return the targets of some vertices, (W,) numbers, in their order."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, _shape=(len(self), len(rows)))
+        for name in ("_positions", "_normals", "_tangents"):
+            held = self.__dict__[name]
+            other.__dict__[name] = None if held is None else read_only(held[:, rows])
+        return other
+
+    def named(self, weights: ArrayLike | None, names: Sequence[str]) -> MorphTargets:
+        """Return the same targets with other weights and names."""
+        other = object.__new__(type(self))
+        checked = None if weights is None else morph_weights(weights, len(self))
+        other.__dict__.update(self.__dict__, _weights=checked, _names=tuple(names))
+        return other
+
+    def __repr__(self) -> str:
+        return f"MorphTargets({len(self)} targets, {self.vertex_count} vertices)"
+
+
+def morph_weights(value: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Return weights of morph targets, (T,) float64, read-only, or raise ``ValueError``."""
+    return read_only(np.array(finite_array("weights", value, (count,))))
+
+
+def skin_arrays(
+    joints: Any, weights: Any, vertex_count: int
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """
+    Return which joints each vertex follows, (V, K) int32, and how much, (V, K) float64.
+
+    Weights whose sum is not 1 are scaled, unless by rounding alone; joints of weight 0 are 0.
+
+    Raises
+    ------
+    ValueError
+        If one is given without the other, shapes or types are wrong, a joint number is negative or
+        no whole number, a weight is NaN, infinite or negative, or all of a vertex are 0.
+    """
+    if joints is None or weights is None:
+        given, lacking = ("joints", "weights") if weights is None else ("weights", "joints")
+        raise ValueError(f"{lacking} must be given where {given} are, got None")
+    shares = number_array("weights", weights)
+    if shares.ndim != 2 or len(shares) != vertex_count or not shares.shape[1]:
+        raise ValueError(f"weights must have shape ({vertex_count}, K), got {shares.shape}")
+    numbers = number_array("joints", joints)
+    if numbers.shape != shares.shape:
+        raise ValueError(
+            f"joints must have the shape of weights, {shares.shape}, got {numbers.shape}"
+        )
+    if not (np.isfinite(shares).all() and (shares >= 0.0).all()):
+        wrong = shares[~(np.isfinite(shares) & (shares >= 0.0))][0]
+        raise ValueError(f"weights must be finite and at least 0, got {float(wrong)!r}")
+    is_used = shares > 0.0
+    if not is_used.any(axis=1).all():
+        first = int(np.argmin(is_used.any(axis=1)))
+        raise ValueError(f"weights must not all be 0 for a vertex, got so for vertex {first}")
+    numbers = np.where(is_used, numbers, 0.0)
+    largest = float(np.iinfo(np.int32).max)
+    is_whole = (numbers >= 0.0) & (numbers <= largest) & (numbers == np.floor(numbers))
+    if not is_whole.all():
+        wrong = numbers[~is_whole][0]
+        raise ValueError(f"joints must be whole numbers from 0, got {float(wrong)!r}")
+    return read_only(numbers.astype(np.int32)), read_only(unit_sums(shares))
+
+
+def unit_sums(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return weights (V, K) with the rows scaled whose sum is not 1 by more than rounding."""
+    sums = sum_rows(weights)
+    is_off = np.abs(sums - 1.0) > WEIGHT_ROUNDING
+    if not is_off.any():
+        return np.array(weights)
+    return np.where(is_off[:, np.newaxis], weights / sums[:, np.newaxis], weights)
+
+
+def sum_rows(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sum of each row, in the order of the columns: the same bits on every CPU."""
+    total = np.zeros(len(values))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for column in values.T:
+            total = total + column
+    return total
+
+
+def check_skin(value: Any, mesh: Any) -> Skin | None:
+    """Return a skin that fits a mesh, or None, or raise ``ValueError``."""
+    if value is None:
+        return None
+    if not isinstance(value, Skin):
+        raise ValueError(f"skin must be a Skin or None, got {in_short(value)}")
+    if mesh is not None:
+        if mesh.joints is None:
+            raise ValueError(
+                f"skin must be None for a mesh without joints and weights, got {value!r} for "
+                f"{mesh!r}"
+            )
+        most = int(mesh.joints.max())
+        if most >= len(value.joints):
+            raise ValueError(
+                f"skin must have a joint {most}, which the mesh follows, got {len(value.joints)} "
+                "joints"
+            )
+    return value
+
+
+def check_morph_weights(value: Any, mesh: Any) -> NDArray[np.float64] | None:
+    """Return weights that fit the targets of a mesh, or None, or raise ``ValueError``."""
+    if value is None:
+        return None
+    if mesh is not None and mesh.morph_targets is None:
+        raise ValueError(
+            f"weights must be None for a mesh without morph targets, got {in_short(value)}"
+        )
+    count = np.size(value) if mesh is None else len(mesh.morph_targets)
+    return morph_weights(value, count)
+
+
+def _checked_joints(joints: Any) -> tuple[Any, ...]:
+    """Return joints, or raise ``ValueError``."""
+    if isinstance(joints, (str, bytes)) or not isinstance(joints, Sequence):
+        raise ValueError(f"joints must be a sequence of nodes, got {in_short(joints)}")
+    if not joints:
+        raise ValueError("joints must have a node, got none")
+    for number, joint in enumerate(joints):
+        if not isinstance(joint, Placed):
+            raise ValueError(f"joints[{number}] must be a Node, got {in_short(joint)}")
+    return tuple(joints)
+
+
+def _checked_binds(value: ArrayLike, count: int) -> NDArray[np.float64]:
+    """Return inverse bind matrices, (J, 4, 4), with exact last rows, or raise ``ValueError``."""
+    binds = np.array(finite_array("inverse_binds", value, (count, 4, 4)))
+    is_off = (np.abs(binds[:, 3] - (0.0, 0.0, 0.0, 1.0)) > AFFINE_ROUNDING).any(axis=1)
+    if is_off.any():
+        number = int(is_off.argmax())
+        raise ValueError(
+            f"inverse_binds[{number}] must be affine, with the last row 0, 0, 0, 1; got "
+            f"{binds[number, 3].tolist()}"
+        )
+    binds[:, 3] = 0.0, 0.0, 0.0, 1.0
+    for number, matrix in enumerate(binds):
+        if is_singular(matrix):
+            raise ValueError(
+                f"inverse_binds[{number}] must have an inverse, got {matrix[:3].tolist()}"
+            )
+    return binds
+
+
+def is_singular(matrix: NDArray[np.float64]) -> bool:
+    """Tell whether an affine matrix, (4, 4), flattens everything."""
+    axes = matrix[:3, :3]
+    largest = np.abs(axes).max(axis=1, keepdims=True)
+    if not (largest > 0.0).all():
+        return True
+    (a, b, c), (d, e, f), (g, h, i) = (axes / largest).tolist()
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return abs(determinant) < _LEAST_DETERMINANT
+
+
+def _inverses(joints: Sequence[Any]) -> NDArray[np.float64]:
+    """Return the inverses of where joints stand, or raise ``ValueError``."""
+    found = []
+    for number, joint in enumerate(joints):
+        try:
+            found.append(inverse(joint._world_from_model))
+        except ValueError as error:
+            raise ValueError(
+                f"joints[{number}] must have a world_matrix with an inverse where inverse_binds is "
+                f"None: {error}"
+            ) from None
+    return read_only(np.array(found))

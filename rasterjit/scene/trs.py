@@ -1,0 +1,139 @@
+"""Transforms as glTF has them: of a scale, a rotation and a translation, one after the other."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.validation import finite_array, triple
+from rasterjit.scene.vectors import cross, dot
+
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class TRS(NamedTuple):
+    """A translation, a rotation and a scale; points are scaled first and moved last."""
+
+    translation: Triple = (0.0, 0.0, 0.0)
+    """In units of the parent."""
+    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+    """Quaternion x, y, z, w, of any length but 0."""
+    scale: Triple = (1.0, 1.0, 1.0)
+    """Factors along the axes of what is scaled."""
+
+    def with_(
+        self,
+        translation: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        scale: ArrayLike | None = None,
+    ) -> TRS:
+        """Return the same with some parts replaced, or raise ``ValueError`` naming the part."""
+        return TRS(
+            self.translation if translation is None else triple("translation", translation),
+            self.rotation if rotation is None else _quaternion(rotation),
+            self.scale if scale is None else triple("scale", scale),
+        )
+
+
+def matrix_of(trs: TRS) -> NDArray[np.float64]:
+    """Return the matrix, (4, 4), of a translation, a rotation and a scale."""
+    x, y, z, w = trs.rotation
+    # A quaternion in float32 is a unit one to seven digits only.
+    squared = ((x * x + y * y) + z * z) + w * w
+    double = 2.0 / squared if squared > 0.0 else 0.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w)],
+        [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
+        [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
+    ]
+    matrix[:3, :3] *= trs.scale
+    matrix[:3, 3] = trs.translation
+    return matrix
+
+
+def parts_of(matrix: NDArray[np.float64]) -> TRS:
+    """
+    Return the translation, rotation and scale whose product an affine matrix, (4, 4), is.
+
+    Of one that shears, those whose axes come near its own; of one that mirrors, the first factor is
+    below 0.
+    """
+    rows = matrix.tolist()
+    axes = [(rows[0][k], rows[1][k], rows[2][k]) for k in range(3)]
+    lengths = [_length(axis) for axis in axes]
+    # Make them perpendicular, one after the other; those that vanish take what is left.
+    second, third = _unit(axes[1]), _unit(axes[2])
+    x = _unit(axes[0])
+    if x is None and second is not None and third is not None:
+        x = _unit(cross(second, third))
+    x = x or _perpendicular(second or third or (0.0, 0.0, 1.0))
+    along = dot(x, axes[1])
+    y = _unit(tuple(b - along * a for a, b in zip(x, axes[1], strict=True)))
+    if y is None and third is not None:
+        y = _unit(cross(third, x))
+    y = y or _perpendicular(x)
+    z = cross(x, y)
+    if dot(z, axes[2]) < 0.0:
+        lengths[0], x = -lengths[0], tuple(-part for part in x)
+        z = cross(x, y)
+    translation = rows[0][3], rows[1][3], rows[2][3]
+    return TRS(translation, _rotation_of(x, y, z), tuple(lengths))
+
+
+def _quaternion(value: ArrayLike) -> Quaternion:
+    """Return four finite numbers, not all 0, or raise ``ValueError``."""
+    x, y, z, w = finite_array("rotation", value, (4,)).tolist()
+    squared = ((x * x + y * y) + z * z) + w * w
+    if not 0.0 < squared < math.inf:
+        raise ValueError(f"rotation must be a quaternion of length 1, got {(x, y, z, w)}")
+    return x, y, z, w
+
+
+def _rotation_of(x: Triple, y: Triple, z: Triple) -> Quaternion:
+    """Return the quaternion that turns the axes to these, of length 1."""
+    # The largest of the four is found first: the others are divided by it.
+    squares = (
+        x[0] - y[1] - z[2], y[1] - x[0] - z[2], z[2] - x[0] - y[1], x[0] + y[1] + z[2],
+    )  # fmt: skip
+    largest = max(range(4), key=lambda k: squares[k])
+    half = 0.5 * math.sqrt(max(0.0, 1.0 + squares[largest]))
+    rest = 0.25 / half
+    xy, xz, yz = x[1] + y[0], x[2] + z[0], y[2] + z[1]
+    wx, wy, wz = y[2] - z[1], z[0] - x[2], x[1] - y[0]
+    found = (
+        (half, rest * xy, rest * xz, rest * wx),
+        (rest * xy, half, rest * yz, rest * wy),
+        (rest * xz, rest * yz, half, rest * wz),
+        (rest * wx, rest * wy, rest * wz, half),
+    )
+    return found[largest]
+
+
+def _length(vector: Triple) -> float:
+    """Return the length of a vector, whatever its size."""
+    largest = max(map(abs, vector))
+    if largest == 0.0:
+        return 0.0
+    a, b, c = (part / largest for part in vector)
+    return largest * math.sqrt((a * a + b * b) + c * c)
+
+
+def _unit(vector: tuple[float, ...]) -> Triple | None:
+    """Return a vector of length 1, None for one of length 0."""
+    x, y, z = vector
+    length = _length((x, y, z))
+    return (x / length, y / length, z / length) if length > 0.0 else None
+
+
+def _perpendicular(axis: Triple) -> Triple:
+    """Return a unit vector at right angles to another."""
+    least = min(range(3), key=lambda k: abs(axis[k]))
+    other = tuple(1.0 if k == least else 0.0 for k in range(3))
+    found = _unit(cross(axis, other))
+    assert found is not None
+    return found

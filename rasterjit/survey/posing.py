@@ -1,0 +1,187 @@
+"""
+Pose the meshes of a scene: what its skins and morph weights make of them.
+
+All that draws, measures or asks a scene takes it posed. A posed mesh is kept with its node and is
+the same object as long as the pose is the same, so that what else follows from it is kept, too.
+Where nothing can be posed, there is nothing to do.
+
+A mesh with a skin is posed in world space. So that float32 has all its digits, one that is far from
+the origin, beside its size, is stored from its own middle on; one that all joints mirror is stored
+mirrored, and the node mirrors it: its faces keep their sides.
+"""
+
+from __future__ import annotations
+
+import copy
+import operator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
+from rasterjit.scene.normals import unit_rows
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.skin import Posable, Skin
+from rasterjit.scene.validation import read_only
+from rasterjit.survey.arrays import writable
+
+FAR = 64.0
+"""Distance from the origin, in extents of the mesh, from which on it is stored from its middle on:
+six of the 24 bits of float32."""
+
+
+class Pose(NamedTuple):
+    """What a node is drawn as, and what that follows from."""
+
+    mesh: Mesh
+    matrices: NDArray[np.float64] | None
+    """(J, 4, 4): the same array as long as no joint moves; None without a skin."""
+    weights: bytes
+    """Of morph targets."""
+    node: Node
+
+
+def posed_scene(scene: Scene) -> Scene:
+    """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
+    if not Posable.was_made:
+        return scene
+    nodes = list(map(posed_node, scene.nodes))
+    if all(map(operator.is_, nodes, scene.nodes)):
+        return scene
+    changed = copy.copy(scene)
+    changed.nodes = nodes
+    return changed
+
+
+def posed_node(node: Any) -> Any:
+    """Return a node as it is drawn; itself where nothing poses it."""
+    mesh = getattr(node, "_mesh", None)
+    if mesh is None or (mesh._joints is None and mesh._morph_targets is None):
+        return node
+    skin, weights = node._skin, _weights_of(node, mesh)
+    if skin is None and weights is None:
+        return node
+    matrices = None if skin is None else skin.joint_matrices()
+    key = b"" if weights is None else weights.tobytes()
+    known = node._posed
+    if (
+        known is None
+        or known.mesh is not mesh
+        or known.weights != key
+        or not _are_same(known.matrices, matrices)
+    ):
+        made, place = _posed_mesh(mesh, skin, matrices, weights)
+        known = Pose(mesh, matrices, key, Node(made, place, node.name))
+    own = known.node
+    if own._mesh._material is not mesh._material:
+        own._mesh.material = mesh._material
+    place = node._world_from_model if skin is None else own._world_from_model
+    if own._world_from_model is not place or own.name != node.name:
+        # What was drawn before may still be asked about.
+        own = Node(own._mesh, None, node.name)
+        own._place(place, None)
+        known = known._replace(node=own)
+    if node._posed is not known:
+        node._posed = known
+    return own
+
+
+def _weights_of(node: Node, mesh: Mesh) -> NDArray[np.float64] | None:
+    """Return the weights of a node's morph targets; None if all are 0."""
+    targets = mesh._morph_targets
+    if targets is None:
+        return None
+    weights = targets.weights if node._weights is None else node._weights
+    return None if weights is None or not weights.any() else weights
+
+
+def _are_same(known: NDArray[np.float64] | None, asked: NDArray[np.float64] | None) -> bool:
+    """Tell whether joints stand where they stood."""
+    if known is asked:
+        return True
+    return known is not None and asked is not None and known.tobytes() == asked.tobytes()
+
+
+def _posed_mesh(
+    mesh: Mesh, skin: Skin | None, matrices: NDArray[np.float64] | None,
+    weights: NDArray[np.float64] | None,
+) -> tuple[Mesh, NDArray[np.float64] | None]:  # fmt: skip
+    """Return a mesh as it is posed, and where it stands in the world, None for the node's place."""
+    from rasterjit.pipeline.geometry import skinning
+
+    positions = np.array(mesh.vertices)
+    # Normals that follow from faces do so after posing.
+    normals = None if mesh._makes_normals else np.array(mesh.normals)
+    tangents = None if mesh.tangents is None else np.array(mesh.tangents)
+    if weights is not None and mesh._morph_targets is not None:
+        targets = mesh._morph_targets
+        positions = skinning.morph(positions, targets.positions, weights)
+        if normals is not None and targets.normals is not None:
+            moved = skinning.morph(normals.astype(np.float64), targets.normals, weights)
+            normals = unit_rows(moved).astype(np.float32)
+        if tangents is not None and targets.tangents is not None:
+            moved = skinning.morph(tangents[:, :3].astype(np.float64), targets.tangents, weights)
+            tangents[:, :3] = unit_rows(moved)
+    place = None
+    if skin is not None and matrices is not None:
+        place = np.eye(4)
+        if _all_mirror(matrices):
+            place[0, 0] = -1.0
+            matrices = matrices.copy()
+            matrices[:, 0] = -matrices[:, 0]
+        skinning.skin_vertices(
+            (0, len(positions)), np.array(matrices), writable(mesh._joints),
+            writable(mesh._joint_weights), positions,
+            np.empty((0, 3), np.float32) if normals is None else normals,
+            np.empty((0, 4), np.float32) if tangents is None else tangents,
+        )  # fmt: skip
+    made = copy.copy(mesh)
+    made._rest, made._joints, made._joint_weights, made._morph_targets = mesh, None, None, None
+    made._is_closed, made._uses_all = None, None
+    made._normals = made._vertex_normals = None if normals is None else read_only(normals)
+    made._tangents = None if tangents is None else read_only(tangents)
+    _store_positions(made, mesh, positions)
+    if place is not None:
+        made._is_in_world = True
+        center = _far_middle(made)
+        if center is not None:
+            _store_positions(made, mesh, positions - center)
+            place[:3, 3] = center
+            place[0, 3] *= place[0, 0]
+    return made, place
+
+
+def _store_positions(mesh: Mesh, rest: Mesh, positions: NDArray[np.float64]) -> None:
+    """Let a posed mesh have other positions, and find its bounds."""
+    mesh._vertices, mesh._bounds, mesh._invalid_vertices = read_only(positions), None, 0
+    if rest._uses_all is None:
+        rest._uses_all = bool(rest.used_vertices().all())
+    # Long rows are looked through many times as fast as columns.
+    rows = np.ascontiguousarray(positions.T)
+    low, high = rows.min(axis=1), rows.max(axis=1)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        mesh._invalid_vertices = int(np.count_nonzero(~np.isfinite(positions).all(axis=1)))
+    elif rest._uses_all:
+        mesh._bounds = low + 0.0, high + 0.0
+
+
+def _all_mirror(matrices: NDArray[np.float64]) -> bool:
+    """Tell whether all joints, (J, 4, 4), turn faces inside out."""
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices[:, :3, :3], 0, 2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return bool((determinants < 0.0).all())
+
+
+def _far_middle(mesh: Mesh) -> NDArray[np.float64] | None:
+    """Return the middle of a mesh that is far from the origin beside its size, (3,), else None."""
+    try:
+        low, high = mesh.bounds()
+    except ValueError:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        middle, extent = low / 2.0 + high / 2.0, float((high - low).max())
+        is_far = float(np.abs(middle).max()) > FAR * extent
+    return middle if is_far and np.isfinite(middle).all() else None
