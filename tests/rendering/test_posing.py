@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
+from rasterjit.rendering import plan as planning
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.posing import posed_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
@@ -191,6 +192,12 @@ def test_plans_lenses_layers_and_measurements_see_the_pose(bent):
     pictures = [rj.render(one, size=SIZE, lens=lens).color for one in (bent, flat)]
     np.testing.assert_array_equal(*pictures)
     assert rj.measure(bent, size=SIZE, rounds=1) is not None
+
+
+def test_the_plan_tells_what_poses_it(bent):
+    plans = [rj.explain(one, size=SIZE) for one in (bent, plain(bent))]
+    kernels = [[row.name for row in planning.list_kernels(plan)] for plan in plans]
+    assert kernels[0] == ["skinning.skin_vertices", *kernels[1]]
 
 
 def test_faces_are_counted_as_they_are_posed(bent):
