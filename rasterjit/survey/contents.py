@@ -100,6 +100,8 @@ class Contents(NamedTuple):
     """Of those, that are thin and let through more light than they keep."""
     rough_glass: int
     """Of those, that blur what is seen through them."""
+    skinned: int
+    """That joints have put where they are."""
     mipped: int
     """With a texture that is read between mip levels."""
     textured: dict[str, int]
@@ -304,6 +306,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         transmitting=lets_through(mesh),
         clear_panes=lets_through(mesh) and material.is_clear_pane,
         rough_glass=lets_through(mesh) and material.roughness > 0.0 and material.ior != 1.0,
+        skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )
