@@ -121,6 +121,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.section import Plane
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
@@ -182,6 +183,7 @@ __all__ = [
     "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",
+    "Plane",
     "PointLight",
     "Points",
     "Quality",

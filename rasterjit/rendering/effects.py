@@ -14,6 +14,7 @@ from rasterjit.effects.eye_dome import EYE_DOME
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
+from rasterjit.effects.section import SECTION
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
 from rasterjit.effects.transparency import TRANSPARENCY
@@ -46,6 +47,7 @@ EFFECTS: tuple[Effect, ...] = (
     AMBIENT_OCCLUSION,
     VIGNETTE,
     OUTLINE,
+    SECTION,
     TRANSPARENCY,
     ANTIALIASING,
     WIREFRAME,

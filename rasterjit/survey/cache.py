@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from rasterjit.survey.arrays import (
 from rasterjit.survey.contents import SMOOTH, Attribute, Inventory
 from rasterjit.survey.overrides import look_of, meshes_under
 from rasterjit.survey.placement import Extents, Places, mesh_boxes
+
+if TYPE_CHECKING:
+    from rasterjit.survey.sections import Cut
 
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -232,11 +235,18 @@ class SceneCache(NamedTuple):
     """Of the objects at their places."""
     all_tables: dict[Any, MaterialTables]
     """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
+    cut: Cut | None = None
+    """What its numbers mean, if they are what a section has left of another scene."""
 
     @property
     def inventory(self) -> tuple[Inventory, Extents]:
         """What the objects are, and how far they reach, as a plan takes them."""
         return self.tables.inventory, self.extents
+
+    @property
+    def face_starts(self) -> NDArray[np.int64]:
+        """(O+1,): first face of each object, as outputs number them."""
+        return self.shapes.arrays.face_starts if self.cut is None else self.cut.face_starts
 
 
 def prepare(
@@ -275,7 +285,8 @@ def prepare(
         extents = known.extents
     else:
         extents = Extents(shapes.boxes, places.world_from_model)
-    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables)
+    cut = getattr(nodes, "cut", None)
+    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables, cut)
 
 
 def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:
