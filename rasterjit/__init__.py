@@ -20,7 +20,7 @@ What is drawn
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
-    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene.
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `Plane` cuts open.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`

@@ -107,7 +107,7 @@ def explain_pixel(
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = as_scene(what)
-    camera = choose_camera(scene, camera, size)
+    camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), ("color", "linear"), background, cull
     )
@@ -137,9 +137,42 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
             cull=plan.cull, threads=1,
         )  # fmt: skip
         seen = frame.color[y, x]
+    faces, parts = _as_whole(drawn, faces), _parts_as_whole(drawn, parts)
     reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
     return PixelExplanation(
         x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
+    )
+
+
+def _as_whole(drawn: Drawn, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
+    """Return faces with their numbers in the scene before a section cut it."""
+    cut = drawn.cache.cut
+    if cut is None:
+        return faces
+    found = []
+    for face in faces:
+        number, owner = cut.numbered(face.face, face.object_number)
+        is_cap = number >= cut.face_starts[-1]
+        found.append(
+            replace(
+                face,
+                face=number,
+                object_number=owner,
+                mesh_face=-1 if is_cap else number - int(cut.face_starts[owner]),
+                mesh_vertices=cut.vertices_of(face.object_number, face.mesh_vertices),
+            )
+        )
+    return tuple(found)
+
+
+def _parts_as_whole(drawn: Drawn, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
+    """Return parts of a colour with the numbers of faces before a section cut them."""
+    cut = drawn.cache.cut
+    if cut is None:
+        return parts
+    return tuple(
+        part if part.face is None else replace(part, face=int(cut.face_numbers[part.face]))
+        for part in parts
     )
 
 

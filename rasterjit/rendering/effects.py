@@ -14,7 +14,7 @@ from rasterjit.effects.eye_dome import EYE_DOME
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
-from rasterjit.effects.section import SECTION
+from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
 from rasterjit.effects.transparency import TRANSPARENCY
@@ -48,6 +48,7 @@ EFFECTS: tuple[Effect, ...] = (
     VIGNETTE,
     OUTLINE,
     SECTION,
+    SECTION_LINES,
     TRANSPARENCY,
     ANTIALIASING,
     WIREFRAME,

@@ -24,10 +24,12 @@ always close, whatever passes through vertices and edges.
 from __future__ import annotations
 
 import copy
+import math
 import operator
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,14 +40,17 @@ from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.scene.section import Plane, planes_of
 from rasterjit.scene.texture import UVSet
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
+from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.contents import base_color_of
+from rasterjit.survey.placement import place_objects
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -65,10 +70,6 @@ MOST_ROUNDS = 8
 NO_WEIGHTS = np.zeros((0, 3, 3))
 
 CORNERS = np.arange(3)
-
-
-class OpenSectionWarning(UserWarning):
-    """A mesh that is not closed was cut: it has no cap."""
 
 
 class CutMesh(Mesh):
@@ -115,6 +116,21 @@ class Cut(NamedTuple):
     """(E, 2) of each plane: where it cuts faces, vertex numbers of the new scene."""
     nodes: tuple[Node, ...]
     """Of the old scene."""
+    vertices: tuple[Int64 | None, ...]
+    """Of each new object the numbers of its vertices in the old mesh, -1 of new ones; ``None``:
+    they are the same."""
+
+    def numbered(self, face: int, new: int) -> tuple[int, int]:
+        """Return the numbers of a face and its object, given those in the cut scene."""
+        return int(self.face_numbers[face]), int(self.owners[new])
+
+    def vertices_of(self, new: int, numbers: tuple[int, int, int]) -> tuple[int, int, int]:
+        """Return the vertices of the old mesh, given those of a new object."""
+        known = self.vertices[new]
+        if known is None:
+            return numbers
+        a, b, c = known[list(numbers)].tolist()
+        return a, b, c
 
 
 class CutNodes(list[Node]):
@@ -168,9 +184,7 @@ class Recipe(NamedTuple):
         return np.ascontiguousarray(rows[self.used].astype(values.dtype))
 
 
-_PARTS: weakref.WeakKeyDictionary[Scene, dict[int, tuple[Any, Parts]]] = (
-    weakref.WeakKeyDictionary()
-)
+_PARTS: weakref.WeakKeyDictionary[Scene, dict[int, tuple[Any, Parts]]] = weakref.WeakKeyDictionary()
 """What was left of the objects of a scene when it was last cut."""
 
 _SCENES: weakref.WeakKeyDictionary[Scene, CutScene] = weakref.WeakKeyDictionary()
@@ -189,7 +203,7 @@ def cut(scene: Scene) -> Scene:
 
     Warns
     -----
-    OpenSectionWarning
+    UserWarning
         Once for each mesh that has no cap, for it is not closed.
     """
     planes = planes_of(scene.section)
@@ -306,6 +320,10 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
         joined,
         tuple(np.ascontiguousarray(rows, np.int32) for rows in edges),
         tuple(scene.nodes),
+        tuple(
+            _old_vertices(node.mesh, scene.nodes[owner].mesh)
+            for node, owner in zip(nodes, owners, strict=True)
+        ),
     )
     kept = [
         node
@@ -316,6 +334,14 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
     result._whole = scene
     result.nodes = nodes
     return result
+
+
+def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
+    """Return the number of each vertex in the whole mesh, (V,), -1 if it has none; None if all."""
+    if mesh is whole:
+        return None
+    used = mesh._recipe.used if hasattr(mesh, "_recipe") else np.full(3, len(whole.vertices))
+    return np.where(used < len(whole.vertices), used, -1)
 
 
 def _nothing(mesh: Mesh) -> Mesh:
@@ -402,9 +428,7 @@ def _cut_lines(node: Node, mesh: Lines, distances: Float64, nothing: Any) -> Par
     return Parts(_moved(node, changed), (), changed._recipe, numbers, NO_WEIGHTS, nothing)
 
 
-def _crossed(
-    distances: Float64, start: Int64, end: Int64, plane: int
-) -> tuple[Float64, Float64]:
+def _crossed(distances: Float64, start: Int64, end: Int64, plane: int) -> tuple[Float64, Float64]:
     """Return the distances with those of new vertices, and how far these lie along their edges."""
     first, last = distances[start], distances[end]
     along = first[:, plane] / (first[:, plane] - last[:, plane])
@@ -459,7 +483,7 @@ def _with_rows(mesh: Any, recipe: Recipe, faces: NDArray[Any], numbers: Int64) -
     result._face_attributes = {
         name: read_only(values[numbers]) for name, values in mesh.face_attributes.items()
     }
-    result._invalid_vertices = int((~np.isfinite(result.vertices)).any(axis=1).sum())
+    result._invalid_vertices = int(np.count_nonzero(~np.isfinite(result.vertices).all(axis=1)))
     result._bounds = result._is_closed = None
     return result
 
@@ -520,8 +544,8 @@ class _Cutter:
         self.weights = NO_WEIGHTS
         self.counts = np.zeros(0, np.int64)
         # Which way faces turn in the world that have the solid behind them.
-        turned = float(np.linalg.det(node.world_from_model[:3, :3]))
-        self.outward = (-1.0 if turned < 0.0 else 1.0) * (self._volume_sign() or 1.0)
+        turned = float(place_objects([node.world_from_model]).mirrored[0])
+        self.outward = turned * (self._volume_sign() or 1.0)
 
     def _volume_sign(self) -> float:
         """Return -1 if the faces of the mesh turn their backs outward, else 1."""
@@ -530,7 +554,7 @@ class _Cutter:
         a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]] for k in range(3))
         middle = a[0]
         with np.errstate(invalid="ignore", over="ignore"):
-            return float(np.sign(_triple(a - middle, b - middle, c - middle).sum()))
+            return math.copysign(1.0, math.fsum(_triple(a - middle, b - middle, c - middle)))
 
     def parts(self) -> Parts:
         """Return what is left."""
@@ -575,9 +599,7 @@ class _Cutter:
         corners = np.concatenate([cut_faces, self.corners[crossed_pieces]])
         numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
         weights = np.concatenate([eye, self.weights[crossed_pieces]])
-        counts = np.concatenate(
-            [np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]]
-        )
+        counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
         corners, parents, weights = self._split(plane, corners, signs[corners], weights)
         self.corners = np.concatenate([self.corners[kept_pieces], corners])
         self.numbers = np.concatenate([self.numbers[kept_pieces], numbers[parents]])
@@ -588,8 +610,7 @@ class _Cutter:
                 _TOLD.add(self.mesh)
                 warn_caller(
                     f"{self.node.name!r} is cut by a section, but its mesh is not closed: it is "
-                    "drawn without a cap",
-                    OpenSectionWarning,
+                    "drawn without a cap"
                 )
             return
         tails, heads, sums = self._sides(plane)
@@ -625,8 +646,7 @@ class _Cutter:
             The triangle that each is a part of.
         weights : (P, 3, 3) float64
         """
-        behind, before = (at < 0.0).sum(axis=1), (at > 0.0).sum(axis=1)
-        is_pair = behind == 2
+        is_pair = np.count_nonzero(at < 0.0, axis=1) == 2
         # The corner that is alone behind comes first, or the one that is alone before comes last.
         first = np.where(
             is_pair, (np.argmax(at > 0.0, axis=1) + 1) % 3, np.argmax(at < 0.0, axis=1)
@@ -645,9 +665,10 @@ class _Cutter:
         parents = np.concatenate([rows[:, 0], np.flatnonzero(is_pair)])
         order = np.argsort(parents, kind="stable")
         spans, parents = spans[order].reshape(-1, 3, 2), parents[order]
-        start, end = corners[parents[:, np.newaxis], spans[..., 0]], corners[
-            parents[:, np.newaxis], spans[..., 1]
-        ]
+        start, end = (
+            corners[parents[:, np.newaxis], spans[..., 0]],
+            corners[parents[:, np.newaxis], spans[..., 1]],
+        )
         is_new = start != end
         keys, inverse = np.unique(
             np.stack([start[is_new], end[is_new]], axis=1), axis=0, return_inverse=True
@@ -658,9 +679,7 @@ class _Cutter:
         result[is_new] = count + inverse.ravel()
         along = np.zeros(is_new.shape)
         along[is_new] = self.steps[-1][2][inverse.ravel()] if len(keys) else 0.0
-        low, high = (
-            weights[parents[:, np.newaxis], spans[..., k]] for k in range(2)
-        )
+        low, high = (weights[parents[:, np.newaxis], spans[..., k]] for k in range(2))
         return result, parents, low + along[..., np.newaxis] * (high - low)
 
     def _add_vertices(
@@ -712,7 +731,9 @@ class _Cutter:
             for k in range(3):
                 both = at[:, k] & at[:, (k + 1) % 3]
                 found.append((corners[both, k], corners[both, (k + 1) % 3], counts[both]))
-        tails, heads, counts = (np.concatenate(part).astype(np.int64) for part in zip(*found))
+        tails, heads, counts = (
+            np.concatenate(part).astype(np.int64) for part in zip(*found, strict=True)
+        )
         ends, first = np.unique(self.places[np.concatenate([tails, heads])], return_index=True)
         vertices = np.concatenate([tails, heads])[first]
         tails, heads = (np.searchsorted(ends, self.places[end]) for end in (tails, heads))
@@ -731,8 +752,7 @@ class _Cutter:
         if triangles is None:
             warn_caller(
                 f"{self.node.name!r} is cut by a section, but the outline of the cut does not "
-                "close: it is drawn without a cap",
-                OpenSectionWarning,
+                "close: it is drawn without a cap"
             )
             return
         count = len(triangles)
@@ -755,12 +775,11 @@ class _Cutter:
         )  # fmt: skip
         result.__dict__.update(mesh.__dict__)
         result._whole, result._recipe = self.mesh, recipe
-        model = np.array(self.node.world_from_model[:3, :3]).T @ np.array(
-            self.planes[plane].normal
-        )
-        length = float(np.sqrt((model * model).sum()))
-        model = model / length if length > 0.0 else model
-        normals = np.tile(model.astype(np.float32), (len(used), 1))
+        # Carried into the world by the inverse transpose.
+        x, y, z = self.planes[plane].normal
+        rows = self.node.world_from_model[:3, :3]
+        model = (x * rows[0] + y * rows[1]) + z * rows[2]
+        normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
         result._normals = result._vertex_normals = read_only(normals)
         return _moved(self.node, result)
 
@@ -784,7 +803,7 @@ def _cap_material(mesh: Mesh, plane: Plane) -> Material:
         color = np.array(base_color_of(mesh), np.float64)
         for colors in (mesh.shown_vertex_colors(), mesh.face_colors):
             if colors is not None:
-                color[:3] *= colors[:, :3].mean(axis=0, dtype=np.float64)
+                color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]
         color = np.append(np.clip(DARKER * color[:3], 0.0, 1.0), 1.0)
     return Material(
         own.shading, tuple(color.tolist()), specular=own.specular, shininess=own.shininess,
@@ -830,19 +849,14 @@ class _Outlines:
         """Return where vertices lie on the grid, (N, 2)."""
         x, y, z = self.cutter.planes[self.plane].normal
         # The axis farthest from the normal makes the first of the plane's.
-        axis = np.zeros(3)
-        axis[int(np.argmin(np.abs((x, y, z))))] = 1.0
-        normal = np.array((x, y, z))
-        across = np.cross(axis, normal)
-        across /= np.sqrt((across * across).sum())
-        up = np.cross(normal, across)
+        least = min(range(3), key=lambda k: abs((x, y, z)[k]))
+        axis = tuple(float(k == least) for k in range(3))
+        across = cross(axis, (x, y, z))
+        up = cross((x, y, z), across)
         points = self.cutter.world[vertices]
         points = points - (points.min(axis=0) / 2.0 + points.max(axis=0) / 2.0)
         flat = np.stack(
-            [
-                (a * points[:, 0] + b * points[:, 1]) + c * points[:, 2]
-                for a, b, c in (across.tolist(), up.tolist())
-            ],
+            [(a * points[:, 0] + b * points[:, 1]) + c * points[:, 2] for a, b, c in (across, up)],
             axis=1,
         )
         size = float(np.abs(flat).max(initial=0.0)) or 1.0
@@ -902,8 +916,8 @@ class _Outlines:
             a, b, count = edges[edge].tolist()
             along = {n: _along(points, a, b, n) for n in through}
             chain = [a, *sorted(through, key=along.__getitem__), b]
-            rows += [(one, other, count) for one, other in zip(chain, chain[1:], strict=False)]
-            for one, other in zip(chain[1:], chain[2:], strict=False):
+            rows += [(one, other, count) for one, other in pairwise(chain)]
+            for one, other in pairwise(chain[1:]):
                 triple = (a, other, one) if count > 0 else (a, one, other)
                 own = (int(vertices[n]) for n in triple)
                 self.slivers.append((*own, abs(count)))

@@ -83,13 +83,13 @@ def find_contacts(
                         found[count, 1] = point
                         found[count, 2] = -1
                     count += 1
-            if (at_a > 0) != (at_b > 0) and (at_c > 0) != (at_d > 0):
-                if at_a != 0 and at_b != 0 and at_c != 0 and at_d != 0:
-                    if count < found.shape[0]:
-                        found[count, 0] = one
-                        found[count, 1] = other
-                        found[count, 2] = 1
-                    count += 1
+            is_beside = at_a != 0 and at_b != 0 and at_c != 0 and at_d != 0
+            if is_beside and (at_a > 0) != (at_b > 0) and (at_c > 0) != (at_d > 0):
+                if count < found.shape[0]:
+                    found[count, 0] = one
+                    found[count, 1] = other
+                    found[count, 2] = 1
+                count += 1
         active[kept] = one
         alive = kept + 1
     return count
