@@ -62,6 +62,7 @@ class Shapes:
         self.meshes = meshes
         self.distinct = list(dict.fromkeys(meshes))
         self._attributes: dict[str, tuple[NDArray[np.float32] | None, ...]] = {}
+        self.cut_edges: tuple[Cut, NDArray[np.int32]] | None = None
 
     @cached_property
     def arrays(self) -> SceneArrays:
@@ -242,6 +243,16 @@ class SceneCache(NamedTuple):
     def inventory(self) -> tuple[Inventory, Extents]:
         """What the objects are, and how far they reach, as a plan takes them."""
         return self.tables.inventory, self.extents
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """Every edge of the faces once, (N, 2), but for those inside of faces that were cut."""
+        if self.cut is None:
+            return self.shapes.edges
+        known = self.shapes.cut_edges
+        if known is None or known[0] is not self.cut:
+            known = self.shapes.cut_edges = self.cut, self.cut.edges_of(self.shapes)
+        return known[1]
 
     @property
     def face_starts(self) -> NDArray[np.int64]:

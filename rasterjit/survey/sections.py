@@ -30,7 +30,7 @@ import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +52,17 @@ from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.contents import base_color_of
 from rasterjit.survey.placement import place_objects
 
+if TYPE_CHECKING:
+    from rasterjit.survey.cache import Shapes
+
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 FLAT = 2.0**-46
 """Distance to a plane that counts as none, as a share of the coordinates' size."""
+
+SEAM = 2.0**-22
+"""Cells in which loose vertices are at one place, as a share of the mesh's largest coordinate."""
 
 GRID = 2.0**28
 """Steps of the grid that outlines lie on, from the middle of a section to its farthest point."""
@@ -123,6 +129,20 @@ class Cut(NamedTuple):
     def numbered(self, face: int, new: int) -> tuple[int, int]:
         """Return the numbers of a face and its object, given those in the cut scene."""
         return int(self.face_numbers[face]), int(self.owners[new])
+
+    def edges_of(self, shapes: Shapes) -> NDArray[np.int32]:
+        """Return the edges of the faces of a cut scene, (N, 2), without those inside of one."""
+        faces, numbers = shapes.arrays.faces.astype(np.int64), self.face_numbers[:-1]
+        tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        order = np.argsort(keys, kind="stable")
+        keys, owners = keys[order], np.repeat(numbers, 3)[order]
+        starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+        least, most = np.minimum.reduceat(owners, starts), np.maximum.reduceat(owners, starts)
+        counts = np.diff(np.append(starts, len(keys)))
+        inner = keys[starts][(counts > 1) & (least == most)]
+        known = shapes.edges.astype(np.int64)
+        return shapes.edges[~np.isin(known[:, 0] << 32 | known[:, 1], inner)]
 
     def vertices_of(self, new: int, numbers: tuple[int, int, int]) -> tuple[int, int, int]:
         """Return the vertices of the old mesh, given those of a new object."""
@@ -328,12 +348,18 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
     kept = [
         node
         for node in scene.labelled
-        if all(_distances(plane, node.world_matrix[:3, 3][np.newaxis]) <= 0.0 for plane in planes)
+        if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
     ]
     result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
     result._whole = scene
     result.nodes = nodes
     return result
+
+
+def _anchor(node: Node) -> Float64:
+    """Return where the label of a node is, (1, 3), world space."""
+    point = np.array([node.label.position])
+    return transform_points(node.world_matrix, point)[:, :3]
 
 
 def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
@@ -492,7 +518,8 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
     """
     Tell whether faces close: each edge goes one way as often as the other; return places.
 
-    Vertices at one place, (V,) int64, have one number.
+    Vertices at one place, (V,) int64, have one number; as at the seam of a sphere, whose sines are
+    rounded, vertices at edges that do not close are at one place within ``SEAM`` of the mesh.
     """
     if mesh not in _CLOSED:
         points = mesh.vertices + 0.0
@@ -502,9 +529,35 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
         places = np.empty(len(points), np.int64)
         places[order] = np.cumsum(is_new)
         ends = places[mesh.faces]
-        tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
+        tails, heads, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
+        if len(tails):
+            loose = np.isin(places, np.concatenate([tails, heads]))
+            places = _sewn(points, places, np.flatnonzero(loose))
+            ends = places[mesh.faces]
+            tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
         _CLOSED[mesh] = len(tails) == 0, read_only(places)
     return _CLOSED[mesh]
+
+
+def _sewn(points: Float64, places: Int64, loose: Int64) -> Int64:
+    """Return places, (V,), where those of loose vertices that nearly touch are one."""
+    some = points[loose]
+    size = float(np.abs(some).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return places
+    # Two points nearer than a quarter of a cell share one in one of the grids.
+    cells = some / (SEAM * size)
+    merged = np.arange(places.max() + 1)
+    for shift in np.ndindex(2, 2, 2):
+        own = np.floor(cells + 0.5 * np.array(shift)).astype(np.int64)
+        _, groups = np.unique(own, axis=0, return_inverse=True)
+        least = np.full(groups.max() + 1, len(merged))
+        here = merged[places[loose]]
+        np.minimum.at(least, groups.ravel(), here)
+        target = np.arange(len(merged))
+        np.minimum.at(target, here, least[groups.ravel()])
+        merged = target[merged]
+    return merged[places]
 
 
 def _net(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
