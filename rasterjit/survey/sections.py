@@ -29,6 +29,7 @@ import operator
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -384,9 +385,8 @@ def _distances(plane: Plane, points: Float64) -> Float64:
         return (a * (points[:, 0] - x) + b * (points[:, 1] - y)) + c * (points[:, 2] - z)
 
 
-def _all_distances(node: Node, planes: Sequence[Plane]) -> Float64:
-    """Return how far vertices lie in front of planes, (V, P), exactly 0 where it is rounding."""
-    world = transform_points(node.world_from_model, node.mesh.vertices)[:, :3]
+def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
+    """Return how far points lie in front of planes, (V, P), exactly 0 where it is rounding."""
     finite = np.abs(world[np.isfinite(world).all(axis=1)])
     size = float(finite.max(initial=0.0))
     columns = []
@@ -400,7 +400,8 @@ def _all_distances(node: Node, planes: Sequence[Plane]) -> Float64:
 def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
     """Return what is left of an object."""
     mesh = node.mesh
-    distances = _all_distances(node, planes)
+    world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
+    distances = _all_distances(world, planes)
     used = distances[mesh.used_vertices()]
     nothing = (np.zeros((0, 2), np.int32),) * len(planes)
     if not (used > 0.0).any():
@@ -411,7 +412,7 @@ def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
         return _cut_points(node, mesh, distances, nothing)
     if isinstance(mesh, Lines):
         return _cut_lines(node, mesh, distances, nothing)
-    return _Cutter(node, distances, planes).parts()
+    return _Cutter(node, world, distances, planes).parts()
 
 
 def _cut_points(node: Node, mesh: Points, distances: Float64, nothing: Any) -> Parts:
@@ -579,15 +580,18 @@ class _Cutter:
     Parameters
     ----------
     node : Node
+    world : (V, 3) float64
+        Its vertices.
     distances : (V, P) float64
-        Of its vertices in front of the planes.
+        How far they lie in front of the planes.
     planes : sequence of Plane
     """
 
-    def __init__(self, node: Node, distances: Float64, planes: Sequence[Plane]) -> None:
+    def __init__(
+        self, node: Node, world: Float64, distances: Float64, planes: Sequence[Plane]
+    ) -> None:
         self.node, self.planes, self.mesh = node, planes, node.mesh
-        self.distances = distances
-        self.world = transform_points(node.world_from_model, self.mesh.vertices)[:, :3]
+        self.world, self.distances = world, distances
         self.is_closed, self.places = _closed(self.mesh)
         self.steps: list[tuple[Int64, Int64, Float64]] = []
         self.whole = np.arange(len(self.mesh.faces))
@@ -596,18 +600,16 @@ class _Cutter:
         self.numbers = np.zeros(0, np.int64)
         self.weights = NO_WEIGHTS
         self.counts = np.zeros(0, np.int64)
-        # Which way faces turn in the world that have the solid behind them.
-        turned = float(place_objects([node.world_from_model]).mirrored[0])
-        self.outward = turned * (self._volume_sign() or 1.0)
 
-    def _volume_sign(self) -> float:
-        """Return -1 if the faces of the mesh turn their backs outward, else 1."""
-        if not self.is_closed:
-            return 1.0
+    @cached_property
+    def _outward(self) -> float:
+        """Which way faces turn in the world that have the solid behind them: 1 or -1."""
+        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
         a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]] for k in range(3))
         middle = a[0]
         with np.errstate(invalid="ignore", over="ignore"):
-            return math.copysign(1.0, math.fsum(_triple(a - middle, b - middle, c - middle)))
+            volume = math.fsum(_triple(a - middle, b - middle, c - middle))
+        return turned * math.copysign(1.0, volume)
 
     def parts(self) -> Parts:
         """Return what is left."""
@@ -682,7 +684,7 @@ class _Cutter:
             # What lies in the plane stays where the solid is behind.
             a, b, c = np.moveaxis(self.world[corners[is_flat]], 1, 0)
             normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
-            is_flat[is_flat] = self.outward * _triple(normal, b - a, c - a) > 0.0
+            is_flat[is_flat] = self._outward * _triple(normal, b - a, c - a) > 0.0
         is_known = ~np.isnan(at).any(axis=1)
         return (is_behind & ~is_before & is_known) | is_flat, is_behind & is_before & is_known
 
