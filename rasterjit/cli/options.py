@@ -1038,7 +1038,9 @@ class Effects(NamedTuple):
             scene.vignette = Vignette(self.vignette)
         if self.eye_dome is not None:
             scene.eye_dome = EyeDome(self.eye_dome)
-        if self.section:
+        if not self.section:
+            refuse_idle(["section_lines"], "it is for --section")
+        else:
             scene.section = _planes(self.section, self.section_lines)
 
 
