@@ -86,6 +86,10 @@ class Node(Guarded):
     _children: list[Node]
     _scene: weakref.ref[Scene] | None
     """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
+    _cut: Any = None
+    """What a section left of it when it was last cut, and what that follows from."""
+    _cut_scene: Any = None
+    """Of a scene's first object: what was left of all of them."""
 
     def __init__(
         self,
@@ -232,7 +236,7 @@ class Node(Guarded):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
-        alone = {"_parent": None, "_children": [], "_scene": None}
+        alone = {"_parent": None, "_children": [], "_scene": None, "_cut": None, "_cut_scene": None}
         return {**self.__dict__, **alone, "_transform": self._world_from_model}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

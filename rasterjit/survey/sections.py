@@ -205,12 +205,6 @@ class Recipe(NamedTuple):
         return np.ascontiguousarray(rows[self.used].astype(values.dtype))
 
 
-_PARTS: weakref.WeakKeyDictionary[Scene, dict[int, tuple[Any, Parts]]] = weakref.WeakKeyDictionary()
-"""What was left of the objects of a scene when it was last cut."""
-
-_SCENES: weakref.WeakKeyDictionary[Scene, CutScene] = weakref.WeakKeyDictionary()
-"""What was left of a scene when it was last cut."""
-
 _CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
 """Whether meshes are closed, and the places of their vertices."""
 
@@ -230,25 +224,29 @@ def cut(scene: Scene) -> Scene:
     planes = planes_of(scene.section)
     if not planes or isinstance(scene, CutScene):
         return scene
-    known, found = _PARTS.setdefault(scene, {}), []
-    for number, node in enumerate(scene.nodes):
-        key = node._mesh, node._world_from_model, scene.section, node.mesh.material
-        held = known.get(number)
-        if held is None or not all(map(operator.is_, held[0], key)):
-            held = key, _cut_object(node, planes)
-            known[number] = held
-        found.append(held[1])
-    last = _SCENES.get(scene)
-    result = _assembled(scene, found, planes)
-    if last is not None and _are_same(last, result):
-        result.nodes = last.nodes
-    _SCENES[scene] = result
+    found = []
+    for node in scene.nodes:
+        key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
+        if node._cut is None or not all(map(operator.is_, node._cut[0], key)):
+            node._cut = key, _cut_object(node, planes)
+        found.append(node._cut[1])
+    # The first node keeps what all are together.
+    first = scene.nodes[0]
+    if first._cut_scene is None or not _are_same(first._cut_scene[0], found):
+        first._cut_scene = found, _assembled(scene, found, planes)
+    kept = [
+        node
+        for node in scene.labelled
+        if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
+    ]
+    result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
+    result._whole, result.nodes = scene, first._cut_scene[1]
     return result
 
 
-def _are_same(one: Scene, other: Scene) -> bool:
-    """Tell whether two scenes have the same objects."""
-    return len(one.nodes) == len(other.nodes) and all(map(operator.is_, one.nodes, other.nodes))
+def _are_same(known: Sequence[Any], found: Sequence[Any]) -> bool:
+    """Tell whether two sequences hold the same objects."""
+    return len(known) == len(found) and all(map(operator.is_, known, found))
 
 
 def cut_alike(scene: Scene, now: Scene) -> Scene:
@@ -290,8 +288,8 @@ def _copy_of(scene: Scene) -> CutScene:
     return result
 
 
-def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) -> CutScene:
-    """Return the scene of what is left of each object."""
+def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) -> CutNodes:
+    """Return what is left of all objects, given what is of each."""
     counts = [len(node.mesh.faces) for node in scene.nodes]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
@@ -346,15 +344,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
             for node, owner in zip(nodes, owners, strict=True)
         ),
     )
-    kept = [
-        node
-        for node in scene.labelled
-        if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
-    ]
-    result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
-    result._whole = scene
-    result.nodes = nodes
-    return result
+    return nodes
 
 
 def _anchor(node: Node) -> Float64:
@@ -661,8 +651,10 @@ class _Cutter:
         self.weights = np.concatenate([self.weights[kept_pieces], weights])
         self.counts = np.concatenate([self.counts[kept_pieces], counts[parents]])
         if not self.is_closed:
-            if len(corners) and self.planes[plane].cap and self.mesh not in _TOLD:
-                _TOLD.add(self.mesh)
+            # One shape has many poses.
+            shape = getattr(self.mesh, "_rest", None) or self.mesh
+            if len(corners) and self.planes[plane].cap and shape not in _TOLD:
+                _TOLD.add(shape)
                 warn_caller(
                     f"{self.node.name!r} is cut by a section, but its mesh is not closed: it is "
                     "drawn without a cap"
