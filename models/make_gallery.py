@@ -488,6 +488,52 @@ def vector_field(size: Size) -> Picture:
     return shown(scene, camera, size, background="white", quality=SMOOTH)
 
 
+def revolved(profile: list[tuple[float, float]], steps: int = 72) -> rj.Mesh:
+    """Return the ring that a closed profile, (radius, height) counter-clockwise, sweeps."""
+    count = len(profile)
+    radius, height = np.array(profile).T
+    turn = 2.0 * np.pi * np.arange(steps)[:, np.newaxis] / steps
+    vertices = np.stack([radius * np.cos(turn), height + 0.0 * turn, -radius * np.sin(turn)], 2)
+    row, column = (part.ravel() for part in np.mgrid[0:steps, 0:count])
+    after, beside = (row + 1) % steps * count, (column + 1) % count
+    faces = [
+        (row * count + column, after + column, after + beside),
+        (row * count + column, after + beside, row * count + beside),
+    ]
+    rows = np.concatenate([np.stack(part, axis=1) for part in faces])
+    return rj.Mesh(vertices.reshape(-1, 3), rows).split_creases(30.0)
+
+
+@picture
+def section(size: Size) -> Picture:
+    """A ball bearing on a hollow shaft, cut open along its axis."""
+    across, deep = 1.3, 0.42
+    bend = np.radians(np.linspace(-60.0, 60.0, 13))
+    groove = [(float(deep * np.cos(one)), float(deep * np.sin(one))) for one in bend]
+    outer = [(2.05, -0.6), (2.05, 0.6), (across + groove[-1][0], 0.6)]
+    outer += [(across + x, y) for x, y in reversed(groove)]
+    outer.append((across + groove[0][0], -0.6))
+    inner = [(0.7, 0.6), (0.7, -0.6), (across - groove[0][0], -0.6)]
+    inner += [(across - x, y) for x, y in groove]
+    inner.append((across - groove[-1][0], 0.6))
+    steel = rj.Material("pbr", "#c3c7cb", metallic=0.9, roughness=0.35)
+    brass = rj.Material("pbr", "#d9a441", metallic=0.9, roughness=0.3)
+    blue = rj.Material("pbr", "#4f7fae", metallic=0.2, roughness=0.5)
+    scene = rj.Scene()
+    scene.add(dressed(revolved(outer), steel))
+    scene.add(dressed(revolved(inner), steel))
+    scene.add(dressed(revolved([(0.3, 1.7), (0.3, -1.4), (0.7, -1.4), (0.7, 1.7)]), blue))
+    for number in range(9):
+        place = PLACE.rotate_y(40.0 * number) @ PLACE.translate((across, 0.0, 0.0))
+        scene.add(dressed(ball(), brass), place @ PLACE.scale(deep - 0.01))
+    scene.environment = replace(studio(), background=False)
+    scene.section = rj.Plane(
+        (0, 0, 0), (0, 0, 1), cap_color="#b5483a", lines=True, line_color="#38110c"
+    )
+    camera = rj.PerspectiveCamera(eye=(3.2, 3.4, 6.4), target=(0.0, 0.1, -0.4), fov_y=34.0)
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
 @picture
 def labels(size: Size) -> Picture:
     """Parts of a teapot by their names; what is behind it is not told."""

@@ -19,7 +19,7 @@ What is drawn
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
-    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene.
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `Plane` cuts open.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -121,6 +121,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.section import Plane
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
@@ -187,6 +188,7 @@ __all__ = [
     "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",
+    "Plane",
     "PointLight",
     "Points",
     "Quality",

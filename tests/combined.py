@@ -23,7 +23,7 @@ SIZE = (72, 68)
 
 SWITCHES = (
     "filter", "mask", "facets", "highlight", "spot", "point", "environment", "fog", "occlusion",
-    "outline", "wireframe", "vignette", "tone", "parallel", "label", "dome",
+    "outline", "wireframe", "vignette", "tone", "parallel", "label", "dome", "section",
 )  # fmt: skip
 """Effects that are on or off."""
 
@@ -53,18 +53,18 @@ def all_pairs():
 
 
 ROWS = (
-    ("1101011011111111", "nearest"),
-    ("0010100001010011", "layers"),
-    ("1011111110110011", "area"),
-    ("1100000100011111", "nearest"),
-    ("0100011100110111", "layers"),
-    ("0111100010011111", "area"),
-    ("0010010111001000", "nearest"),
-    ("1101100011111000", "layers"),
-    ("0001001001000100", "area"),
-    ("0011101010110110", "nearest"),
-    ("1000101011101111", "layers"),
-    ("0110001110001101", "area"),
+    ("11010110111111111", "nearest"),
+    ("00101000010100111", "layers"),
+    ("10111111101100111", "area"),
+    ("11000001000111111", "nearest"),
+    ("01000111001101111", "layers"),
+    ("01111000100111110", "area"),
+    ("00100101110010000", "nearest"),
+    ("11011000111110001", "layers"),
+    ("00010010010001000", "area"),
+    ("00111010101101101", "nearest"),
+    ("10001010111011110", "layers"),
+    ("01100011100011011", "area"),
 )
 """Settings, one for each switch, and the mix: every pair of settings is in one of them."""
 
@@ -155,6 +155,9 @@ def scene_of(row):
         scene.add(rj.Label((0.4, 0.2, 1.0), "Label\ntwo", 11, background="#ffd0a0c0", hidden=True))
         scene.add(rj.Label((-0.5, 0.0, -3.0), "never", 30, hidden=True))
     scene.eye_dome = rj.EyeDome(0.2) if on["dome"] else None
+    # All objects are open: none has a cap.
+    plane = rj.Plane((1.3, 0.9, 0.0), (1.0, 0.6, 0.2), cap=False, lines=True, line_color="#208040")
+    scene.section = plane if on["section"] else None
     looking = {"eye": (0.8, 1.2, 6.0), "target": (0, 0, 0), "near": 0.5, "far": 30.0}
     if on["parallel"]:
         camera = rj.OrthographicCamera(height=6.4, **looking)

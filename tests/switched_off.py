@@ -79,6 +79,8 @@ def full_scene():
     scene.outline = rj.Outline()
     scene.vignette = rj.Vignette()
     scene.wireframe = rj.Wireframe("black")
+    # It cuts nothing.
+    scene.section = rj.Plane((0.0, 0.0, 50.0), (0.0, 0.0, 1.0))
     scene.add(rj.Label((0.0, 0.0, 1.5), "label"))
     return scene
 
@@ -202,6 +204,7 @@ WITHOUT = {
     "ambient occlusion": without_field("ambient_occlusion"),
     "vignette": without_field("vignette"),
     "outline": without_field("outline"),
+    "section": without_field("section"),
     "wireframe": without_field("wireframe"),
     "labels": without_labels,
     "transparency": opaque("blend"),

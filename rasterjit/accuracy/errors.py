@@ -104,6 +104,8 @@ def _uv_error(frame: Frame, reference: Reference, is_same: NDArray[np.bool_]) ->
     if "uv" not in frame.plan.outputs:
         return None
     owners = np.searchsorted(reference.face_starts, frame.face_id[is_same], side="right") - 1
+    # Caps of sections, which have no texture coordinates, come behind all faces.
+    owners = np.minimum(owners, len(reference.texels) - 1)
     difference = np.abs(
         frame.uv[is_same].astype(np.float64) - reference.buffers.uv[is_same]
     ) * np.take(reference.texels, owners, axis=0)

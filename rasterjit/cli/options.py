@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
+    from rasterjit.scene.section import Plane
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
 
@@ -89,7 +90,9 @@ OF_COLOR = (
 )
 """Options that act on colour alone, in light or codes."""
 
-OF_CODES = ("tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color")
+OF_CODES = (
+    "tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color", "section_lines",
+)  # fmt: skip
 """Options that act on 8-bit colour alone."""
 
 
@@ -190,6 +193,40 @@ class VectorType(click.ParamType):
         if not all(map(math.isfinite, (x, y, z))):
             self.fail(f"{value!r} must be finite", parameter, context)
         return x, y, z
+
+
+class PlaneType(click.ParamType):
+    """A plane that cuts: ``x=0.5``, ``-x=0.5``, or a point and a normal, ``X,Y,Z,NX,NY,NZ``."""
+
+    name = "plane"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the point and the normal, six numbers, or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        text = value.replace(" ", "").lower()
+        axis = re.fullmatch(r"(-?)([xyz])=(.+)", text)
+        try:
+            if axis is not None:
+                place, number = "xyz".index(axis[2]), float(axis[3])
+                numbers = [0.0] * 6
+                numbers[place], numbers[3 + place] = number, -1.0 if axis[1] else 1.0
+            else:
+                numbers = [float(part) for part in text.split(",")]
+                if len(numbers) != 6:
+                    raise ValueError
+        except ValueError:
+            self.fail(
+                f"{value!r} is neither AXIS=PLACE, such as x=0.5 or -z=0, nor X,Y,Z,NX,NY,NZ",
+                parameter, context,
+            )  # fmt: skip
+        if not all(map(math.isfinite, numbers)):
+            self.fail(f"{value!r} must be finite", parameter, context)
+        if not any(numbers[3:]):
+            self.fail(f"{value!r} must have a normal that is not zero", parameter, context)
+        return tuple(numbers)
 
 
 class RangeType(click.ParamType):
@@ -969,6 +1006,8 @@ class Effects(NamedTuple):
     exposure: float | None
     vignette: float | None = None
     eye_dome: float | None = None
+    section: tuple[tuple[float, ...], ...] = ()
+    section_lines: str | None = None
     samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
@@ -1016,6 +1055,20 @@ class Effects(NamedTuple):
             scene.vignette = Vignette(self.vignette)
         if self.eye_dome is not None:
             scene.eye_dome = EyeDome(self.eye_dome)
+        if not self.section:
+            refuse_idle(["section_lines"], "it is for --section")
+        else:
+            scene.section = _planes(self.section, self.section_lines)
+
+
+def _planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[Plane]:
+    """Return planes of points and normals, with lines of a colour or without."""
+    from rasterjit.scene.section import Plane
+
+    color = lines or "black"
+    return [
+        Plane(plane[:3], plane[3:], lines=lines is not None, line_color=color) for plane in planes
+    ]
 
 
 def _cast_shadows(scene: Scene) -> None:
@@ -1070,6 +1123,12 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
                          help="Doublings of the light before the curve."),
             click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
                          help="Darken the corners by this share of their light."),
+            click.option("--section", metavar="PLANE", type=PlaneType(), multiple=True,
+                         help="Cut away what lies in front of a plane: x=0.5 all above 0.5 in x, "
+                              "-x=0.5 all below, or a point and a normal, X,Y,Z,NX,NY,NZ; may be "
+                              "repeated."),
+            click.option("--section-lines", type=ColorType(is_opaque=True),
+                         help="Draw the outline of the cut in this colour."),
         ],
         command,
     )  # fmt: skip

@@ -36,7 +36,8 @@ from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.plan import Cull
-from rasterjit.rendering.renderer import choose_camera, render
+from rasterjit.rendering.renderer import render
+from rasterjit.rendering.views import choose_camera, cut_open
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
@@ -108,7 +109,7 @@ def explain_pixel(
     size = image_size("size", size)
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = posed_scene(as_scene(what))
-    camera = choose_camera(scene, camera, size)
+    camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), ("color", "linear"), background, cull
     )
@@ -138,9 +139,42 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
             cull=plan.cull, threads=1,
         )  # fmt: skip
         seen = frame.color[y, x]
+    faces, parts = _as_whole(drawn, faces), _parts_as_whole(drawn, parts)
     reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
     return PixelExplanation(
         x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
+    )
+
+
+def _as_whole(drawn: Drawn, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
+    """Return faces with their numbers in the scene before a section cut it."""
+    cut = drawn.cache.cut
+    if cut is None:
+        return faces
+    found = []
+    for face in faces:
+        number, owner = cut.numbered(face.face, face.object_number)
+        is_cap = number >= cut.face_starts[-1]
+        found.append(
+            replace(
+                face,
+                face=number,
+                object_number=owner,
+                mesh_face=-1 if is_cap else number - int(cut.face_starts[owner]),
+                mesh_vertices=cut.vertices_of(face.object_number, face.mesh_vertices),
+            )
+        )
+    return tuple(found)
+
+
+def _parts_as_whole(drawn: Drawn, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
+    """Return parts of a colour with the numbers of faces before a section cut them."""
+    cut = drawn.cache.cut
+    if cut is None:
+        return parts
+    return tuple(
+        part if part.face is None else replace(part, face=int(cut.face_numbers[part.face]))
+        for part in parts
     )
 
 

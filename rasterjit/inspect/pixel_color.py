@@ -418,7 +418,10 @@ def _alpha_of(drawn: Drawn, face: int, color: NDArray[np.float32]) -> float:
 def _name_of(drawn: Drawn, face: int) -> str:
     """Name a face by its number and its object."""
     owner = owner_of(drawn, face)
-    name, place = drawn.scene.nodes[owner].name, f"object {owner}"
+    name = drawn.scene.nodes[owner].name
+    if drawn.cache.cut is not None:
+        face, owner = drawn.cache.cut.numbered(face, owner)
+    place = f"object {owner}"
     return f"face {face} of {place if name == place else f'{place} {name}'}"
 
 

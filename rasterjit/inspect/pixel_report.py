@@ -78,9 +78,10 @@ class FaceAtPixel:
     object_number: int
     object_name: str
     mesh_face: int
-    """Row of ``Mesh.faces``."""
+    """Row of ``Mesh.faces``; -1 of the cap of a section."""
     mesh_vertices: tuple[int, int, int]
-    """Rows of ``Mesh.vertices``: the face's three vertices. All arrays below are in their order."""
+    """Rows of ``Mesh.vertices``: the face's three vertices; -1 of those that a section made. All
+    arrays below are in their order."""
     model: NDArray[np.float64]
     """(3, 3), model space, scene units."""
     world: NDArray[np.float64]

@@ -10,7 +10,7 @@ format the frame's own depths were compared.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ from rasterjit.survey.effect import Rows
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
+if TYPE_CHECKING:
+    from rasterjit.survey.sections import Cut
+
 PIXELS_AT_ONCE = 1 << 15
 """Pixels that NumPy does at once: their float64 copies stay in L2."""
 
@@ -57,7 +60,7 @@ def fill_buffers(
 ) -> None:
     """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
     shapes, face_id = cache.shapes, coverage.face_id
-    result["face_id"] = face_id
+    result["face_id"] = face_id if cache.cut is None else cache.cut.face_numbers[face_id]
     if plan.facts.fills_nothing:
         return
     if "depth" in plan.outputs:
@@ -66,13 +69,15 @@ def fill_buffers(
         )
     if "barycentric" in plan.outputs:
         result["barycentric"] = fill_barycentric(face_id, geometry, workers)
+        if cache.cut is not None:
+            _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
     if "uv" in plan.outputs:
         result["uv"] = fill_attribute(face_id, geometry, shapes.uv, workers)
     if "scalar" in plan.outputs:
         result["scalar"] = _fill_scalars(shapes, geometry, face_id, workers)
     for name in plan.facts.attributes.keys() & set(plan.outputs):
         result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
-    _fill_numbers(plan, shapes, face_id, result)
+    _fill_numbers(plan, cache, face_id, result)
     points = coverage.points if plan.facts.seen.points else None
     _fill_places(plan, cache, geometry, placement, face_id, points, result, workers)
     _fill_normals(plan, cache, geometry, placement, face_id, points, result, workers)
@@ -136,14 +141,29 @@ def _fill_scalars(
     return scalar
 
 
+def _weigh_whole_faces(
+    cut: Cut, face_id: NDArray[np.int32], barycentric: NDArray[np.float32]
+) -> None:
+    """Turn weights in parts of faces, (H, W, 3), into those in the whole faces."""
+    rows, columns = np.nonzero(cut.is_piece[face_id])
+    for start in range(0, len(rows), SAMPLES_AT_ONCE):
+        some = rows[start : start + SAMPLES_AT_ONCE], columns[start : start + SAMPLES_AT_ONCE]
+        own, corners = barycentric[some], cut.weights[face_id[some]]
+        a, b, c = (own[:, k, np.newaxis] * corners[:, k] for k in range(3))
+        barycentric[some] = (a + b) + c
+
+
 def _fill_numbers(
-    plan: RenderPlan, shapes: Shapes, face_id: NDArray[np.int32], result: Buffers
+    plan: RenderPlan, cache: SceneCache, face_id: NDArray[np.int32], result: Buffers
 ) -> None:
     """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
     wanted = {"object_id", "instance_id", "material_id"}.intersection(plan.outputs)
     if not wanted:
         return
-    object_id = shapes.object_numbers[face_id]
+    shapes, object_id = cache.shapes, cache.shapes.object_numbers[face_id]
+    if cache.cut is not None:
+        # Of the scene before it was cut.
+        shapes, object_id = Shapes(list(cache.cut.meshes)), cache.cut.owners[object_id]
     if "object_id" in wanted:
         result["object_id"] = object_id
     if "instance_id" in wanted:
@@ -214,13 +234,20 @@ def _fill_places(
         made = cache.shapes.at_rest(placement)
         result["object_position"] = places(own, into_models(np.ones(count)), made)
     if "nocs" in plan.outputs:
-        boxes = box_matrices(cache.shapes.rest_boxes)
+        boxes = box_matrices(_whole_boxes(cache))
         nocs = places(boxes, into_models(boxes[:, 0, 0]), cache.shapes.at_rest(placement))
         np.clip(nocs, 0.0, 1.0, out=nocs)
         result["nocs"] = nocs
     if "distance" in plan.outputs:
         relative = places(placement.relative_from_model)
         result["distance"] = _distances(relative, plan, placement, workers)
+
+
+def _whole_boxes(cache: SceneCache) -> NDArray[np.float64]:
+    """Return the box of each object, (O, 2, 3), before it was posed and a section cut it."""
+    if cache.cut is None:
+        return cache.shapes.rest_boxes
+    return Shapes(list(cache.cut.meshes)).rest_boxes[cache.cut.owners[:-1]]
 
 
 def _model_axes(world_from_model: NDArray[np.float64], points: PointsSeen) -> NDArray[np.float64]:

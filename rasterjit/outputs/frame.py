@@ -19,6 +19,7 @@ from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
+from rasterjit.scene.section import planes_of
 from rasterjit.scene.validation import cut_short, in_short, index_below, question
 from rasterjit.survey.plan import RenderPlan
 
@@ -125,10 +126,11 @@ class Pick(NamedTuple):
         Index of the object in ``scene.nodes`` as that was: a number, as in ``object_id``, no
         `Node`.
     face : int
-        Number of the face in the object's mesh: ``scene.nodes[node].mesh.faces[face]``.
+        Number of the face in the object's mesh: ``scene.nodes[node].mesh.faces[face]``; of the cap
+        that a section gives it -1, or -1 minus the number of the plane.
     weights : (3,) float32
         Of the face's vertices, without unit, as in the output barycentric; their sum is 1. Those of
-        points and lines are (0, 0, 0).
+        points, lines and caps are (0, 0, 0).
     position : (3,) float32
         Where the point is, scene units, world space.
     scalar : float or None
@@ -200,7 +202,11 @@ class Frame:
 
     @property
     def face_id(self) -> NDArray[np.int32]:
-        """(H, W) int32: face number, counted through all objects in order; -1 where nothing is."""
+        """
+        (H, W) int32: face number, counted through all objects in order; -1 where nothing is.
+
+        Caps of a section have numbers above those of all faces: see `Plane`.
+        """
         return self._output("face_id")
 
     @property
@@ -570,9 +576,14 @@ class Frame:
             return None
         starts = self._first_faces()
         node = int(np.searchsorted(starts, face, side="right")) - 1
+        own = face - int(starts[node])
+        if node == len(starts) - 1:
+            # A cap: those of an object, one for each plane, follow each other.
+            node, plane = divmod(own, len(planes_of(self.plan.facts.asked["section"])))
+            own = -1 - plane
         scalar = self._outputs.get("scalar")
         return Pick(
-            node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy(),
+            node, own, weights[pixel].copy(), position[pixel].copy(),
             None if scalar is None else float(scalar[layer][pixel]),
         )  # fmt: skip
 

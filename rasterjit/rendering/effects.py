@@ -14,6 +14,7 @@ from rasterjit.effects.eye_dome import EYE_DOME
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.label import LABELS
 from rasterjit.effects.outline import OUTLINE
+from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.effects.shadows import SHADOWS
 from rasterjit.effects.tone_map import TONE_MAPPING
 from rasterjit.effects.transmission import TRANSMISSION
@@ -49,6 +50,8 @@ EFFECTS: tuple[Effect, ...] = (
     AMBIENT_OCCLUSION,
     VIGNETTE,
     OUTLINE,
+    SECTION,
+    SECTION_LINES,
     TRANSPARENCY,
     ANTIALIASING,
     WIREFRAME,

@@ -36,6 +36,8 @@ from rasterjit.rendering.lens_pictures import (
 from rasterjit.rendering.views import (
     PlannedFrame,
     choose_camera,
+    cut_alike,
+    cut_open,
     find_earlier,
     look_from,
     naming,
@@ -173,7 +175,8 @@ def plan_lensed(
     compared = None
     if earlier is not None:
         with naming("previous.camera"):
-            compared = *earlier, see(lens, earlier[1], size)
+            before = cut_alike(earlier[0], cut_open(scene))
+            compared = before, earlier[1], see(lens, earlier[1], size)
     return Lensed(
         lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
     )
@@ -251,7 +254,7 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
         # The caller may write to it.
         _ = stats.pixels_covered
     clock("lens")
-    return Frame(result, planned.plan, stats, None, one.cache.shapes.arrays.face_starts)
+    return Frame(result, planned.plan, stats, None, one.cache.face_starts)
 
 
 class Comparison(NamedTuple):

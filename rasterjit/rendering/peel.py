@@ -144,7 +144,7 @@ def _draw_layers(
         if is_empty:
             break
     clock("buffers")
-    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.shapes.arrays.face_starts
+    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.face_starts
     return LayeredFrame(arrays, plan, stats, face_starts=face_starts)
 
 

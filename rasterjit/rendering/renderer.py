@@ -277,7 +277,7 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics, cache.shapes.arrays.face_starts), seen
+        return Frame(arrays, plan, stats, diagnostics, cache.face_starts), seen
 
 
 def find_visible(

@@ -11,6 +11,7 @@ from rasterjit.outputs import motion, table
 from rasterjit.rendering.plan import Known, plan_frame
 from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
 from rasterjit.scene.framing import fit_camera
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import in_short
@@ -72,7 +73,7 @@ def plan_views(
     ValueError
         Naming the argument that is wrong.
     """
-    camera = choose_camera(scene, camera, size)
+    camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)
     plan = plan_frame(
@@ -84,6 +85,7 @@ def plan_views(
     earlier = find_earlier(previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views)
+    earlier = cut_alike(earlier[0], scene), earlier[1]
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = placing.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
@@ -138,6 +140,24 @@ def settle_together(
     looks = [look_from(scene, camera, size, quality, cache) for camera in near_by]
     steps = join(looks).steps
     return [settled(camera, *steps) for camera in cameras]
+
+
+def cut_open(scene: Scene) -> Scene:
+    """Return what a scene's section has left of it, the scene itself without one."""
+    if scene.section is None:
+        return scene
+    from rasterjit.survey.sections import cut
+
+    return cut(scene)
+
+
+def cut_alike(earlier: Scene, scene: Scene) -> Scene:
+    """Return an earlier scene, cut where a scene that `cut_open` returned is."""
+    if scene.section is None:
+        return earlier
+    from rasterjit.survey import sections
+
+    return sections.cut_alike(earlier, scene)
 
 
 def needs_settling(camera: Camera | None) -> bool:
@@ -213,12 +233,18 @@ def find_earlier(
         with naming("previous.scene"):
             earlier = posed_scene(as_scene(previous.scene))
             contents.check_scene(earlier)
-        motion.check_same_objects(scene.nodes, earlier.nodes)
+        motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):
             camera = choose_camera(earlier, previous.camera, plan.size)
             camera.projection_matrix(plan.size)
     return earlier, camera
+
+
+def _whole(scene: Scene) -> Sequence[Node]:
+    """Return the objects of a scene as they were before a section cut them."""
+    cut = getattr(scene.nodes, "cut", None)
+    return scene.nodes if cut is None else cut.nodes
 
 
 @contextmanager

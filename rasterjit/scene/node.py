@@ -101,6 +101,10 @@ class Node(Placed, Guarded):
     """What ``_transform`` was made of, where that is known."""
     _posed: Any = None
     """What it was drawn as in its last pose, and what that follows from; see `survey.posing`."""
+    _cut: Any = None
+    """What a section left of it when it was last cut, and what that follows from."""
+    _cut_scene: Any = None
+    """Of a scene's first object: what was left of all of them."""
 
     def __init__(
         self,
@@ -319,8 +323,7 @@ class Node(Placed, Guarded):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
         alone = {"_parent": None, "_children": [], "_scene": None}
-        if self._posed is not None:
-            alone["_posed"] = None
+        alone |= {name: None for name in ("_posed", "_cut", "_cut_scene") if name in self.__dict__}
         if self._trs is not None and self._parent is not None:
             alone["_trs"] = None
         return {**self.__dict__, **alone, "_transform": self._world_from_model}

@@ -8,6 +8,7 @@ import math
 import os
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
+from rasterjit.scene.section import Plane, check_section
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
@@ -43,7 +45,7 @@ if TYPE_CHECKING:
 _CHUNK = 1 << 18
 """Vertices transformed at once while measuring a scene."""
 
-EFFECT_FIELDS: dict[str, tuple[type, str]] = {
+EFFECT_FIELDS: dict[str, tuple[type | tuple[type, ...], str]] = {
     "wireframe": (Wireframe, "a Wireframe"),
     "ambient_occlusion": (AmbientOcclusion, "an AmbientOcclusion"),
     "outline": (Outline, "an Outline"),
@@ -52,6 +54,7 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
     "fog": (Fog, "Fog"),
     "tone_map": (ToneMap, "ToneMap"),
     "vignette": (Vignette, "a Vignette"),
+    "section": ((Plane, tuple), "a Plane, several"),
 }
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
@@ -93,6 +96,8 @@ class Scene(Guarded, Previewed):
         How much darker the corners of the picture are.
     variant : str or None
         Which of ``variants`` is shown; None for what the meshes show by themselves.
+    section : Plane, tuple of Plane or None
+        What the scene is cut open by; lists of planes are kept as tuples.
 
     Raises
     ------
@@ -101,6 +106,7 @@ class Scene(Guarded, Previewed):
     """
 
     _FIELDS = ("nodes", "lights", "camera", "animations", *EFFECT_FIELDS, "variant")
+    _CHECKS = MappingProxyType({"section": lambda _, value: check_section("section", value)})
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -115,6 +121,7 @@ class Scene(Guarded, Previewed):
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
         self.vignette: Vignette | None = None
+        self.section: Plane | Sequence[Plane] | None = None
         # Topmost nodes without a mesh, which may have none below them either; how many objects
         # were removed, so that default names stay apart.
         self._groups: dict[Node, None] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,9 @@ from rasterjit.survey.contents import SMOOTH, Attribute, Inventory
 from rasterjit.survey.overrides import look_of, meshes_under
 from rasterjit.survey.placement import Extents, Places, mesh_boxes
 
+if TYPE_CHECKING:
+    from rasterjit.survey.sections import Cut
+
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return every edge of the faces once, (N, 2), lower vertex number first, ascending."""
@@ -70,6 +73,7 @@ class Shapes:
         self.meshes = meshes
         self.distinct = list(dict.fromkeys(meshes))
         self._attributes: dict[str, tuple[NDArray[np.float32] | None, ...]] = {}
+        self.cut_edges: tuple[Cut, NDArray[np.int32]] | None = None
 
     @cached_property
     def arrays(self) -> SceneArrays:
@@ -281,11 +285,28 @@ class SceneCache(NamedTuple):
     """Of the objects at their places."""
     all_tables: dict[Any, MaterialTables]
     """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
+    cut: Cut | None = None
+    """What its numbers mean, if they are what a section has left of another scene."""
 
     @property
     def inventory(self) -> tuple[Inventory, Extents]:
         """What the objects are, and how far they reach, as a plan takes them."""
         return self.tables.inventory, self.extents
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """Every edge of the faces once, (N, 2), but for those inside of faces that were cut."""
+        if self.cut is None:
+            return self.shapes.edges
+        known = self.shapes.cut_edges
+        if known is None or known[0] is not self.cut:
+            known = self.shapes.cut_edges = self.cut, self.cut.edges_of(self.shapes)
+        return known[1]
+
+    @property
+    def face_starts(self) -> NDArray[np.int64]:
+        """(O+1,): first face of each object, as outputs number them."""
+        return self.shapes.arrays.face_starts if self.cut is None else self.cut.face_starts
 
 
 def prepare(
@@ -324,7 +345,8 @@ def prepare(
         extents = known.extents
     else:
         extents = Extents(shapes.boxes, places.world_from_model)
-    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables)
+    cut = getattr(nodes, "cut", None)
+    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables, cut)
 
 
 def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:

@@ -870,6 +870,31 @@ def test_pictures_of_a_folder_have_no_colour_bar(tmp_path, measured):
     assert np.array_equal(found, rendered(scene=shown_by(measured, QUALITY)).color[..., :3])
 
 
+@pytest.mark.parametrize(
+    ("options", "planes"),
+    [
+        (["x=0.25"], [((0.25, 0, 0), (1, 0, 0))]),
+        (["-y=1", "z = -0.5"], [((0, 1, 0), (0, -1, 0)), ((0, 0, -0.5), (0, 0, 1))]),
+        (["1,2,3,0,0.6,-0.8"], [((1, 2, 3), (0, 0.6, -0.8))]),
+    ],
+)
+def test_sections_are_options(tmp_path, options, planes):
+    given = [word for text in options for word in ("--section", text)]
+    found = render(tmp_path, *given, "--section-lines", "red", "--shading", "unlit")
+    scene = rj.load(CUBE)
+    scene.section = [rj.Plane(*plane, lines=True, line_color="red") for plane in planes]
+    for node in scene.nodes:
+        node.mesh.material = rj.Material("unlit")
+    assert np.array_equal(found[..., :3], rendered(scene=scene).color[..., :3])
+
+
+@pytest.mark.parametrize("text", ["x", "w=1", "x=a", "1,2,3", "0,0,0,0,0,0", "x=inf"])
+def test_bad_sections_are_wrong_usage(tmp_path, text):
+    result = run("render", CUBE, "-o", tmp_path / "a.png", "--section", text)
+    assert result.exit_code == 2
+    assert "--section" in result.output
+
+
 def test_eye_dome_lighting_is_an_option(tmp_path):
     found = render(tmp_path, "--eye-dome", "0.5", "--shading", "unlit")
     scene = rj.load(CUBE)
@@ -894,6 +919,8 @@ IDLE = [
     ("render", "a.npz", "--outputs", "linear", "--exposure", 1),
     ("render", "a.npz", "--outputs", "linear", "--outline", "red"),
     ("render", "a.npz", "--outputs", "linear", "--vignette", 0.5),
+    ("render", "a.npz", "--outputs", "linear", "--section", "x=0", "--section-lines", "red"),
+    ("render", "a.png", "--section-lines", "red"),
     ("render", "a.npz", "--outputs", "linear", "--wireframe", "overlay"),
     ("render", "a.npz", "--outputs", "linear", "--wireframe-color", "red"),
     ("render", "a.npz", "--outputs", "depth", "--scalars", "heat"),

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.needs_jit
 BUFFERS = ("depth", "face_id", "object_id", "barycentric", "normal", "position")
 COLORS = ("color", "linear")
 
-SHAPES = {"mask", "facets", "parallel"}
+SHAPES = {"mask", "facets", "parallel", "section"}
 """Switches that move what is seen; the others change colours alone."""
 
 CODED = {"outline", "wireframe", "vignette", "tone", "label"}
@@ -98,7 +98,7 @@ def test_all_numbers_are_finite_and_no_light_is_negative(row):
 @rows
 def test_buffers_are_those_of_the_bare_scene(row):
     scene, camera, _ = scene_of(row)
-    for name in EFFECT_FIELDS:
+    for name in EFFECT_FIELDS.keys() - {"section"}:
         setattr(scene, name, None)
     scene.lights = []
     # Nothing is shaded, and a pixel has one sample.

@@ -138,6 +138,7 @@ GONE = {
     },
     "vignette": {"vignette.darken_rows"},
     "outline": {"outline.find_edges", "outline.draw_marks"},
+    "section": {"section_caps.fill_outlines", "section_caps.find_contacts"},
     "wireframe": {
         "wireframe.draw_edges", "wireframe.fill_slack", "wireframe.find_pixels",
         "wireframe.project_edges",
@@ -178,8 +179,10 @@ def test_every_effect_is_in_the_full_scene(told):
         size=switched_off.SIZE, outputs=("color", "linear"),
     )  # fmt: skip
     absent = {effect.name for effect in plan.effects if not effect.used}
-    # An image is no part of a scene.
-    assert absent == {"single-sided objects", "background image", "diagnostics"}
+    # An image is no part of a scene; section lines have the kernels of outlines and wireframes.
+    assert absent == {
+        "single-sided objects", "background image", "diagnostics", "section lines",
+    }  # fmt: skip
     assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}
 
 

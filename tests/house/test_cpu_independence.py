@@ -342,6 +342,7 @@ ALLOWED = {
     ("pipeline/visibility/draw.py", "sum"): "whole numbers: counts of triangles",
     ("pipeline/visibility/primitives.py", "sum"): "whole numbers: counts of pieces",
     ("pipeline/visibility/primitives.py", "dot"): "our own, three terms of Python",
+    ("survey/sections.py", "fsum"): "rounded once, in whatever order",
     ("scene/points.py", "sum"): "whole numbers: counts for a message",
     ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",
     ("rendering/batch.py", "sum"): "whole numbers: counts of faces and pixels",

@@ -100,6 +100,13 @@ CHANGES = {
     ),
     "a vignette": lambda scene: give(scene, vignette=rj.Vignette()),
     "a weaker vignette": lambda scene: give(scene, vignette=rj.Vignette(0.2)),
+    "a section": lambda scene: give(
+        scene, section=rj.Plane((0.1, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
+    ),
+    "another section": lambda scene: give(
+        scene, section=rj.Plane((0.2, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
+    ),
+    "no section": lambda scene: give(scene, section=None),
     "a cone": lambda scene: scene.lights.append(rj.SpotLight((-1.2, 4, -1), (0, -1, 0))),
     "a narrower cone": lambda scene: scene.lights.__setitem__(
         -1, rj.SpotLight((-1.2, 4, -1), (0, -1, 0), outer_angle=9.0)

@@ -319,6 +319,8 @@ def test_every_reason_is_spelled_out(cube, camera):
         "ambient occlusion        out (scene.ambient_occlusion is None)",
         "vignette                 out (scene.vignette is None)",
         "outline                  out (scene.outline is None)",
+        "section                  out (scene.section is None)",
+        "section lines            out (scene.section is None)",
         "transparency             out (no material is blended)",
         "anti-aliasing            out (quality.samples is 1)",
         "wireframe                in  (mode overlay)",

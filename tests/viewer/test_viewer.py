@@ -447,8 +447,11 @@ def test_every_effect_key_is_known_and_told():
         "z": "vignette", "j": "labels", "y": "eye-dome lighting",
     }  # fmt: skip
     assert set(switches.KEYS.values()) <= names
-    assert {key: effect.name for key, effect in switches.MODED.items()} == {"g": "wireframe"}
+    assert {key: effect.name for key, effect in switches.MODED.items()} == {
+        "g": "wireframe", "p": "section",
+    }  # fmt: skip
     assert ("G", "wireframe: over the faces, alone, off") in HELP
+    assert ("P", "section: the scene's own, or across z, across x, across y, off") in HELP
     rows = [(row[0].split(), row[1].split(", ")) for row in HELP]
     told = [pair for keys, words in rows for pair in zip(keys, words, strict=False)]
     for one, name in switches.KEYS.items():

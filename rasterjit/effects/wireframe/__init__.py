@@ -269,7 +269,7 @@ class Edges(Effect):
         hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.facts.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
         rgba = opaque_codes(wireframe.color)
-        lines = cache.shapes.edges, geometry, coefficients, rgba, color, hidden_by
+        lines = cache.edges, geometry, coefficients, rgba, color, hidden_by
         if plan.quality.lines == "bresenham":
             draw_edges(*lines, workers)
             return

@@ -1,0 +1,186 @@
+"""
+Sections: say what a section does, and draw the lines along which it cuts.
+
+A frame has it where the scene asks for it. The cut itself is geometry, made before anything is
+planned (`rasterjit.survey.sections`), and costs a frame what its objects cost: nothing here.
+Section lines are drawn over the finished picture, where colour is shown in 8 bits: as edges of a
+wireframe, hidden by what is nearer, each pixel widened to a disc as those of outlines are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.outline import disc_rows
+from rasterjit.effects.outline.stage import draw_marks
+from rasterjit.effects.wireframe import draw_edges
+from rasterjit.runtime.threads import rows_per_task
+from rasterjit.scene.color import opaque_codes
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.section import Plane, planes_of
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Planned,
+    Planning,
+    Rows,
+    with_field,
+)
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+MARK = np.array([255, 255, 255, 255], np.uint8)
+"""What marks a pixel that a line goes through."""
+
+
+class Sections(Effect):
+    """Say by what a scene is cut: what is drawn is what is left of it."""
+
+    name = "section"
+    field = "section"
+    key = "p"
+    modes: ClassVar = {"own": "the scene's own, or across z", "x": "across x", "y": "across y"}
+    joins_faces = True
+    follows_facts = True
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether the scene is cut."""
+        planes = planes_of(facts.asked[self.field])
+        return Planned(self, facts, planes) if planes else Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say by how many planes the scene is cut."""
+        planes = planes_of(facts.asked[self.field])
+        if not planes:
+            return "scene.section is None"
+        cutting = f"{len(planes)} planes" if len(planes) > 1 else "one plane"
+        capped = len([plane for plane in planes if plane.cap])
+        some = f" of {capped}" if 0 < capped < len(planes) else ""
+        return f"{cutting}, {f'closed meshes have caps{some}' if capped else 'without caps'}"
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that fill caps."""
+        if not any(plane.cap for plane in planes_of(plan.facts.asked[self.field])):
+            return {}
+        anew = "a closed mesh is cut anew"
+        names = "find_contacts", "fill_outlines"
+        return {"prepare": [(f"section_caps.{name}", "", anew) for name in names]}
+
+    def mode_of(self, scene: Scene) -> str | None:
+        """Return how a scene is cut, as far as keys tell; None: it is not."""
+        return None if scene.section is None else "own"
+
+    def with_mode(self, scene: Scene, mode: str | None) -> Scene:
+        """Return the scene cut through its middle, across an axis, unless by planes of its own."""
+        if mode is None or (mode == "own" and scene.section is not None):
+            return scene if mode == "own" else with_field(scene, self.field, None)
+        try:
+            center, _ = scene.bounding_sphere()
+        except ValueError:
+            return scene
+        if not np.isfinite(center).all():
+            return scene
+        normal = tuple(float(axis == mode.replace("own", "z")) for axis in "xyz")
+        return with_field(scene, self.field, Plane(tuple(center.tolist()), normal))
+
+
+class SectionLines(Effect):
+    """Draw the lines along which planes cut over the finished picture."""
+
+    name = "section lines"
+    looks = "neighbours"
+    reads_clip_positions = True
+    follows_facts = True
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether lines are drawn: they are 8-bit pixels, around faces."""
+        planes = planes_of(facts.asked["section"])
+        if any(plane.lines for plane in planes) and "color" in facts.outputs and facts.draws_faces:
+            return Planned(self, facts, planes)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why lines are drawn or not."""
+        planes = planes_of(facts.asked["section"])
+        if not planes:
+            return "scene.section is None"
+        widths = [f"{plane.line_width}" for plane in planes if plane.lines]
+        if not widths:
+            return "no plane has lines"
+        if "color" not in facts.outputs:
+            return "no output shows colour in 8 bits"
+        if not facts.draws_faces:
+            return "only the wireframe is drawn"
+        return f"{', '.join(dict.fromkeys(widths))} wide"
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell that faces hide lines."""
+        return True
+
+    def reach(self, data: tuple[Plane, ...]) -> int:
+        """Return how far from its middle a line goes."""
+        return max(plane.line_width for plane in data if plane.lines)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that draw lines."""
+        hiding = "hidden lines removed"
+        return {
+            "overlay": [
+                ("wireframe.find_pixels", "", ""),
+                ("wireframe.fill_slack", "", ""),
+                ("wireframe.project_edges", hiding, ""),
+                ("wireframe.draw_edges", hiding, ""),
+                ("outline.draw_marks", "", ""),
+            ]
+        }
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return where lines are noted."""
+        return [
+            ("slack of hidden lines", 1, "float32", plan.size),
+            ("marks of section lines", 4, "uint8", plan.size),
+        ]
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene cut without lines."""
+        planes = tuple(replace(plane, lines=False) for plane in planes_of(scene.section))
+        return with_field(scene, "section", planes)
+
+    @staticmethod
+    def draw_over(
+        planes: tuple[Plane, ...], context: FrameContext, color: NDArray[np.uint8]
+    ) -> None:
+        """Draw the lines over the colour, (H, W, 4)."""
+        plan, cache, geometry, _, coverage, workers = context
+        target, coefficients = color.view(np.uint32)[:, :, 0], plan.camera.depth_coefficients()
+        hidden_by = coverage.face_id, coverage.reversed_depth
+        height = len(target)
+        per_task = rows_per_task(target.shape, workers)
+        bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+        edges_of = [] if cache.cut is None else cache.cut.edges
+        for plane, edges in zip(planes, edges_of, strict=False):
+            if not plane.lines or not len(edges):
+                continue
+            drawn = np.zeros(color.shape, np.uint8)
+            draw_edges(edges, geometry, coefficients, MARK, drawn, hidden_by, workers)
+            marks, reach = drawn[:, :, 0].copy(), disc_rows(plane.line_width)
+            rgba = opaque_codes(plane.line_color).view(np.uint32)
+
+            def draw_band(
+                rows: tuple[int, int], marks: NDArray[np.uint8] = marks,
+                reach: NDArray[np.int32] = reach, rgba: NDArray[np.uint32] = rgba,
+            ) -> None:  # fmt: skip
+                draw_marks(marks, rows, reach, rgba, target)
+
+            workers.run(draw_band, bands)
+
+    places: ClassVar = {"overlay": draw_over}
+
+
+SECTION = Sections()
+SECTION_LINES = SectionLines()

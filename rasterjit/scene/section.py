@@ -1,0 +1,141 @@
+"""Sections: planes that cut a scene open, as a cutaway drawing of a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.validation import in_short, vector
+
+MOST_PLANES = 16
+"""Most planes of a section."""
+
+WIDEST_LINE = 64
+"""Widest section lines, pixels."""
+
+
+@says_replace
+@dataclass(frozen=True)
+class Plane:
+    """
+    A plane that cuts a scene open: what lies in front of it is not there.
+
+    ``scene.section = Plane(point, normal)``, or a list of planes, cuts all meshes, points and lines
+    of a scene; what lies in front of *any* of the planes is cut away. Faces are cut exactly where
+    the plane crosses them. The cut of a closed mesh is filled by a cap in a colour of its own; that
+    of an open one is not, which is warned of once. What lies in the plane itself stays if the solid
+    is behind it.
+
+    All outputs tell what is seen through the cut. A cap belongs to its object: ``object_id``,
+    ``instance_id`` and ``material_id`` are those of the object, ``face_id`` is the number of all
+    faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
+    ``barycentric``, ``uv``, scalars or attributes. What is cut away casts no shadow and hides no
+    label; labels that stand in front of a plane are left out. Points are cut by their centres.
+
+    Cameras that fit the scene, `Scene.bounds` and ``nocs`` are those of the whole scene, so that
+    the view holds while a plane moves. ``motion`` follows the points of the surface: an earlier
+    scene is cut where this one is.
+
+    Parameters
+    ----------
+    point : (3,) array_like, scene units
+        Any point of the plane, world space.
+    normal : (3,) array_like
+        Points to the side that is cut away; of any length but 0.
+    cap : bool
+        Whether the cut of closed meshes is filled.
+    cap_color : colour, optional
+        Of the caps, opaque, or see-through where its alpha is below 1. Default: half the light of
+        the object's own colour.
+    lines : bool
+        Whether the outline of the cut is drawn over 8-bit colour, open meshes' too.
+    line_color : colour
+        Of these lines; they are opaque.
+    line_width : int
+        Pixels, 1..64.
+
+    Raises
+    ------
+    ValueError
+        Naming the field: the point or the normal is not three finite numbers, the normal is zero,
+        a colour is not one, or a width is not a whole number of pixels in 1..64.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
+    >>> scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True)
+    """
+
+    point: ArrayLike
+    normal: ArrayLike
+    cap: bool = True
+    cap_color: ColorLike | None = None
+    lines: bool = False
+    line_color: ColorLike = "black"
+    line_width: int = 2
+
+    def __post_init__(self) -> None:
+        point = tuple(vector("point", self.point).tolist())
+        direction = vector("normal", self.normal)
+        largest = float(np.abs(direction).max())
+        if largest == 0.0:
+            raise ValueError(f"normal must not be zero, got {in_short(self.normal)}")
+        x, y, z = (direction / largest).tolist()
+        length = float(np.sqrt((x * x + y * y) + z * z))
+        object.__setattr__(self, "point", point)
+        object.__setattr__(self, "normal", (x / length, y / length, z / length))
+        for name in ("cap", "lines"):
+            value = getattr(self, name)
+            if not isinstance(value, (bool, np.bool_)):
+                raise ValueError(f"{name} must be True or False, got {in_short(value)}")
+            object.__setattr__(self, name, bool(value))
+        if self.cap_color is not None:
+            color = tuple(linear_color("cap_color", self.cap_color).tolist())
+            object.__setattr__(self, "cap_color", color)
+        color = tuple(linear_color("line_color", self.line_color).tolist())
+        object.__setattr__(self, "line_color", color)
+        width = self.line_width
+        is_whole = isinstance(width, (int, np.integer)) and not isinstance(width, bool)
+        if not (is_whole and 1 <= width <= WIDEST_LINE):
+            raise ValueError(
+                f"line_width must be a whole number of pixels in 1..{WIDEST_LINE}, got "
+                f"{in_short(width)}"
+            )
+        object.__setattr__(self, "line_width", int(width))
+
+    @property
+    def cut(self) -> tuple[Any, ...]:
+        """What decides where it cuts."""
+        return self.point, self.normal
+
+
+Section: TypeAlias = Plane | Sequence[Plane]
+"""What a scene may be cut by."""
+
+
+def check_section(name: str, value: Any) -> Plane | tuple[Plane, ...] | None:
+    """Return a plane, planes as a tuple, or ``None`` for none; raise ``ValueError`` otherwise."""
+    if value is None or isinstance(value, Plane):
+        return value
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ValueError(f"{name} must be a Plane, several or None, got {in_short(value)}")
+    for number, plane in enumerate(value):
+        if not isinstance(plane, Plane):
+            raise ValueError(f"{name}[{number}] must be a Plane, got {in_short(plane)}")
+    if len(value) > MOST_PLANES:
+        raise ValueError(f"{name} must have at most {MOST_PLANES} planes, got {len(value)}")
+    return tuple(value) or None
+
+
+def planes_of(section: Plane | tuple[Plane, ...] | None) -> tuple[Plane, ...]:
+    """Return the planes of a section."""
+    if section is None:
+        return ()
+    return (section,) if isinstance(section, Plane) else section

@@ -1,0 +1,1009 @@
+"""
+Cut the objects of a scene by the planes of its section, and cap what is cut open.
+
+The decision: sections are geometry, made once for all views. `cut` returns a scene in which each
+object that a plane crosses is another mesh, in the order of the old ones, and each cap is a mesh
+behind them all. So whatever draws a scene draws what is left of it: shadows, samples, transparency,
+motion and picking know nothing of planes. `Cut` says what each number of the new scene means in the
+old one. A scene without section never comes here.
+
+Distances to the planes are measured in world space, in float64; below 2**-46 of the coordinates'
+size they are 0, so that what lies in a plane is neither in front nor behind. Faces are cut by one
+plane after the other. A crossing is computed from the end of an edge that stays towards the one
+that goes, so that both faces of an edge and the cap get the same point bit for bit, in model space
+and for all that belongs to a vertex.
+
+Caps close what the cut opens: sides of what is left that lie in the plane, each as often as it
+goes one way more than the other, are outlines; what they wind around is filled
+(`pipeline.geometry.section_caps`), and cut by the next planes as faces are. Outlines that cross,
+as those of shells that run through each other, are split there, and a triangle without area fills
+in what rounding leaves between them and the edge of the face. So the outlines of closed meshes
+always close, whatever passes through vertices and edges.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import operator
+import weakref
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
+from rasterjit.scene.lines import Lines
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
+from rasterjit.scene.normals import unit_rows
+from rasterjit.scene.points import Points
+from rasterjit.scene.scene import Scene, with_labelled
+from rasterjit.scene.section import Plane, planes_of
+from rasterjit.scene.texture import UVSet
+from rasterjit.scene.transforms import transform_points
+from rasterjit.scene.validation import read_only
+from rasterjit.scene.vectors import cross
+from rasterjit.scene.warning import warn_caller
+from rasterjit.survey.contents import base_color_of
+from rasterjit.survey.placement import place_objects
+
+if TYPE_CHECKING:
+    from rasterjit.survey.cache import Shapes
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+FLAT = 2.0**-46
+"""Distance to a plane that counts as none, as a share of the coordinates' size."""
+
+SEAM = 2.0**-22
+"""Cells in which loose vertices are at one place, as a share of the mesh's largest coordinate."""
+
+GRID = 2.0**28
+"""Steps of the grid that outlines lie on, from the middle of a section to its farthest point."""
+
+DARKER = 0.5
+"""Share of the light of an object's own colour that its caps show."""
+
+MOST_ROUNDS = 8
+"""How often outlines are split where they meet; rounding makes new contacts next to never."""
+
+NO_WEIGHTS = np.zeros((0, 3, 3))
+
+CORNERS = np.arange(3)
+
+
+class CutMesh(Mesh):
+    """What is left of a mesh; all that belongs to its vertices follows from that mesh."""
+
+    _whole: Mesh
+    _recipe: Recipe
+
+    def vertex_normals(self) -> NDArray[np.float32]:
+        """Return normals between those of the whole mesh, (V, 3): not of length 1 in a cut."""
+        if self._vertex_normals is None:
+            self._vertex_normals = read_only(self._recipe.rows(self._whole.vertex_normals()))
+        return self._vertex_normals
+
+    def vertex_tangents(
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
+    ) -> NDArray[np.float32]:
+        """Return tangents between those of the whole mesh, (V, 2, 4)."""
+        return self._recipe.rows(self._whole.vertex_tangents(transform, uv_set))
+
+    def is_closed(self) -> bool:
+        """Tell that it is open."""
+        return False
+
+
+class Cut(NamedTuple):
+    """What the numbers of a cut scene mean in the scene that was cut."""
+
+    planes: tuple[Plane, ...]
+    face_starts: Int64
+    """(O+1,): first face of each object of the old scene."""
+    face_numbers: NDArray[np.int32]
+    """(F+1,): number of each face; of caps one above all faces. The last, of face -1, is -1."""
+    owners: NDArray[np.int32]
+    """(N+1,): object of each new object; the last is -1."""
+    meshes: tuple[Mesh, ...]
+    """Of the old scene."""
+    is_piece: NDArray[np.bool_]
+    """(F+1,): whether each face is a part of another, or a cap."""
+    weights: NDArray[np.float32]
+    """(F+1, 3, 3): of each corner of a piece in the face that it is cut from; 0 in caps. Empty
+    where there are no pieces."""
+    edges: tuple[NDArray[np.int32], ...]
+    """(E, 2) of each plane: where it cuts faces, vertex numbers of the new scene."""
+    nodes: tuple[Node, ...]
+    """Of the old scene."""
+    vertices: tuple[Int64 | None, ...]
+    """Of each new object the numbers of its vertices in the old mesh, -1 of new ones; ``None``:
+    they are the same."""
+
+    def numbered(self, face: int, new: int) -> tuple[int, int]:
+        """Return the numbers of a face and its object, given those in the cut scene."""
+        return int(self.face_numbers[face]), int(self.owners[new])
+
+    def edges_of(self, shapes: Shapes) -> NDArray[np.int32]:
+        """Return the edges of the faces of a cut scene, (N, 2), without those inside of one."""
+        faces, numbers = shapes.arrays.faces.astype(np.int64), self.face_numbers[:-1]
+        tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        order = np.argsort(keys, kind="stable")
+        keys, owners = keys[order], np.repeat(numbers, 3)[order]
+        starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+        least, most = np.minimum.reduceat(owners, starts), np.maximum.reduceat(owners, starts)
+        counts = np.diff(np.append(starts, len(keys)))
+        inner = keys[starts][(counts > 1) & (least == most)]
+        known = shapes.edges.astype(np.int64)
+        return shapes.edges[~np.isin(known[:, 0] << 32 | known[:, 1], inner)]
+
+    def vertices_of(self, new: int, numbers: tuple[int, int, int]) -> tuple[int, int, int]:
+        """Return the vertices of the old mesh, given those of a new object."""
+        known = self.vertices[new]
+        if known is None:
+            return numbers
+        a, b, c = known[list(numbers)].tolist()
+        return a, b, c
+
+
+class CutNodes(list[Node]):
+    """The objects of a cut scene."""
+
+    cut: Cut
+
+
+class CutScene(Scene):
+    """A scene whose objects are what is left of those of another one."""
+
+    _whole: Scene
+
+    def _world_chunks(self) -> Iterator[tuple[Float64, Float64 | None]]:
+        """Yield the vertices of the whole scene."""
+        return self._whole._world_chunks()
+
+
+class Parts(NamedTuple):
+    """What is left of one object."""
+
+    node: Node | None
+    caps: tuple[Node | None, ...]
+    """Of each plane."""
+    recipe: Recipe | None
+    """How its vertices follow from those of its mesh; ``None``: they are the same."""
+    numbers: Int64 | None
+    """(F,): face that each face is cut from; ``None``: each is its own."""
+    weights: Float64
+    """(P, 3, 3): of the corners of the last faces, which are pieces."""
+    edges: tuple[NDArray[np.int32], ...]
+    """(E, 2) of each plane."""
+
+
+class Recipe(NamedTuple):
+    """How the vertices of a cut mesh follow from those of the whole one."""
+
+    steps: tuple[tuple[Int64, Int64, Float64], ...]
+    """Of each generation: vertices between which the new ones lie, and how far along."""
+    used: Int64
+    """The vertices that are kept, of those of the mesh and all generations."""
+
+    def rows(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return what belongs to the vertices, (V, ...), given what belongs to those before."""
+        rows = values.astype(np.float64)
+        for start, end, along in self.steps:
+            share = along.reshape(-1, *(1,) * (rows.ndim - 1))
+            first = rows[start]
+            with np.errstate(invalid="ignore", over="ignore"):
+                rows = np.concatenate([rows, first + share * (rows[end] - first)])
+        return np.ascontiguousarray(rows[self.used].astype(values.dtype))
+
+
+_CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
+"""Whether meshes are closed, and the places of their vertices."""
+
+_TOLD: weakref.WeakSet[Mesh] = weakref.WeakSet()
+"""Open meshes that were warned of."""
+
+
+def cut(scene: Scene) -> Scene:
+    """
+    Return what is left of a scene when its section has cut it; the scene itself without section.
+
+    Warns
+    -----
+    UserWarning
+        Once for each mesh that has no cap, for it is not closed.
+    """
+    planes = planes_of(scene.section)
+    if not planes or isinstance(scene, CutScene):
+        return scene
+    found = []
+    for node in scene.nodes:
+        key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
+        if node._cut is None or not all(map(operator.is_, node._cut[0], key)):
+            node._cut = key, _cut_object(node, planes)
+        found.append(node._cut[1])
+    # The first node keeps what all are together.
+    first = scene.nodes[0]
+    if first._cut_scene is None or not _are_same(first._cut_scene[0], found):
+        first._cut_scene = found, _assembled(scene, found, planes)
+    kept = [
+        node
+        for node in scene.labelled
+        if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
+    ]
+    result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
+    result._whole, result.nodes = scene, first._cut_scene[1]
+    return result
+
+
+def _are_same(known: Sequence[Any], found: Sequence[Any]) -> bool:
+    """Tell whether two sequences hold the same objects."""
+    return len(known) == len(found) and all(map(operator.is_, known, found))
+
+
+def cut_alike(scene: Scene, now: Scene) -> Scene:
+    """
+    Return what is left of an earlier scene if it is cut where a later one is.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of as many objects, with as many faces, as the one that was cut.
+    now : Scene
+        What `cut` returned of that.
+    """
+    if not isinstance(now, CutScene):
+        return scene
+    found: CutNodes = now.nodes
+    result = _copy_of(scene)
+    nodes = CutNodes()
+    for new, owner in zip(found, found.cut.owners[:-1].tolist(), strict=True):
+        old, mesh = scene.nodes[owner], new.mesh
+        if old.mesh is not found.cut.meshes[owner] and mesh is not found.cut.meshes[owner]:
+            recipe = mesh._recipe
+            mesh = copy.copy(mesh)
+            mesh._vertices = read_only(recipe.rows(old.mesh.vertices))
+            mesh._bounds = None
+        elif mesh is found.cut.meshes[owner]:
+            mesh = old.mesh
+        nodes.append(Node(mesh, name=new.name, world_from_model=old.world_from_model))
+    nodes.cut = found.cut
+    result.nodes = nodes
+    return result
+
+
+def _copy_of(scene: Scene) -> CutScene:
+    """Return a scene of the same lists that is cut."""
+    result = object.__new__(CutScene)
+    result.__dict__.update(scene.__dict__)
+    result._whole = scene
+    return result
+
+
+def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) -> CutNodes:
+    """Return what is left of all objects, given what is of each."""
+    counts = [len(node.mesh.faces) for node in scene.nodes]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
+    every: list[list[NDArray[np.int32]]] = [[] for _ in planes]
+
+    def add(node: Node, owner: int, faces: Int64, inner: Float64) -> None:
+        nodes.append(node)
+        owners.append(owner)
+        numbers.append(faces)
+        weights.append((len(faces) - len(inner), inner))
+
+    for owner, parts in enumerate(found):
+        if parts.node is None:
+            continue
+        own = np.arange(counts[owner]) if parts.numbers is None else parts.numbers
+        add(parts.node, owner, own + starts[owner], parts.weights)
+        for plane, lines in enumerate(parts.edges):
+            every[plane].append(lines + np.int32(vertices))
+        vertices += len(parts.node.mesh.vertices)
+    for owner, parts in enumerate(found):
+        for plane, node in enumerate(parts.caps):
+            if node is not None:
+                number = starts[-1] + len(planes) * owner + plane
+                count = len(node.mesh.faces)
+                add(node, owner, np.full(count, number), np.zeros((count, 3, 3)))
+    if not nodes:
+        # Scenes have an object: a face without area, which is nowhere to be seen.
+        node = Node(_nothing(scene.nodes[0].mesh), name=scene.nodes[0].name)
+        add(node, 0, np.zeros(1, np.int64), NO_WEIGHTS)
+    is_piece = [np.repeat([False, True], [whole, len(inner)]) for whole, inner in weights]
+    joined = np.zeros((0, 3, 3), np.float32)
+    if any(len(inner) for _, inner in weights):
+        rows = [
+            part
+            for whole, inner in weights
+            for part in (np.broadcast_to(np.eye(3), (whole, 3, 3)), inner)
+        ]
+        joined = np.concatenate([*rows, np.zeros((1, 3, 3))]).astype(np.float32)
+    edges = [np.concatenate(rows) if rows else np.zeros((0, 2), np.int32) for rows in every]
+    nodes.cut = Cut(
+        tuple(planes),
+        starts,
+        np.append(np.concatenate(numbers), -1).astype(np.int32),
+        np.array([*owners, -1], np.int32),
+        tuple(node.mesh for node in scene.nodes),
+        np.append(np.concatenate(is_piece), False),
+        joined,
+        tuple(np.ascontiguousarray(rows, np.int32) for rows in edges),
+        tuple(scene.nodes),
+        tuple(
+            _old_vertices(node.mesh, scene.nodes[owner].mesh)
+            for node, owner in zip(nodes, owners, strict=True)
+        ),
+    )
+    return nodes
+
+
+def _anchor(node: Node) -> Float64:
+    """Return where the label of a node is, (1, 3), world space."""
+    point = np.array([node.label.position])
+    return transform_points(node.world_matrix, point)[:, :3]
+
+
+def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
+    """Return the number of each vertex in the whole mesh, (V,), -1 if it has none; None if all."""
+    if mesh is whole:
+        return None
+    used = mesh._recipe.used if hasattr(mesh, "_recipe") else np.full(3, len(whole.vertices))
+    return np.where(used < len(whole.vertices), used, -1)
+
+
+def _nothing(mesh: Mesh) -> Mesh:
+    """Return a mesh of which nothing is seen, made like another."""
+    used = mesh.used_vertices()
+    point = mesh.vertices[np.argmax(used)] if used.any() else np.zeros(3)
+    return Mesh(np.tile(point, (3, 1)), [[0, 1, 2]], material=Material("unlit"))
+
+
+def _distances(plane: Plane, points: Float64) -> Float64:
+    """Return how far points, (N, 3), lie in front of a plane, (N,)."""
+    (a, b, c), (x, y, z) = plane.normal, plane.point
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (a * (points[:, 0] - x) + b * (points[:, 1] - y)) + c * (points[:, 2] - z)
+
+
+def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
+    """Return how far points lie in front of planes, (V, P), exactly 0 where it is rounding."""
+    finite = np.abs(world[np.isfinite(world).all(axis=1)])
+    size = float(finite.max(initial=0.0))
+    columns = []
+    for plane in planes:
+        found = _distances(plane, world)
+        slack = FLAT * (size + max(map(abs, plane.point)))
+        columns.append(np.where(np.abs(found) <= slack, 0.0, found))
+    return np.stack(columns, axis=1)
+
+
+def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
+    """Return what is left of an object."""
+    mesh = node.mesh
+    world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
+    distances = _all_distances(world, planes)
+    used = distances[mesh.used_vertices()]
+    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
+    if not (used > 0.0).any():
+        return Parts(node, (), None, None, NO_WEIGHTS, nothing)
+    if len(used) and (used.min(axis=0) > 0.0).any():
+        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+    if isinstance(mesh, Points):
+        return _cut_points(node, mesh, distances, nothing)
+    if isinstance(mesh, Lines):
+        return _cut_lines(node, mesh, distances, nothing)
+    return _Cutter(node, world, distances, planes).parts()
+
+
+def _cut_points(node: Node, mesh: Points, distances: Float64, nothing: Any) -> Parts:
+    """Return those points whose centres are left."""
+    with np.errstate(invalid="ignore"):
+        kept = np.flatnonzero(~(distances > 0.0).any(axis=1))
+    if not len(kept):
+        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+    changed = _with_rows(mesh, Recipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
+    if len(mesh.sizes) > 1:
+        changed._sizes = read_only(mesh.sizes[kept])
+    return Parts(_moved(node, changed), (), changed._recipe, kept, NO_WEIGHTS, nothing)
+
+
+def _cut_lines(node: Node, mesh: Lines, distances: Float64, nothing: Any) -> Parts:
+    """Return what is left of segments."""
+    ends, numbers = mesh.segments.astype(np.int64), np.arange(len(mesh))
+    steps, count = [], len(mesh.vertices)
+    for plane in range(distances.shape[1]):
+        signs = np.sign(distances[:, plane])[ends]
+        with np.errstate(invalid="ignore"):
+            kept = (signs < 0.0).any(axis=1) | (signs == 0.0).all(axis=1) | np.isnan(signs).any(1)
+        ends, numbers, signs = ends[kept], numbers[kept], signs[kept]
+        rows, outer = np.nonzero((signs > 0.0) & (signs[:, ::-1] < 0.0))
+        if not len(rows):
+            continue
+        start, end = ends[rows, 1 - outer], ends[rows, outer]
+        distances, along = _crossed(distances, start, end, plane)
+        ends[rows, outer] = np.arange(count, count + len(rows))
+        steps.append((start, end, along))
+        count += len(rows)
+    if not len(ends):
+        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
+    used, places = np.unique(ends, return_inverse=True)
+    faces = places.reshape(-1, 2)[:, [0, 1, 1]]
+    changed = _with_rows(mesh, Recipe(tuple(steps), used), faces, numbers)
+    if len(mesh.widths) > 1:
+        changed._widths = read_only(mesh.widths[numbers])
+    changed._links = None
+    return Parts(_moved(node, changed), (), changed._recipe, numbers, NO_WEIGHTS, nothing)
+
+
+def _crossed(distances: Float64, start: Int64, end: Int64, plane: int) -> tuple[Float64, Float64]:
+    """Return the distances with those of new vertices, and how far these lie along their edges."""
+    first, last = distances[start], distances[end]
+    along = first[:, plane] / (first[:, plane] - last[:, plane])
+    new = first + along[:, np.newaxis] * (last - first)
+    slack = FLAT * np.abs(distances[np.isfinite(distances)]).max(initial=0.0)
+    new = np.where(np.abs(new) <= slack, 0.0, new)
+    new[:, plane] = 0.0
+    return np.concatenate([distances, new]), along
+
+
+def _moved(node: Node, mesh: Mesh) -> Node:
+    """Return a node with another mesh at the same place."""
+    return Node(mesh, name=node.name, world_from_model=node.world_from_model)
+
+
+def _with_rows(mesh: Any, recipe: Recipe, faces: NDArray[Any], numbers: Int64) -> Any:
+    """
+    Return a mesh whose vertices follow a recipe, and whose faces are parts of those before.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    recipe : Recipe
+    faces : (F, 3) int, or (F, 1) of points
+    numbers : (F,) int64
+        The face that each is a part of.
+    """
+    kind = CutMesh if mesh.primitive == "triangles" else type(mesh)
+    result: Any = kind.__new__(kind)
+    result.__dict__.update(mesh.__dict__)
+
+    def rows(values: NDArray[Any] | None) -> NDArray[Any] | None:
+        return None if values is None else read_only(recipe.rows(values))
+
+    result._whole, result._recipe = mesh, recipe
+    result._vertices = rows(mesh.vertices)
+    wide = np.broadcast_to(faces, (len(faces), 3))
+    result._faces = read_only(np.ascontiguousarray(wide, np.int32))
+    result._vertex_colors = rows(mesh.vertex_colors)
+    if mesh.face_colors is not None:
+        result._face_colors = read_only(mesh.face_colors[numbers])
+    if mesh.field is not None:
+        values = mesh.field.values[numbers] if mesh.field.of_faces else rows(mesh.field.limited)
+        held = {one.name: getattr(mesh.field, one.name) for one in fields(mesh.field)}
+        result._field = type(mesh.field)(**held | {"values": read_only(values)})
+    result._uv, result._uv1 = rows(mesh.uv), rows(mesh.uv1)
+    result._normals = result._vertex_normals = rows(mesh.normals)
+    result._tangents = rows(mesh.tangents)
+    result._vertex_attributes = {
+        name: rows(values) for name, values in mesh.vertex_attributes.items()
+    }
+    result._face_attributes = {
+        name: read_only(values[numbers]) for name, values in mesh.face_attributes.items()
+    }
+    result._invalid_vertices = int(np.count_nonzero(~np.isfinite(result.vertices).all(axis=1)))
+    result._bounds = result._is_closed = None
+    if mesh._rest is not None:
+        result._rest = rest = copy.copy(result)
+        rest._vertices, rest._rest = rows(mesh._rest.vertices), None
+    return result
+
+
+def _closed(mesh: Mesh) -> tuple[bool, Int64]:
+    """
+    Tell whether faces close: each edge goes one way as often as the other; return places.
+
+    Vertices at one place, (V,) int64, have one number; as at the seam of a sphere, whose sines are
+    rounded, vertices at edges that do not close are at one place within ``SEAM`` of the mesh.
+    """
+    if mesh not in _CLOSED:
+        points = mesh.vertices + 0.0
+        order = np.lexsort(points.T)
+        sorted_points = points[order]
+        is_new = np.append(False, (sorted_points[1:] != sorted_points[:-1]).any(axis=1))
+        places = np.empty(len(points), np.int64)
+        places[order] = np.cumsum(is_new)
+        ends = places[mesh.faces]
+        tails, heads, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
+        if len(tails):
+            loose = np.isin(places, np.concatenate([tails, heads]))
+            places = _sewn(points, places, np.flatnonzero(loose))
+            ends = places[mesh.faces]
+            tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
+        _CLOSED[mesh] = len(tails) == 0, read_only(places)
+    return _CLOSED[mesh]
+
+
+def _sewn(points: Float64, places: Int64, loose: Int64) -> Int64:
+    """Return places, (V,), where those of loose vertices that nearly touch are one."""
+    some = points[loose]
+    size = float(np.abs(some).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return places
+    # Two points nearer than a quarter of a cell share one in one of the grids.
+    cells = some / (SEAM * size)
+    merged = np.arange(places.max() + 1)
+    for shift in np.ndindex(2, 2, 2):
+        own = np.floor(cells + 0.5 * np.array(shift)).astype(np.int64)
+        _, groups = np.unique(own, axis=0, return_inverse=True)
+        least = np.full(groups.max() + 1, len(merged))
+        here = merged[places[loose]]
+        np.minimum.at(least, groups.ravel(), here)
+        target = np.arange(len(merged))
+        np.minimum.at(target, here, least[groups.ravel()])
+        merged = target[merged]
+    return merged[places]
+
+
+def _net(tails: Int64, heads: Int64, weights: Any) -> tuple[Int64, Int64, Int64]:
+    """Return edges from lower to higher numbers, and how often more than back, where not 0."""
+    weights = np.where(tails < heads, weights, -weights)
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    count = np.int64(high.max(initial=0)) + 1
+    keys, places = np.unique(low * count + high, return_inverse=True)
+    sums = np.zeros(len(keys), np.int64)
+    np.add.at(sums, places.ravel(), weights)
+    kept = (sums != 0) & (keys // count != keys % count)
+    return keys[kept] // count, keys[kept] % count, sums[kept]
+
+
+class _Cutter:
+    """
+    Cuts a mesh by one plane after the other.
+
+    Parameters
+    ----------
+    node : Node
+    world : (V, 3) float64
+        Its vertices.
+    distances : (V, P) float64
+        How far they lie in front of the planes.
+    planes : sequence of Plane
+    """
+
+    def __init__(
+        self, node: Node, world: Float64, distances: Float64, planes: Sequence[Plane]
+    ) -> None:
+        self.node, self.planes, self.mesh = node, planes, node.mesh
+        self.world, self.distances = world, distances
+        self.is_closed, self.places = _closed(self.mesh)
+        self.steps: list[tuple[Int64, Int64, Float64]] = []
+        self.whole = np.arange(len(self.mesh.faces))
+        # Parts of faces, and caps: corners, face or -1 - plane, corners in the face, how often.
+        self.corners = np.zeros((0, 3), np.int64)
+        self.numbers = np.zeros(0, np.int64)
+        self.weights = NO_WEIGHTS
+        self.counts = np.zeros(0, np.int64)
+
+    @cached_property
+    def _outward(self) -> float:
+        """Which way faces turn in the world that have the solid behind them: 1 or -1."""
+        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
+        a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]] for k in range(3))
+        middle = a[0]
+        with np.errstate(invalid="ignore", over="ignore"):
+            volume = math.fsum(_triple(a - middle, b - middle, c - middle))
+        return turned * math.copysign(1.0, volume)
+
+    def parts(self) -> Parts:
+        """Return what is left."""
+        for plane in range(len(self.planes)):
+            self._cut(plane)
+        is_face = self.numbers >= 0
+        faces = np.concatenate([self.mesh.faces[self.whole], self.corners[is_face]])
+        numbers = np.concatenate([self.whole, self.numbers[is_face]])
+        node, recipe, edges = None, None, [np.zeros((0, 2), np.int32)] * len(self.planes)
+        if len(faces):
+            lines = [
+                self._outline(number) if plane.lines else np.zeros((0, 2), np.int64)
+                for number, plane in enumerate(self.planes)
+            ]
+            # Where caps meet, lines have ends that no face has.
+            used, renumbered = self._used([faces, *lines])
+            recipe = Recipe(tuple(self.steps), used)
+            mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
+            node = _moved(self.node, mesh)
+            edges = [renumbered[ends] for ends in lines]
+        elif not len(self.corners):
+            return Parts(None, (), None, None, NO_WEIGHTS, tuple(edges))
+        caps = tuple(self._cap(number) for number in range(len(self.planes)))
+        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges))
+
+    def _used(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
+        """Return the vertices of faces or lines, and the new number of each vertex."""
+        is_used = np.zeros(len(self.distances), bool)
+        for rows in faces:
+            is_used[rows.ravel()] = True
+        return np.flatnonzero(is_used), (np.cumsum(is_used) - 1).astype(np.int32)
+
+    def _cut(self, plane: int) -> None:
+        """Cut what is left by one more plane."""
+        signs = np.sign(self.distances[:, plane])
+        faces = self.mesh.faces[self.whole].astype(np.int64)
+        kept, crossed = self._sorted(plane, faces, signs)
+        eye = np.broadcast_to(np.eye(3), (np.count_nonzero(crossed), 3, 3))
+        cut_faces, cut_numbers = faces[crossed], self.whole[crossed]
+        kept_pieces, crossed_pieces = self._sorted(plane, self.corners, signs)
+        self.whole = self.whole[kept]
+        corners = np.concatenate([cut_faces, self.corners[crossed_pieces]])
+        numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
+        weights = np.concatenate([eye, self.weights[crossed_pieces]])
+        counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
+        corners, parents, weights = self._split(plane, corners, signs[corners], weights)
+        self.corners = np.concatenate([self.corners[kept_pieces], corners])
+        self.numbers = np.concatenate([self.numbers[kept_pieces], numbers[parents]])
+        self.weights = np.concatenate([self.weights[kept_pieces], weights])
+        self.counts = np.concatenate([self.counts[kept_pieces], counts[parents]])
+        if not self.is_closed:
+            # One shape has many poses.
+            shape = getattr(self.mesh, "_rest", None) or self.mesh
+            if len(corners) and self.planes[plane].cap and shape not in _TOLD:
+                _TOLD.add(shape)
+                warn_caller(
+                    f"{self.node.name!r} is cut by a section, but its mesh is not closed: it is "
+                    "drawn without a cap"
+                )
+            return
+        tails, heads, sums = self._sides(plane)
+        if len(tails):
+            # A cap goes around the other way.
+            self._fill(plane, heads, tails, sums)
+
+    def _sorted(
+        self, plane: int, corners: Int64, signs: Float64
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Tell which triangles stay as they are, and which a plane crosses."""
+        at = signs[corners]
+        is_behind, is_before = (at < 0.0).any(axis=1), (at > 0.0).any(axis=1)
+        is_flat = (at == 0.0).all(axis=1)
+        if self.is_closed and is_flat.any():
+            # What lies in the plane stays where the solid is behind.
+            a, b, c = np.moveaxis(self.world[corners[is_flat]], 1, 0)
+            normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
+            is_flat[is_flat] = self._outward * _triple(normal, b - a, c - a) > 0.0
+        is_known = ~np.isnan(at).any(axis=1)
+        return (is_behind & ~is_before & is_known) | is_flat, is_behind & is_before & is_known
+
+    def _split(
+        self, plane: int, corners: Int64, at: Float64, weights: Float64
+    ) -> tuple[Int64, Int64, Float64]:
+        """
+        Return what is left of triangles that a plane crosses.
+
+        Returns
+        -------
+        corners : (P, 3) int64
+        parents : (P,) int64
+            The triangle that each is a part of.
+        weights : (P, 3, 3) float64
+        """
+        is_pair = np.count_nonzero(at < 0.0, axis=1) == 2
+        # The corner that is alone behind comes first, or the one that is alone before comes last.
+        first = np.where(
+            is_pair, (np.argmax(at > 0.0, axis=1) + 1) % 3, np.argmax(at < 0.0, axis=1)
+        )
+        turned = (first[:, np.newaxis] + CORNERS) % 3
+        rows = np.arange(len(corners))[:, np.newaxis]
+        corners, at, weights = corners[rows, turned], at[rows, turned], weights[rows, turned]
+        second = np.where(at[:, 1] == 0.0, 1, 0)
+        third = np.where(at[:, 2] == 0.0, 2, 0)
+        zero, one, two = (np.full(len(corners), k) for k in range(3))
+        # Each corner of a part lies between two corners; at one of them if both are the same.
+        single = np.stack([zero, zero, second, one, third, two], axis=1)
+        double = np.stack([zero, zero, one, one, one, two], axis=1)
+        rest = np.stack([zero, zero, one, two, zero, two], axis=1)
+        spans = np.concatenate([np.where(is_pair[:, np.newaxis], double, single), rest[is_pair]])
+        parents = np.concatenate([rows[:, 0], np.flatnonzero(is_pair)])
+        order = np.argsort(parents, kind="stable")
+        spans, parents = spans[order].reshape(-1, 3, 2), parents[order]
+        start, end = (
+            corners[parents[:, np.newaxis], spans[..., 0]],
+            corners[parents[:, np.newaxis], spans[..., 1]],
+        )
+        is_new = start != end
+        keys, inverse = np.unique(
+            np.stack([start[is_new], end[is_new]], axis=1), axis=0, return_inverse=True
+        )
+        count = len(self.distances)
+        self._add_vertices(plane, keys[:, 0], keys[:, 1])
+        result = start.copy()
+        result[is_new] = count + inverse.ravel()
+        along = np.zeros(is_new.shape)
+        along[is_new] = self.steps[-1][2][inverse.ravel()] if len(keys) else 0.0
+        low, high = (weights[parents[:, np.newaxis], spans[..., k]] for k in range(2))
+        return result, parents, low + along[..., np.newaxis] * (high - low)
+
+    def _add_vertices(
+        self, plane: int, start: Int64, end: Int64, along: Float64 | None = None
+    ) -> None:
+        """Add vertices in a plane, between others: at the plane, or so far along."""
+        first, last = self.distances[start], self.distances[end]
+        if along is None:
+            along = first[:, plane] / (first[:, plane] - last[:, plane])
+        share = along[:, np.newaxis]
+        new = first + share * (last - first)
+        size = np.abs(self.world[np.isfinite(self.world)]).max(initial=0.0)
+        for number, other in enumerate(self.planes):
+            slack = FLAT * (size + max(map(abs, other.point)))
+            new[np.abs(new[:, number]) <= slack, number] = 0.0
+        new[:, plane] = 0.0
+        self.distances = np.concatenate([self.distances, new])
+        world = self.world[start] + share * (self.world[end] - self.world[start])
+        self.world = np.concatenate([self.world, world])
+        pairs = np.stack([self.places[start], self.places[end]], axis=1)
+        _, numbers = np.unique(pairs, axis=0, return_inverse=True)
+        own = self.places.max(initial=-1) + 1 + numbers.ravel()
+        self.places = np.concatenate([self.places, own])
+        self.steps.append((start, end, along))
+
+    def _sides(self, plane: int, without: int | None = None) -> tuple[Int64, Int64, Int64]:
+        """
+        Return the sides of what is left that lie in a plane, but for those that go back as well.
+
+        Parameters
+        ----------
+        plane : int
+        without : int, optional
+            What is not looked at: the caps of this number.
+
+        Returns
+        -------
+        tails, heads, sums : (E,) int64
+            Vertices, one of each place, and how often.
+        """
+        faces = self.mesh.faces[self.whole]
+        is_kept = self.numbers != without
+        zero = self.distances[:, plane] == 0.0
+        found = []
+        for corners, counts in (
+            (faces, np.ones(len(faces), np.int64)), (self.corners[is_kept], self.counts[is_kept]),
+        ):  # fmt: skip
+            at = zero[corners]
+            for k in range(3):
+                both = at[:, k] & at[:, (k + 1) % 3]
+                found.append((corners[both, k], corners[both, (k + 1) % 3], counts[both]))
+        tails, heads, counts = (
+            np.concatenate(part).astype(np.int64) for part in zip(*found, strict=True)
+        )
+        ends, first = np.unique(self.places[np.concatenate([tails, heads])], return_index=True)
+        vertices = np.concatenate([tails, heads])[first]
+        tails, heads = (np.searchsorted(ends, self.places[end]) for end in (tails, heads))
+        low, high, sums = _net(tails, heads, counts)
+        return vertices[low], vertices[high], sums
+
+    def _outline(self, plane: int) -> Int64:
+        """Return the lines along which a plane cuts what is left, (E, 2), vertices."""
+        tails, heads, _ = self._sides(plane, -1 - plane)
+        return np.stack([tails, heads], axis=1)
+
+    def _fill(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
+        """Add what outlines in a plane wind around to the pieces, as caps."""
+        outlines = _Outlines(self, plane)
+        triangles = outlines.filled(tails, heads, sums)
+        if triangles is None:
+            warn_caller(
+                f"{self.node.name!r} is cut by a section, but the outline of the cut does not "
+                "close: it is drawn without a cap"
+            )
+            return
+        count = len(triangles)
+        self.corners = np.concatenate([self.corners, triangles[:, :3]])
+        self.numbers = np.concatenate([self.numbers, np.full(count, -1 - plane)])
+        self.weights = np.concatenate([self.weights, np.zeros((count, 3, 3))])
+        self.counts = np.concatenate([self.counts, triangles[:, 3]])
+
+    def _cap(self, plane: int) -> Node | None:
+        """Return what fills the cut of a plane."""
+        corners = self.corners[self.numbers == -1 - plane]
+        if not len(corners) or not self.planes[plane].cap:
+            return None
+        used, renumbered = self._used([corners])
+        recipe = Recipe(tuple(self.steps), used)
+        result: Any = CutMesh.__new__(CutMesh)
+        mesh = Mesh(
+            recipe.rows(self.mesh.vertices), renumbered[corners],
+            material=_cap_material(self.mesh, self.planes[plane]), on_invalid="drop",
+        )  # fmt: skip
+        result.__dict__.update(mesh.__dict__)
+        result._whole, result._recipe = self.mesh, recipe
+        # Carried into the world by the inverse transpose.
+        x, y, z = self.planes[plane].normal
+        rows = self.node.world_from_model[:3, :3]
+        model = (x * rows[0] + y * rows[1]) + z * rows[2]
+        normals = np.tile(unit_rows(model[np.newaxis]), (len(used), 1))
+        result._normals = result._vertex_normals = read_only(normals)
+        return _moved(self.node, result)
+
+
+def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
+    """Return the volumes that rows of three vectors span, (N,)."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return (
+            a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
+            + a[:, 1] * (b[:, 2] * c[:, 0] - b[:, 0] * c[:, 2])
+            + a[:, 2] * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+        )
+
+
+def _cap_material(mesh: Mesh, plane: Plane) -> Material:
+    """Return what the caps of a mesh are made of."""
+    own = mesh.material
+    if plane.cap_color is not None:
+        color = np.array(plane.cap_color)
+    else:
+        color = np.array(base_color_of(mesh), np.float64)
+        for colors in (mesh.shown_vertex_colors(), mesh.face_colors):
+            if colors is not None:
+                color[:3] *= [math.fsum(column) / len(colors) for column in colors[:, :3].T]
+        color = np.append(np.clip(DARKER * color[:3], 0.0, 1.0), 1.0)
+    return Material(
+        own.shading, tuple(color.tolist()), specular=own.specular, shininess=own.shininess,
+        metallic=own.metallic, roughness=own.roughness, double_sided=own.double_sided,
+        alpha_mode="blend" if color[3] < 1.0 else "opaque",
+    )  # fmt: skip
+
+
+class _Outlines:
+    """
+    Fills outlines in a plane.
+
+    Parameters
+    ----------
+    cutter : _Cutter
+        Gets vertices where outlines cross.
+    plane : int
+    """
+
+    def __init__(self, cutter: _Cutter, plane: int) -> None:
+        self.cutter, self.plane = cutter, plane
+        self.slivers: list[tuple[int, int, int, int]] = []
+
+    def filled(self, tails: Int64, heads: Int64, sums: Int64) -> Int64 | None:
+        """Return triangles of vertices, with how often each counts, (T, 4); None: not closed."""
+        vertices, places = np.unique(np.concatenate([tails, heads]), return_inverse=True)
+        grid = self._on_grid(vertices)
+        low, high = places.ravel().reshape(2, -1)
+        for _ in range(MOST_ROUNDS):
+            grid, vertices, low, high, sums = self._in_order(grid, vertices, low, high, sums)
+            edges = np.ascontiguousarray(np.stack([low, high, sums], axis=1))
+            contacts = _contacts(grid, edges)
+            if not len(contacts):
+                break
+            grid, vertices, low, high, sums = self._split(contacts, grid, vertices, edges)
+        triangles = _triangles(grid, edges)
+        if triangles is None:
+            return None
+        triangles[:, :3] = vertices[triangles[:, :3]]
+        return np.concatenate([triangles, np.array(self.slivers, np.int64).reshape(-1, 4)])
+
+    def _on_grid(self, vertices: Int64) -> Int64:
+        """Return where vertices lie on the grid, (N, 2)."""
+        x, y, z = self.cutter.planes[self.plane].normal
+        # The axis farthest from the normal makes the first of the plane's.
+        least = min(range(3), key=lambda k: abs((x, y, z)[k]))
+        axis = tuple(float(k == least) for k in range(3))
+        across = cross(axis, (x, y, z))
+        up = cross((x, y, z), across)
+        points = self.cutter.world[vertices]
+        points = points - (points.min(axis=0) / 2.0 + points.max(axis=0) / 2.0)
+        flat = np.stack(
+            [(a * points[:, 0] + b * points[:, 1]) + c * points[:, 2] for a, b, c in (across, up)],
+            axis=1,
+        )
+        size = float(np.abs(flat).max(initial=0.0)) or 1.0
+        return np.rint(flat * (GRID / size)).astype(np.int64)
+
+    def _in_order(
+        self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
+    ) -> tuple[Int64, ...]:
+        """Return points by height, one for each place of the grid, and edges upward, by start."""
+        order = np.lexsort(grid.T)
+        is_new = np.append(True, (grid[order][1:] != grid[order][:-1]).any(axis=1))
+        numbers = np.empty(len(grid), np.int64)
+        numbers[order] = np.cumsum(is_new) - 1
+        chosen = order[is_new]
+        # What lies at one place of the grid is one vertex for the planes to come as well.
+        places, cutter = self.cutter.places, self.cutter
+        merged = np.arange(places.max(initial=0) + 1)
+        merged[places[vertices]] = places[vertices[chosen][numbers]]
+        cutter.places = merged[places]
+        low, high, sums = _net(numbers[low], numbers[high], sums)
+        return grid[chosen], vertices[chosen], low, high, sums
+
+    def _split(
+        self, contacts: Int64, grid: Int64, vertices: Int64, edges: Int64
+    ) -> tuple[Int64, ...]:
+        """Return points and edges that are split where edges meet."""
+        known = {place: number for number, place in enumerate(map(tuple, grid.tolist()))}
+        points, inside = grid.tolist(), {}
+        made: list[tuple[int, int, float]] = []
+        for edge, other, kind in contacts.tolist():
+            if kind < 0:
+                inside.setdefault(edge, set()).add(other)
+                continue
+            a, b = edges[edge, :2].tolist()
+            c, d = edges[other, :2].tolist()
+            here, there = _turn(points, c, d, a), _turn(points, c, d, b)
+            share = here / (here - there)
+            place = tuple(
+                round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2)
+            )
+            if place not in known:
+                known[place] = len(points)
+                points.append(list(place))
+                made.append((a, b, share))
+            for one in (edge, other):
+                if known[place] not in edges[one, :2]:
+                    inside.setdefault(one, set()).add(known[place])
+        if made:
+            first = len(self.cutter.distances)
+            starts, ends, along = (np.array(part) for part in zip(*made, strict=True))
+            self.cutter._add_vertices(
+                self.plane, vertices[starts], vertices[ends], along.astype(np.float64)
+            )
+            vertices = np.append(vertices, np.arange(first, first + len(made)))
+        rows = [row for n, row in enumerate(edges.tolist()) if n not in inside]
+        for edge, through in inside.items():
+            a, b, count = edges[edge].tolist()
+            along = {n: _along(points, a, b, n) for n in through}
+            chain = [a, *sorted(through, key=along.__getitem__), b]
+            rows += [(one, other, count) for one, other in pairwise(chain)]
+            for one, other in pairwise(chain[1:]):
+                triple = (a, other, one) if count > 0 else (a, one, other)
+                own = (int(vertices[n]) for n in triple)
+                self.slivers.append((*own, abs(count)))
+        low, high, sums = np.array(rows, np.int64).reshape(-1, 3).T
+        return np.array(points, np.int64), vertices, low, high, sums
+
+
+def _turn(points: Sequence[Sequence[int]], a: int, b: int, c: int) -> int:
+    """Return twice the area of a triangle, above 0 if it is counter-clockwise."""
+    (x, y), (right, up), (other, top) = points[a], points[b], points[c]
+    return (right - x) * (top - y) - (up - y) * (other - x)
+
+
+def _along(points: Sequence[Sequence[int]], a: int, b: int, n: int) -> int:
+    """Return a number that grows along an edge from a to b."""
+    (x, y), (right, up), (here, height) = points[a], points[b], points[n]
+    return (right - x) * (here - x) + (up - y) * (height - y)
+
+
+def _contacts(grid: Int64, edges: Int64) -> Int64:
+    """Return where edges meet elsewhere than at their ends, (C, 3)."""
+    room = 64
+    while True:
+        found = np.empty((room, 3), np.int64)
+        count = find_contacts(grid, edges, np.empty(len(edges), np.int64), found)
+        if count <= room:
+            return found[:count]
+        room = count
+
+
+def _triangles(grid: Int64, edges: Int64) -> Int64 | None:
+    """Return what edges wind around as triangles, (T, 4), or None."""
+    room = len(edges) + 4 * len(grid)
+    triangles = np.empty((room, 4), np.int64)
+    count = fill_outlines(
+        grid, edges, np.empty(len(edges), np.int64), np.empty((4, len(edges)), np.int64),
+        np.empty((3, room), np.int64), np.empty(2, np.int64), triangles,
+    )  # fmt: skip
+    return None if count < 0 else triangles[:count]
