@@ -30,8 +30,9 @@ most ``|first| + way``, and rounded once more in float64. Over ``d`` that is an 
 - ``SLOPE light`` for the cosine with the normal, as above;
 - twice `CODES_PER_SHARE` for the falloff, and what a highlight moves by as the light turns;
 - for a range ``r``, which lets ``1 - s`` through with ``s = (distance / r)**4``, four times ``s``
-  times the lesser of `CODES_PER_SHARE` over ``1 - s`` and ``SLOPE peak light``, ``peak`` being what
-  a white surface and its highlight make of light at most;
+  times `CODES_PER_SHARE` over ``1 - s``, which is twice that at most as far as ``s`` is a half, and
+  beyond times ``SLOPE peak light``, ``peak`` being what a white surface and its highlight make of
+  light at most;
 - for a cone, which lets the square of a ramp through, the root of ``peak light`` times
   `CODES_PER_RAMP`, the gain of the ramp and the sine at its outer end: ``code(k x**2)`` is nowhere
   steeper than `CODES_PER_RAMP` times the root of ``k``.

@@ -53,6 +53,8 @@ Its normal is off by 14 roundings over that sine then, and the distance of a lam
 less than the second of the distance.
 """
 
+HALF = np.float32(0.5)
+
 SHORTEST = np.float32(1e-15)
 """Distances below this are taken for it: light is infinite soon after."""
 
@@ -98,7 +100,7 @@ def lamp_on_face(lamp, first, facing, away, way, limits):
     gone = min(far * far * lamp[ENDING], one)
     light = lamp[LIGHT] * (over * over)
     gone *= gone
-    ending = min(limits[RANGE_SLOPE] * light, np.float32(CODES_PER_SHARE) / (one - gone))
+    ending = np.float32(2.0 * CODES_PER_SHARE) if gone <= HALF else limits[RANGE_SLOPE] * light
     slope = np.float32(SLOPE) * light + limits[OTHER_SLOPE]
     slope += np.float32(4.0) * gone * ending
     off = (np.float32(3.0) * away + np.float32(23.0) * way) * over
