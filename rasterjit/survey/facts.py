@@ -222,6 +222,7 @@ class Facts:
             or self.is_surrounded
             or self.is_exposed
             or self.is_dimmed
+            or (self.lamps and contents.has_textures)
         ):
             return None
         return limits_of(self.inventory.gloss, self.brightness, bool(self.lamps))
@@ -477,6 +478,7 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         (facts.is_surrounded, "the scene has an environment"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
         (facts.is_dimmed, "lamps shine, and the exposure is below 0"),
+        (bool(facts.lamps) and contents.has_textures, "lamps shine, and an object has a texture"),
         (True, "lights are too bright, or highlights too sharp"),
     ]
 

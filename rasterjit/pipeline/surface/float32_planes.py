@@ -568,14 +568,25 @@ def place_first(px, py, pz, xa, ya, za, owner, matrices):
 
 
 @disjoint_helper
-def add_lamp(px, py, pz, xb, yb, zb, xc, yc, zc, light, off, matrix, lamp, limits):
-    """Add the light of a lamp on faces, each of a lane, and what it moves: ``lamp_on_face``."""
+def measure_faces(
+    px, py, pz, xb, yb, zb, xc, yc, zc, facing_x, facing_y, facing_z, away, way, matrix
+):  # fmt: skip
+    """Write what `lamp_on_face` takes of faces, each of a lane."""
     for n in range(px.shape[0]):
-        x, y, z = px[n], py[n], pz[n]
         u, v = turned(xb[n], yb[n], zb[n], matrix), turned(xc[n], yc[n], zc[n], matrix)
-        way = np.sqrt(max(square(u[0], u[1], u[2]), square(v[0], v[1], v[2])))
-        away = np.sqrt(square(x, y, z))
-        more = lamp_on_face(lamp, (x, y, z), facing_of(u, v), away, way, limits)
+        facing_x[n], facing_y[n], facing_z[n] = facing_of(u, v)
+        way[n] = np.sqrt(max(square(u[0], u[1], u[2]), square(v[0], v[1], v[2])))
+        away[n] = np.sqrt(square(px[n], py[n], pz[n]))
+
+
+@disjoint_helper
+def add_lamp(
+    px, py, pz, facing_x, facing_y, facing_z, away, way, light, off, lamp, limits
+):  # fmt: skip
+    """Add the light of a lamp on faces, and what it moves: `lamp_on_face`."""
+    for n in range(px.shape[0]):
+        first, facing = (px[n], py[n], pz[n]), (facing_x[n], facing_y[n], facing_z[n])
+        more = lamp_on_face(lamp, first, facing, away[n], way[n], limits)
         light[n] += more[0]
         off[n] += more[1]
 
@@ -672,8 +683,14 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         part(block.shares, EXACT, s, e),
     )  # fmt: skip
     start_lamps(light, off)
-    for n in range(lamps.shape[0]):
-        add_lamp(px, py, pz, *ways, light, off, matrix, lamps[n], limits)
+    if lamps.shape[0] > 0:
+        faces = (
+            part(block.colors, 0, s, e), part(block.colors, 1, s, e), part(block.colors, 2, s, e),
+            part(block.colors, 3, s, e), part(block.colors, 4, s, e),
+        )  # fmt: skip
+        measure_faces(px, py, pz, *ways, *faces, matrix)
+        for n in range(lamps.shape[0]):
+            add_lamp(px, py, pz, *faces, light, off, lamps[n], limits)
     unsure = move_points(px, py, pz, *ways, second, third, light, off, exact, matrix, limits, count)
     sides = first
     find_sides(
