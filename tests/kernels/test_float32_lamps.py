@@ -209,27 +209,32 @@ def test_what_a_block_held_before_changes_no_bit(garbage, squares):
 
 
 @pytest.mark.needs_jit
-@pytest.mark.parametrize("look", ["textured", "trilinear", "shadowed"])
-def test_what_reads_weights_besides_is_as_it_was(look):
-    scene = hills(12, lights=(LAMPS["near"][0], SPOT), colored=False)
-    mesh, material = scene.nodes[0].mesh, {"shading": "phong", "specular": 0.5, "shininess": 40.0}
-    uv = mesh.vertices[:, [0, 2]] * 2.0
-    if look == "shadowed":
-        scene.lights = [dataclasses.replace(SPOT, shadow=rj.Shadow(256)), POINT]
-    else:
-        image = np.random.default_rng(3).integers(0, 256, (32, 32, 3), np.uint8)
-        kind = "trilinear" if look == "trilinear" else "bilinear"
-        material["base_color_texture"] = rj.Texture(image, filter=kind)
+@pytest.mark.parametrize("samples", [1, 4])
+def test_what_shadows_read_is_as_it_was(samples):
+    lamps = [dataclasses.replace(SPOT, shadow=rj.Shadow(256)), POINT, LAMPS["near"][0]]
+    one, other = pair(hills(12, lights=lamps), EYES["above"], samples=samples)
+    assert moved(one, other) <= SIXTEENTH
+    assert (one.linear != other.linear).any()
+
+
+def test_textures_in_the_light_of_lamps_take_float64():
+    image = np.random.default_rng(3).integers(0, 256, (32, 32, 3), np.uint8)
+    scene = hills(12, colored=False)
+    mesh = scene.nodes[0].mesh
+    material = rj.Material("phong", base_color_texture=rj.Texture(image))
     shown = rj.Scene()
     shown.add(
         rj.Mesh(
-            mesh.vertices, mesh.faces, normals=mesh.normals, uv=uv, material=rj.Material(**material)
+            mesh.vertices, mesh.faces, normals=mesh.normals, uv=mesh.vertices[:, [0, 2]],
+            material=material,
         )
-    )
-    shown.lights = scene.lights
-    for samples in (1, 4):
-        one, other = pair(shown, EYES["above"], samples=samples)
-        assert moved(one, other) <= SIXTEENTH
+    )  # fmt: skip
+    shown.lights = [SUN]
+    assert rj.explain(shown, EYES["above"], size=SIZE).facts.limits is not None
+    shown.lights = [SUN, POINT]
+    facts = rj.explain(shown, EYES["above"], size=SIZE).facts
+    reason = "lamps shine, and an object has a texture"
+    assert (facts.limits, float64_reason(facts)) == (None, reason)
 
 
 def test_the_bound_holds_at_every_point_of_a_face():
