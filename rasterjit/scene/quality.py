@@ -127,9 +127,10 @@ class Quality:
         the points that light falls on and highlights are seen from, sample by sample where that
         moves a colour by at most a sixteenth of an 8-bit step, which a bound for each face tells:
         faces close to a point or spot light, or very bright in its light, take float64. An
-        environment, an exposure above 1, or below 0 with such lights, very bright directional light
-        and very sharp highlights leave all to float64. Texture coordinates, shadows and the outputs
-        besides ``"color"`` and ``"linear"`` take float64 always.
+        environment, an exposure above 1, very bright directional light and very sharp highlights
+        leave all to float64; with such lights textures and an exposure below 0 do, too. Texture
+        coordinates, shadows and the outputs besides ``"color"`` and ``"linear"`` take float64
+        always.
 
     Raises
     ------

@@ -112,10 +112,11 @@ def gloss_of(meshes: Sequence[Mesh]) -> Gloss:
 
 def brightness_of(lights: Sequence[Light]) -> float:
     """Return the sum of all light from directions."""
-    return sum(
-        light.intensity * max(light.color) for light in lights
-        if isinstance(light, DirectionalLight)
-    )  # fmt: skip
+    total = 0.0
+    for light in lights:
+        if isinstance(light, DirectionalLight):
+            total += light.intensity * max(light.color)
+    return total
 
 
 def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
@@ -128,7 +129,7 @@ def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
 
 def peak_of(gloss: Gloss) -> float:
     """Return what a white surface and its highlight make of light at most."""
-    facets = 0.25 / gloss.alpha**3
+    facets = 0.25 / (gloss.alpha * gloss.alpha * gloss.alpha)
     return 1.0 + max(gloss.specular, facets)
 
 
