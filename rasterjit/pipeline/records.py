@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
 
 
@@ -298,9 +300,12 @@ class Surface(NamedTuple):
     through: Through | None = None
     """How light goes through the objects | None -> through none in view."""
     limits: Any = None
-    """(3,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
+    """(8,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
     layers: Layers | None = None
     """Varnish, fibres, own mirrors | None -> none in view."""
+
+
+NO_LAMPS = np.empty((0, 7), np.float32)
 
 
 class Lighting(NamedTuple):
@@ -317,3 +322,6 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
+    lamps: Any = NO_LAMPS
+    """(P, 7) float32: all lamps of the scene, whatever they reach, for bounds of lit samples in
+    float32, see ``surface.lamps``."""

@@ -75,6 +75,7 @@ class Shader(NamedTuple):
             lighting = lighting._replace(
                 lights=kept.copied("light rows", lighting.lights),
                 ambient=kept.copied("light from all around", lighting.ambient),
+                lamps=kept.copied("lamps", lighting.lamps),
             )
         shading = kept.made(
             "stages", Shading, *read[:3], lighting, self.effects, table,

@@ -45,6 +45,7 @@ from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.precision import rows_of_lamps
 
 Cull: TypeAlias = Literal["none", "back", "front"]
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
@@ -199,7 +200,11 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     lights: Sequence[Light] = facts.lights.lights
     if facts.has_headlight:
         lights = headlight(camera)
-    return lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
+    lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
+    if facts.limits is None or not facts.lamps:
+        return lighting
+    rows = lighting_of(facts.lamps, camera, 0).lights
+    return lighting._replace(lamps=rows_of_lamps(rows, facts.inventory.gloss, facts.exposed))
 
 
 class KernelRow(NamedTuple):

@@ -75,7 +75,7 @@ def surface_steps(
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
     if lighting is not None and surface.limits is not None:
-        return planar_steps(geometry, placement, surface, effects)
+        return planar_steps(geometry, placement, surface, lighting.lamps, effects)
     materials = surface.materials
     steps = []
     is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
@@ -159,12 +159,13 @@ def surface_steps(
 
 
 def planar_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, effects: Sequence[Active]
-) -> list[Step]:
+    geometry: Geometry, placement: Placement, surface: Surface, lamps: NDArray[np.float32],
+    effects: Sequence[Active],
+) -> list[Step]:  # fmt: skip
     """Return the stages that find what surfaces with smooth normals are like, in float32."""
     materials, colors, own = surface.materials, surface.vertex_colors, surface.textures
     colors = np.empty((0, 4), np.float32) if colors is None else colors
-    shown = geometry, placement, surface.normals, materials, colors, surface.limits
+    shown = geometry, placement, surface.normals, materials, colors, lamps, surface.limits
     is_faded = surface.alphas is not None and surface.vertex_colors is not None
     are_read = own is not None or is_faded or acting(effects, "rows") or acting(effects, "light")
     weighed = [Step(weights.find_weights, (geometry, placement))]
@@ -177,6 +178,16 @@ def planar_steps(
         steps += weighed
     if own is not None:
         steps += coordinate_steps(own, geometry)
+    if len(lamps):
+        turned = surface.normals, placement.normal_matrices, materials
+        steps += [
+            Step(float32_planes.set_aside_sure, ()),
+            *(() if are_read or geometry.viewport.reach != 0 else weighed),
+            Step(attributes.gather_positions, (placement.positions,)),
+            Step(attributes.find_points, (placement,)),
+            Step(attributes.find_smooth_normals, turned),
+            Step(float32_planes.take_back_sure, ()),
+        ]
     if surface.face_colors is not None:
         steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
     has_textures = own is not None and shows(own, textures.BASE_COLOR)

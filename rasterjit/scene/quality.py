@@ -123,12 +123,14 @@ class Quality:
         Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32 in
         scenes of two kinds, whatever is in view. Where all objects are unlit, with no texture and
         none blended, it finds the colours with 1, 64 or 256 ``samples``, and moves each by at most
-        a millionth of itself. Where all are ``"phong"`` or ``"pbr"`` and all lights directional or
-        ambient, it finds colours, normals and the points that highlights are seen from, sample by
-        sample where that moves a colour by at most a sixteenth of an 8-bit step; lamps, an
-        environment, an exposure above 1, very bright light and very sharp highlights leave all to
-        float64. Texture coordinates, shadows and the outputs besides ``"color"`` and ``"linear"``
-        take float64 always.
+        a millionth of itself. Where all are ``"phong"`` or ``"pbr"``, it finds colours, normals and
+        the points that light falls on and highlights are seen from, sample by sample where that
+        moves a colour by at most a sixteenth of an 8-bit step, which a bound for each face tells:
+        faces close to a point or spot light, or very bright in its light, take float64. An
+        environment, an exposure above 1, very bright directional light and very sharp highlights
+        leave all to float64; with such lights textures and an exposure below 0 do, too. Texture
+        coordinates, shadows and the outputs besides ``"color"`` and ``"linear"`` take float64
+        always.
 
     Raises
     ------

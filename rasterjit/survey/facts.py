@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
-from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.light import AmbientLight, Light
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -29,7 +28,7 @@ from rasterjit.survey.lights import (
 )
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
-from rasterjit.survey.precision import MOST_STOPS, brightness_of, limits_of
+from rasterjit.survey.precision import EXPOSED, MOST_STOPS, brightness_of, lamps_among, limits_of
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -77,7 +76,9 @@ class Facts:
     attributes: dict[str, Attribute]
     """The attributes of meshes that are outputs, by the output's name."""
     brightness: float
-    """The sum of all light from directions; infinite if a light has a place."""
+    """The sum of all light from directions."""
+    lamps: tuple[Light, ...]
+    """The lights of the scene that have a place, whatever they reach."""
 
     @cached_property
     def wireframe(self) -> Wireframe | None:
@@ -194,6 +195,18 @@ class Facts:
         return tones is not None and tones.exposure > MOST_STOPS
 
     @cached_property
+    def is_dimmed(self) -> bool:
+        """Whether light of lamps is made darker before it is shown: it is very bright, then."""
+        tones = self.asked["tone_map"]
+        return bool(self.lamps) and tones is not None and tones.exposure < 0.0
+
+    @cached_property
+    def exposed(self) -> float:
+        """What light of lamps is multiplied by at most before it is shown."""
+        tones = self.asked["tone_map"]
+        return 1.0 if tones is None or tones.is_neutral else EXPOSED
+
+    @cached_property
     def limits(self) -> NDArray[np.float32] | None:
         """
         What bounds errors of lit samples in float32, `limits_of`; None where they take float64.
@@ -210,9 +223,11 @@ class Facts:
             or contents.transmitting > 0
             or self.is_surrounded
             or self.is_exposed
+            or self.is_dimmed
+            or (self.lamps and contents.has_textures)
         ):
             return None
-        return limits_of(self.inventory.gloss, self.brightness)
+        return limits_of(self.inventory.gloss, self.brightness, bool(self.lamps))
 
     @cached_property
     def needs_gouraud(self) -> bool:
@@ -366,6 +381,7 @@ def look(
     is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
     asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
     brightness = brightness_of(scene.lights) if scene.lights else HEADLIGHT_INTENSITY
+    lamps = lamps_among(scene.lights)
     picture = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
@@ -377,6 +393,7 @@ def look(
         and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
         and last.has_lights == bool(scene.lights)
         and last.brightness == brightness
+        and last.lamps == lamps
         and last.has_background == (background is not None)
         and last.in_view.tobytes() == in_view.tobytes()
     ):
@@ -403,6 +420,7 @@ def look(
                 if output.startswith(ATTRIBUTE)
             },
             brightness=brightness,
+            lamps=lamps,
         )
     transparency = facts.transparency
     if facts is not last or facts.contents.blended > 0:
@@ -477,8 +495,9 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         (contents.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
         (contents.transmitting > 0, "a material has a transmission"),
         (facts.is_surrounded, "the scene has an environment"),
-        (math.isinf(facts.brightness), "a light has a place"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
+        (facts.is_dimmed, "lamps shine, and the exposure is below 0"),
+        (bool(facts.lamps) and contents.has_textures, "lamps shine, and an object has a texture"),
         (True, "lights are too bright, or highlights too sharp"),
     ]
 

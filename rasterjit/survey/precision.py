@@ -1,6 +1,9 @@
 """
 Whether lit samples may take float32, and what bounds the errors of their normals and points.
 
+In light from directions
+------------------------
+
 An interpolated normal is off by at most ``u (5 |first| + 17 way)``, where ``u`` is 2**-24, the
 first vertex's normal is 5 roundings off, and the ways from there to the others, which it is moved
 by, are 17 in all: 10 of the weights (``float32_weights.WEIGHT_ERROR``), 4 of turning them, 3 of
@@ -12,6 +15,30 @@ An 8-bit sRGB code changes with the cosine of directional light by at most `SLOP
 of itself at most, which is ``sqrt(shininess) (1 + sqrt(2 ln peak))`` for Blinn's, as far as it
 is not white, and 4 over the width of facets for GGX. Both together, times the angle, stay below
 `NORMAL_SHARE` and `POINT_SHARE` of a code: where they may not, a sample takes float64.
+
+In the light of lamps
+---------------------
+Lamps are lights that have a place. How bright one is, and what an error does, differs from face to
+face: kernels (``surface.lamps``) work both out for the point of the face that is nearest to it, at
+a distance ``d``, and take float64 for a face that is too bright (`MOST_BENT`) or not sure.
+
+A point on a face lies off by at most ``u (3 |first| + 23 way)``: as above, ``|point|`` being at
+most ``|first| + way``, and rounded once more in float64. Over ``d`` that is an angle of the light,
+``off``, and half the share of itself by which light that falls off with the square moves. With
+``light`` that arrives at ``d``, a code moves, per ``off``, by at most
+
+- ``SLOPE light`` for the cosine with the normal, as above;
+- twice `CODES_PER_SHARE` for the falloff, and what a highlight moves by as the light turns;
+- for a range ``r``, which lets ``1 - s`` through with ``s = (distance / r)**4``, four times ``s``
+  times `CODES_PER_SHARE` over ``1 - s``, which is twice that at most as far as ``s`` is a half, and
+  beyond times ``SLOPE peak light``, ``peak`` being what a white surface and its highlight make of
+  light at most;
+- for a cone, which lets the square of a ramp through, the root of ``peak light`` times
+  `CODES_PER_RAMP`, the gain of the ramp and the sine at its outer end: ``code(k x**2)`` is nowhere
+  steeper than `CODES_PER_RAMP` times the root of ``k``.
+
+Roundings of the light itself, `LIGHT_ERROR`, move a code likewise, but for the sine. The sum over
+all lamps stays below `LAMP_SHARE`. All shares together are a sixteenth.
 """
 
 from __future__ import annotations
@@ -23,14 +50,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.light import AmbientLight, DirectionalLight, Light
+from rasterjit.pipeline.surface.lamps import (
+    CODES_PER_SHARE,
+    CONE,
+    ENDING,
+    LAMP_COLUMNS,
+    LIGHT,
+    RAMP,
+    ROUNDING,
+    SLOPE,
+)
+from rasterjit.scene.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.mesh import Mesh
 
-ROUNDING = 2.0**-24
-SLOPE = 12.92 * 255.0
 RELATIVE_SLOPE = 255.0 / 2.4
 NORMAL_SHARE, POINT_SHARE = 3.0 / 64.0, 1.0 / 64.0
 """Of a code that errors of normals, and of points, may come to."""
+
+NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS = 4.0 / 128.0, 1.0 / 128.0
+"""The same in scenes that have lamps, which take the rest."""
+
+LARGEST_LIMIT_BY_LAMPS, MOST_BENT = 0.25, 0.5
+"""As `LARGEST_LIMIT`, in scenes that have lamps, and on the brightest faces that take float32."""
+
+CODES_PER_RAMP = 370.0
 
 MOST_STOPS, EXPOSED = 1.0, 2.0
 """Exposures above this take float64; those below are reckoned as this. What it multiplies by."""
@@ -68,36 +111,84 @@ def gloss_of(meshes: Sequence[Mesh]) -> Gloss:
 
 
 def brightness_of(lights: Sequence[Light]) -> float:
-    """Return the sum of all light from directions; infinite if a light has a place."""
+    """Return the sum of all light from directions."""
     total = 0.0
     for light in lights:
         if isinstance(light, DirectionalLight):
             total += light.intensity * max(light.color)
-        elif not isinstance(light, AmbientLight) and light.intensity > 0.0:
-            return math.inf
     return total
 
 
-def limits_of(gloss: Gloss, brightness: float) -> NDArray[np.float32] | None:
+def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
+    """Return the lights that have a place and shine, whatever they reach."""
+    return tuple(
+        light for light in lights
+        if isinstance(light, PointLight | SpotLight) and light.intensity > 0.0 and any(light.color)
+    )  # fmt: skip
+
+
+def peak_of(gloss: Gloss) -> float:
+    """Return what a white surface and its highlight make of light at most."""
+    facets = 0.25 / (gloss.alpha * gloss.alpha * gloss.alpha)
+    return 1.0 + max(gloss.specular, facets)
+
+
+def rows_of_lamps(rows: NDArray[np.float32], gloss: Gloss, exposed: float) -> NDArray[np.float32]:
     """
-    Return what lengths of normals and points are compared with, (3,) float32.
+    Return what bounds are worked out from, (..., P, 7) float32: see ``surface.lamps``.
+
+    Parameters
+    ----------
+    rows : (..., P, 13) float32
+        The lamps as ``Lighting.lights`` has them.
+    gloss : Gloss
+    exposed : float
+        What light is multiplied by at most before it is shown.
+    """
+    lamps = np.empty((*rows.shape[:-1], LAMP_COLUMNS), np.float32)
+    colors, scale, offset = rows[..., 4:7].astype(np.float64), rows[..., 10], rows[..., 11]
+    light = exposed * colors.max(axis=-1)
+    cosine = -offset.astype(np.float64) / np.where(scale > 0.0, scale, np.float32(1.0))
+    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    lamps[..., :3] = rows[..., :3]
+    lamps[..., LIGHT] = light
+    lamps[..., RAMP] = CODES_PER_RAMP * np.sqrt(light * peak_of(gloss)) * scale
+    lamps[..., CONE] = lamps[..., RAMP] * sine
+    lamps[..., ENDING] = rows[..., 12]
+    return lamps
+
+
+def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.float32] | None:
+    """
+    Return what lengths of normals and points are compared with, (8,) float32.
 
     A normal is to be as long as the first times that of the first vertex, plus the second times
     the longer way from there to another vertex's; the square of a point's distance as large as the
-    third times that of the longer way to another vertex. None if float32 is good for nothing.
+    third times that of the longer way to another vertex. The fourth and fifth are what the light of
+    lamps adds to the first and second; the sixth is most of that light. What an error of a point
+    does to a code: the seventh, times light, near the end of a range, and the eighth. None if
+    float32 is good for nothing.
     """
-    if not math.isfinite(brightness):
-        return None
     light = brightness * EXPOSED
-    peak = light * gloss.specular
+    shares = NORMAL_SHARE, POINT_SHARE
+    if has_lamps:
+        shares = NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS
+    more = SLOPE * ROUNDING / shares[0]
+    most = MOST_BENT / (5.0 * more) if has_lamps else 0.0
+    peak = (light + most) * gloss.specular
     # Its logarithm is below that of the next power of two, which has the same bits everywhere.
     doublings = math.frexp(peak)[1] if peak > 1.0 else 0
     shine = 4.0 / gloss.alpha
     if gloss.specular > 0.0:
         shine += math.sqrt(gloss.shininess) * (1.0 + math.sqrt(2.0 * LOG_2 * doublings))
     shine *= RELATIVE_SLOPE
-    bent = (SLOPE * light + shine) * ROUNDING / NORMAL_SHARE
-    moved = 20.0 * shine * ROUNDING / POINT_SHARE
-    if 5.0 * bent > LARGEST_LIMIT or moved > 2.0:
+    bent = (SLOPE * light + shine) * ROUNDING / shares[0]
+    moved = 20.0 * shine * ROUNDING / shares[1]
+    largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 2.0)
+    if 5.0 * bent > largest[0] or moved > largest[1]:
         return None
-    return np.array([5.0 * bent, 17.0 * bent, moved * moved], np.float32)
+    limits = [5.0 * bent, 17.0 * bent, moved * moved, 0.0, 0.0, 0.0, 0.0, 0.0]
+    if has_lamps:
+        limits[3:6] = 5.0 * more, 17.0 * more, most - bent / more
+        limits[6:] = SLOPE * peak_of(gloss), 2.0 * CODES_PER_SHARE + shine
+    return np.array(limits, np.float32)

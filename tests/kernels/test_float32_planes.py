@@ -184,14 +184,10 @@ def test_what_a_block_held_before_changes_no_bit(garbage, squares):
     assert again.tobytes() == first.tobytes()
 
 
-LAMP = rj.PointLight((0.0, 1.0, 0.0))
-
-
 @pytest.mark.parametrize(
     ("scene", "quality", "words"),
     [
         (hills(), FLOAT64, "quality.interpolation_precision is 'float64'"),
-        (hills(lights=(SUN, LAMP)), None, "a light has a place"),
         (hills(lights=(rj.DirectionalLight((0, -1, 0), intensity=50.0),)), None,
          "lights are too bright, or highlights too sharp"),
         (hills(shading="pbr", roughness=0.01), None,

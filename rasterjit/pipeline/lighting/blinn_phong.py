@@ -32,6 +32,8 @@ SHORTEST_SQUARED = np.float32(1e-29)
 """Least squared length, scene units squared: the brightest light at the very point that it lights
 stays finite."""
 
+PLACED = 3
+"""Column of ``Lighting.lights``: 1 for a light that has a place, 0 for one from a direction."""
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
 CONE_SCALE, CONE_OFFSET = 10, 11

@@ -11,6 +11,10 @@ A run of neighbours that show one face is a loop over vectors; what it reads of 
 from one row to the next. Where faces show about one sample a row, that costs more than it saves:
 vertices are gathered there, a face for each lane. Both take the same steps, and what a sample shows
 depends on its face and its pixel alone.
+
+In the light of lamps a face that is not sure (``lamps``) is doubtful as a whole, and samples are
+not found in float64 one by one: `set_aside_sure` lets the stages of float64 find a block that has
+doubtful ones, and `take_back_sure` takes what these found there alone.
 """
 
 from __future__ import annotations
@@ -28,13 +32,22 @@ from rasterjit.pipeline.geometry.barycentric import (
 from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import samples as row
-from rasterjit.pipeline.surface.attributes import gather_values
+from rasterjit.pipeline.surface.attributes import fill_row, gather_values
 from rasterjit.pipeline.surface.float32_colors import edges_along_row, goes_on
 from rasterjit.pipeline.surface.float32_weights import (
     is_wide,
     may_be_wide,
     weigh_mixed,
     weights_at,
+)
+from rasterjit.pipeline.surface.lamps import (
+    MORE_BENT,
+    MORE_NORMAL,
+    facing_of,
+    is_lit_surely,
+    lamp_on_face,
+    square,
+    start_lamps,
 )
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -91,6 +104,12 @@ PLAIN, CUT, ODD = 0, 1, 2
 EDGES, RIGHT, DOWN, COLUMN_THERE, ROW_THERE = 0, 3, 6, 9, 10
 """Elements of ``edges``: edge functions at a pixel, their steps, that pixel."""
 
+LIGHT, OFF, EXACT = 0, 1, 2
+"""Rows of ``shares``: light of lamps on a face, what that moves, and 1 for doubtful samples."""
+
+KEPT = 0
+"""First of six rows of ``colors``: normals and points in float32."""
+
 LEAST_RATIO, LARGEST_RATIO = np.float32(2.0**-60), np.float32(2.0**60)
 """Ratios of w between these keep sums of weights far from the ends of float32."""
 
@@ -119,12 +138,6 @@ def rounded(m):
 
 
 @helper
-def square(x, y, z):
-    """Return the squared length of a vector."""
-    return x * x + y * y + z * z
-
-
-@helper
 def put(plane, at, x, y, z):
     """Write three numbers."""
     plane[at], plane[at + 1], plane[at + 2] = x, y, z
@@ -145,18 +158,20 @@ def lay_colors(plane, corner, base, colors):
 
 
 @helper
-def least_square(first, bent, limits):
+def least_square(first, bent, light, limits):
     """
     Return the least squared length of a normal that is sure.
 
-    Takes those of the first vertex's normal, and of the longer way from there to another.
+    Takes those of the first vertex's normal, and of the longer way from there to another; and the
+    light of lamps.
     """
-    least = limits[0] * np.sqrt(first) + limits[1] * np.sqrt(bent)
+    least = (limits[0] + light * limits[MORE_NORMAL]) * np.sqrt(first)
+    least += (limits[1] + light * limits[MORE_BENT]) * np.sqrt(bent)
     return least * least
 
 
 @helper
-def lay_normals(plane, corner, turn, side, normals, limits):
+def lay_normals(plane, corner, turn, side, normals, light, limits):
     """Write the normal of the first vertex, world axes, and the ways to the others."""
     a, b, c = corner
     x, y, z = normals[a, 0], normals[a, 1], normals[a, 2]
@@ -167,7 +182,7 @@ def lay_normals(plane, corner, turn, side, normals, limits):
     put(plane, NORMALS + 4, side * ux, side * uy, side * uz)
     put(plane, NORMALS + 8, side * vx, side * vy, side * vz)
     bent = max(square(ux, uy, uz), square(vx, vy, vz))
-    plane[LEAST_NORMAL] = least_square(square(x, y, z), bent, limits)
+    plane[LEAST_NORMAL] = least_square(square(x, y, z), bent, light, limits)
 
 
 @helper
@@ -182,8 +197,8 @@ def least_distance(first, moved, limit):
 
 
 @helper
-def lay_points(plane, corner, owner, matrix, placement, limits):
-    """Write where the first vertex lies, and the ways to the others."""
+def lay_points(plane, corner, owner, matrix, placement, lamps, limits):
+    """Write where the first vertex lies, and the ways to the others; return the light of lamps."""
     p, (a, b, c) = placement.positions, corner
     ax, ay, az = p[a, 0], p[a, 1], p[a, 2]
     f = np.float32
@@ -195,7 +210,18 @@ def lay_points(plane, corner, owner, matrix, placement, limits):
     put(plane, POINTS + 4, ux, uy, uz)
     put(plane, POINTS + 8, vx, vy, vz)
     moved = max(square(ux, uy, uz), square(vx, vy, vz))
-    plane[LEAST_POINT] = least_distance(square(x, y, z), moved, limits[2])
+    least = least_distance(square(x, y, z), moved, limits[2])
+    light, off = f(0.0), f(0.0)
+    if lamps.shape[0] > 0:
+        facing, way = facing_of((ux, uy, uz), (vx, vy, vz)), np.sqrt(moved)
+        away = np.sqrt(square(x, y, z))
+        for n in range(lamps.shape[0]):
+            more = lamp_on_face(lamps[n], (x, y, z), facing, away, way, limits)
+            light += more[0]
+            off += more[1]
+        least = least if is_lit_surely(light, off, limits) else f(np.inf)
+    plane[LEAST_POINT] = least
+    return light
 
 
 @helper
@@ -250,15 +276,15 @@ def meet_face(face, corner, pixel, owned, has_wide, block, geometry, placement, 
     slot = np.uintp(face) & np.uintp(PLANES - 1)
     if block.faces[0, slot] == face:
         return slot
-    (owner, turn, matrix, base), (normals, colors, limits) = owned, look
+    (owner, turn, matrix, base), (normals, colors, lamps, limits) = owned, look
     plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     kind = lay_edges(edge, corner, pixel, has_wide, plane, geometry)
     side = np.float32(-1.0 if shows_back(corner, kind, owner, geometry, placement) else 1.0)
     plane[SIDE] = side
     lay_colors(plane, corner, base, colors)
-    lay_normals(plane, corner, turn, side, normals, limits)
-    lay_points(plane, corner, owner, matrix, placement, limits)
+    light = lay_points(plane, corner, owner, matrix, placement, lamps, limits)
+    lay_normals(plane, corner, turn, side, normals, light, limits)
     block.faces[0, slot], block.faces[1, slot] = face, kind
     return slot
 
@@ -407,6 +433,27 @@ def mend(first, stop, corner, pixel, owner, plane, block, geometry, placement, n
             s[row.POINT_X + k, n] = np.float32(point[k])
 
 
+@disjoint_helper
+def mark(nx, ny, nz, px, py, pz, exact, least_normal, least_point):
+    """Note which samples of a face are doubtful."""
+    for n in range(exact.shape[0]):
+        is_unsure = is_doubtful(nx[n], ny[n], nz[n], least_normal)
+        is_unsure |= is_doubtful(px[n], py[n], pz[n], least_point)
+        exact[n] = np.float32(1.0 if is_unsure else 0.0)
+
+
+@helper
+def mark_run(first, stop, plane, block):
+    """Note which samples of a run are doubtful, to be found in float64 by stages that follow."""
+    s = block.samples
+    mark(
+        part(s, row.NORMAL_X, first, stop), part(s, row.NORMAL_Y, first, stop),
+        part(s, row.NORMAL_Z, first, stop), part(s, row.POINT_X, first, stop),
+        part(s, row.POINT_Y, first, stop), part(s, row.POINT_Z, first, stop),
+        part(block.shares, EXACT, first, stop), plane[LEAST_NORMAL], plane[LEAST_POINT],
+    )  # fmt: skip
+
+
 @helper
 def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
     """Write the samples of a segment, run by run."""
@@ -428,7 +475,9 @@ def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
         if unsure < 0:
             plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
             lay_oddly(first, stop, corner, pixel, plane, block, geometry)
-        if unsure != 0:
+        if (unsure != 0) & (look[2].shape[0] > 0):
+            mark_run(first, stop, part(block.planes, slot, 0, PLANE_ELEMENTS), block)
+        elif unsure != 0:
             plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
             mend(
                 first, stop, corner, pixel, owned[0], plane, block, geometry, placement, look[0]
@@ -475,9 +524,14 @@ def find_sides(ax, ay, bx, by, cx, cy, front, sides):
 
 @disjoint_helper
 def mix_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, turn, limits, count
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, light, exact, turn,
+    limits, count,
 ):  # fmt: skip
-    """Write normals, each of a face of its own; return not 0 if any of ``count`` is doubtful."""
+    """
+    Write normals, each of a face of its own, and note in ``exact`` which are doubtful.
+
+    Returns not 0 if any of ``count`` is.
+    """
     found = np.int32(0)
     for n in range(nx.shape[0]):
         x, y, z, w1, w2, side = xa[n], ya[n], za[n], second[n], third[n], sides[n]
@@ -485,10 +539,12 @@ def mix_normals(
         vx, vy, vz = turned(xc[n] - x, yc[n] - y, zc[n] - z, turn)
         x, y, z = turned(x, y, z, turn)
         bent = max(square(ux, uy, uz), square(vx, vy, vz))
-        least = least_square(square(x, y, z), bent, limits)
+        least = least_square(square(x, y, z), bent, light[n], limits)
         x, y, z = x + (w1 * ux + w2 * vx), y + (w1 * uy + w2 * vy), z + (w1 * uz + w2 * vz)
         nx[n], ny[n], nz[n] = side * x, side * y, side * z
-        found = np.int32(found | np.int32(is_doubtful(x, y, z, least) & (np.int32(n) < count)))
+        is_unsure = is_doubtful(x, y, z, least) & (np.int32(n) < count)
+        exact[n] = np.float32(1.0) if is_unsure else exact[n]
+        found = np.int32(found | np.int32(is_unsure))
     return found
 
 
@@ -512,20 +568,53 @@ def place_first(px, py, pz, xa, ya, za, owner, matrices):
 
 
 @disjoint_helper
-def move_points(px, py, pz, xb, yb, zb, xc, yc, zc, second, third, matrix, limit, count):
-    """Move points over their faces; return not 0 if any of ``count`` is doubtful."""
+def measure_faces(
+    px, py, pz, xb, yb, zb, xc, yc, zc, facing_x, facing_y, facing_z, away, way, matrix
+):  # fmt: skip
+    """Write what `lamp_on_face` takes of faces, each of a lane."""
+    for n in range(px.shape[0]):
+        u, v = turned(xb[n], yb[n], zb[n], matrix), turned(xc[n], yc[n], zc[n], matrix)
+        facing_x[n], facing_y[n], facing_z[n] = facing_of(u, v)
+        way[n] = np.sqrt(max(square(u[0], u[1], u[2]), square(v[0], v[1], v[2])))
+        away[n] = np.sqrt(square(px[n], py[n], pz[n]))
+
+
+@disjoint_helper
+def add_lamp(
+    px, py, pz, facing_x, facing_y, facing_z, away, way, light, off, lamp, limits
+):  # fmt: skip
+    """Add the light of a lamp on faces, and what it moves: `lamp_on_face`."""
+    for n in range(px.shape[0]):
+        first, facing = (px[n], py[n], pz[n]), (facing_x[n], facing_y[n], facing_z[n])
+        more = lamp_on_face(lamp, first, facing, away[n], way[n], limits)
+        light[n] += more[0]
+        off[n] += more[1]
+
+
+@disjoint_helper
+def move_points(
+    px, py, pz, xb, yb, zb, xc, yc, zc, second, third, light, off, exact, matrix, limits, count
+):  # fmt: skip
+    """
+    Move points over their faces, and note in ``exact`` which are doubtful.
+
+    Returns not 0 if any of ``count`` is.
+    """
     found = np.int32(0)
     for n in range(px.shape[0]):
         w1, w2 = second[n], third[n]
         ux, uy, uz = turned(xb[n], yb[n], zb[n], matrix)
         vx, vy, vz = turned(xc[n], yc[n], zc[n], matrix)
         moved = max(square(ux, uy, uz), square(vx, vy, vz))
-        least = least_distance(square(px[n], py[n], pz[n]), moved, limit)
+        least = least_distance(square(px[n], py[n], pz[n]), moved, limits[2])
+        least = least if is_lit_surely(light[n], off[n], limits) else np.float32(np.inf)
         x, y, z = (
             px[n] + (w1 * ux + w2 * vx), py[n] + (w1 * uy + w2 * vy), pz[n] + (w1 * uz + w2 * vz)
         )  # fmt: skip
         px[n], py[n], pz[n] = x, y, z
-        found = np.int32(found | np.int32(is_doubtful(x, y, z, least) & (np.int32(n) < count)))
+        is_unsure = is_doubtful(x, y, z, least) & (np.int32(n) < count)
+        exact[n] = np.float32(1.0 if is_unsure else 0.0)
+        found = np.int32(found | np.int32(is_unsure))
     return found
 
 
@@ -551,7 +640,7 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
     """
     if weigh_mixed(segment, block, geometry, has_wide) != 0:
         return np.int32(1)
-    (owner, turn, matrix, base), (normals, colors, limits) = owned, look
+    (owner, turn, matrix, base), (normals, colors, lamps, limits) = owned, look
     s, count = np.int64(segment[START]), np.int32(segment[STOP] - segment[START])
     e = s + whole_vectors(count)
     samples, weights, v, p = block.samples, block.float32_weights, block.single, block.real
@@ -574,18 +663,6 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
             part(v, 3, s, e), part(v, 4, s, e), part(v, 5, s, e), part(v, 6, s, e),
             part(v, 7, s, e), part(v, 8, s, e), first, second, third, base,
         )  # fmt: skip
-    sides = first
-    find_sides(
-        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
-        part(whole, CX, s, e), part(whole, CY, s, e), placement.front_turns[owner], sides,
-    )  # fmt: skip
-    gather_values(patches[0], patches[1], normals, whole, v)
-    unsure = mix_normals(
-        part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
-        part(samples, row.NORMAL_Z, s, e), part(v, 0, s, e), part(v, 1, s, e), part(v, 2, s, e),
-        part(v, 3, s, e), part(v, 4, s, e), part(v, 5, s, e), part(v, 6, s, e), part(v, 7, s, e),
-        part(v, 8, s, e), sides, second, third, turn, limits, count,
-    )  # fmt: skip
     gather_values(patches[0], patches[1], placement.positions, whole, p)
     px, py, pz = (
         part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
@@ -601,27 +678,59 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         part(p, 7, s, e), part(p, 8, s, e), *ways,
     )  # fmt: skip
     place_first(px, py, pz, xa, ya, za, owner, placement.relative_from_model)
-    return unsure | move_points(px, py, pz, *ways, second, third, matrix, limits[2], count)
+    light, off, exact = (
+        part(block.shares, LIGHT, s, e), part(block.shares, OFF, s, e),
+        part(block.shares, EXACT, s, e),
+    )  # fmt: skip
+    start_lamps(light, off)
+    if lamps.shape[0] > 0:
+        faces = (
+            part(block.colors, 0, s, e), part(block.colors, 1, s, e), part(block.colors, 2, s, e),
+            part(block.colors, 3, s, e), part(block.colors, 4, s, e),
+        )  # fmt: skip
+        measure_faces(px, py, pz, *ways, *faces, matrix)
+        for n in range(lamps.shape[0]):
+            add_lamp(px, py, pz, *faces, light, off, lamps[n], limits)
+    unsure = move_points(px, py, pz, *ways, second, third, light, off, exact, matrix, limits, count)
+    sides = first
+    find_sides(
+        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
+        part(whole, CX, s, e), part(whole, CY, s, e), placement.front_turns[owner], sides,
+    )  # fmt: skip
+    gather_values(patches[0], patches[1], normals, whole, v)
+    unsure |= mix_normals(
+        part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
+        part(samples, row.NORMAL_Z, s, e), part(v, 0, s, e), part(v, 1, s, e), part(v, 2, s, e),
+        part(v, 3, s, e), part(v, 4, s, e), part(v, 5, s, e), part(v, 6, s, e), part(v, 7, s, e),
+        part(v, 8, s, e), sides, second, third, light, exact, turn, limits, count,
+    )  # fmt: skip
+    return np.int32(0) if lamps.shape[0] > 0 else unsure
 
 
 @stage
 def find_float32_surface(
     block: Block, count, geometry: Geometry, placement: Placement, normals: float32[:, ::1],
-    materials: float32[:, ::1], colors: float32[:, ::1], limits: float32[::1],
+    materials: float32[:, ::1], colors: float32[:, ::1], lamps: float32[:, ::1],
+    limits: float32[::1],
 ):  # fmt: skip
     """
     Write base colours, normals and points of samples in float32.
 
     After `find_weights` where samples may lie beside their faces. All objects have smooth normals.
-    ``colors`` are those of the vertices, (V, 4) or (0, 4); ``limits``, (3,), see
-    ``survey.precision.limits_of``.
+    ``colors`` are those of the vertices, (V, 4) or (0, 4); ``lamps``, (P, 7), see ``lamps``;
+    ``limits``, (8,), see ``survey.precision.limits_of``.
     """
     has_wide = may_be_wide(geometry.viewport)
     if block.counts[KNOWS_PLANES] == 0:
         for n in range(PLANES):
             block.faces[0, n] = np.int32(-1)
         block.counts[KNOWS_PLANES] = 1
-    look = normals, colors, (limits[0], limits[1], limits[2])
+    bounds = (
+        limits[0], limits[1], limits[2], limits[3], limits[4], limits[5], limits[6], limits[7],
+    )  # fmt: skip
+    look = normals, colors, lamps, bounds
+    if lamps.shape[0] > 0:
+        fill_row(part(block.shares, EXACT, 0, count), np.float32(0.0))
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
@@ -639,3 +748,49 @@ def find_float32_surface(
             unsure = lay_patches(segment, owned, block, geometry, placement, look, has_wide)
         if unsure != 0:
             lay_runs(segment, owned, block, geometry, placement, look, has_wide)
+
+
+@disjoint_helper
+def keep(values, kept):
+    """Copy a row."""
+    for n in range(values.shape[0]):
+        kept[n] = values[n]
+
+
+@disjoint_helper
+def restore(values, kept, exact):
+    """Write what was kept where it is to be."""
+    for n in range(values.shape[0]):
+        values[n] = values[n] if exact[n] > np.float32(0.0) else kept[n]
+
+
+@stage
+def set_aside_sure(block: Block, count):
+    """
+    Set normals and points aside, if any are to be found in float64, where lamps shine.
+
+    Else hide the segments: stages up to `take_back_sure` find none.
+    """
+    found = np.int32(0)
+    for n in range(np.uintp(count)):
+        found |= np.int32(block.shares[EXACT, n] > np.float32(0.0))
+    if found == 0:
+        block.counts[SEGMENTS] = -block.counts[SEGMENTS]
+        return
+    for k in range(6):
+        keep(
+            part(block.samples, row.NORMAL_X + k, 0, count), part(block.colors, KEPT + k, 0, count)
+        )
+
+
+@stage
+def take_back_sure(block: Block, count):
+    """Put normals and points back where float32 is good enough."""
+    if block.counts[SEGMENTS] < 0:
+        block.counts[SEGMENTS] = -block.counts[SEGMENTS]
+        return
+    for k in range(6):
+        restore(
+            part(block.samples, row.NORMAL_X + k, 0, count),
+            part(block.colors, KEPT + k, 0, count), part(block.shares, EXACT, 0, count),
+        )  # fmt: skip
