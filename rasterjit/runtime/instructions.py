@@ -1141,6 +1141,34 @@ def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any
 
 
 @intrinsic
+def enclose(
+    typing_context: Any, xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any
+) -> Any:
+    """Write the least x and y of three vertices, and the greatest, to two places of rows."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pair = ir.VectorType(LANE, 2)
+        data = field(context, builder, xy, arguments[0], "data")
+        data = builder.bitcast(data, ir.IntType(8).as_pointer())
+        stride = words(context, builder, xy, arguments[0], "strides")[0]
+        places = [builder.gep(data, [builder.mul(vertex, stride)]) for vertex in arguments[1:4]]
+        a, b, c = (
+            builder.load(builder.bitcast(place, pair.as_pointer()), align=4) for place in places
+        )
+        first = builder.shl(arguments[6], arguments[6].type(1))
+        for row, value, how in zip((least, most), arguments[4:6], "<>", strict=True):
+            found = a
+            for other in (b, c):
+                found = builder.select(builder.icmp_signed(how, found, other), found, other)
+            target = builder.gep(field(context, builder, row, value, "data"), [first])
+            builder.store(found, builder.bitcast(target, pair.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    vertices = types.uintp, types.uintp, types.uintp
+    return types.void(xy, *vertices, least, most, types.uintp), generate
+
+
+@intrinsic
 def fetch(typing_context: Any, row: Any, number: Any) -> Any:
     """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
 

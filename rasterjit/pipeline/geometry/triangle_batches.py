@@ -20,11 +20,11 @@ from rasterjit.pipeline.geometry.setup import (
     first_sample,
     last_sample,
     narrow_edge,
-    samples_between,
+    pixel_of,
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import fetch, flat, part
+from rasterjit.runtime.intrinsics import enclose, fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -104,7 +104,9 @@ ORDERED = 8192
 BUCKETS = 16
 """Ranges of depth, nearest first, that they are put in."""
 
-WAYS = 4
+BOX_BITS = 12
+WAY_BITS = 2
+WAYS = 1 << WAY_BITS
 """Parts of a range that are filled by turns, for a count is slow to change twice in a row."""
 
 BUCKET_SLACK = 2.0**-20
@@ -129,6 +131,45 @@ def gather_triangles(listed, faces, screen, whole, real):
             vertex = np.uintp(whole[AX + 2 * k, n])
             whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
             real[DEPTH + k, n] = depth[vertex]
+
+
+@helper
+def find_corners(listed, faces, corners):
+    """Find the vertices of some listed triangles."""
+    own, pieces, piece_faces = faces
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        corners[0, n], corners[1, n], corners[2, n] = a, b, c
+
+
+@helper
+def fetch_corners(listed, faces, depth, corners):
+    """Find the vertices of some listed triangles, and ask for them."""
+    own, pieces, piece_faces = faces
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        fetch(depth, a)
+        fetch(depth, b)
+        fetch(depth, c)
+        corners[0, n], corners[1, n], corners[2, n] = a, b, c
+
+
+@helper
+def enclose_triangles(count, screen, corners, least, most, nearest):
+    """Find what encloses triangles whose vertices were found, x and y by turns, and how near they come."""
+    xy, depth = screen.xy, screen.depth
+    for n in range(np.uintp(count)):
+        a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
+        enclose(xy, a, b, c, least, most, n)
+        nearest[n] = max(depth[a], max(depth[b], depth[c]))
+
+
+@helper
+def fetch_faces(listed, faces):
+    """Ask for some listed faces."""
+    corners, face_count = flat(faces[0]), np.int64(faces[0].shape[0])
+    for n in range(listed.shape[0]):
+        fetch(corners, np.uintp(3 * min(np.int64(listed[n]), face_count - 1)))
 
 
 @helper
@@ -362,30 +403,40 @@ def cell_at(pixel, origin):
 
 
 @disjoint_helper
-def survey_cells(ax, ay, bx, by, cx, cy, da, db, dc, window, bits, lowest, highest, nearest, boxes):
+def find_cells(least, most, shift, origin, bits):
+    """Write the first and the last cell of a tile that enclose triangles, both in one number."""
+    bits = np.uint32(bits & 15)
+    half = np.int32(np.int32(1) << np.int32(bits - np.uint32(1)))
+    for n in range(least.shape[0]):
+        is_row = np.int32(n) & np.int32(1) != 0
+        away = shift[1] if is_row else shift[0]
+        begin = origin[1] if is_row else origin[0]
+        first = pixel_of(np.int32(np.int32(least[n] + away) + np.int32(half - 1)), bits)
+        last = pixel_of(np.int32(np.int32(most[n] + away) - half), bits)
+        least[n] = np.int32(cell_at(first, begin) + np.int32(cell_at(last, begin) << 3))
+
+
+@disjoint_helper
+def survey_cells(cells, nearest, lowest, highest, boxes):
     """
-    Write how near triangles come, and the boxes of a tile's cells around them.
+    Write the boxes of a tile's cells around triangles.
 
     The least and the greatest depth so far go to a lane each, of as many as triangles.
     """
-    bits = np.uint32(bits & 15)
-    for n in range(ax.shape[0]):
-        left, right = samples_between(ax[n], bx[n], cx[n], bits, 0)
-        top, bottom = samples_between(ay[n], by[n], cy[n], bits, 0)
-        columns = np.int32(cell_at(left, window[0]) + np.int32(cell_at(right, window[0]) << 3))
-        rows = np.int32(cell_at(top, window[1]) + np.int32(cell_at(bottom, window[1]) << 3))
-        boxes[n] = np.int32(columns + np.int32(rows << 6))
-        depth = max(da[n], max(db[n], dc[n]))
-        nearest[n] = depth
+    for n in range(nearest.shape[0]):
+        boxes[n] = np.int32(cells[2 * n] + np.int32(cells[2 * n + 1] << 6))
+        depth = nearest[n]
         lowest[n], highest[n] = min(lowest[n], depth), max(highest[n], depth)
 
 
-@helper
-def slot_of(depth, top, scale, n):
-    """Return which part of which range of depths triangle ``n`` is in that comes so near."""
-    place = (top - depth) * scale
-    bucket = np.uintp(np.int32(place)) if place < BUCKETS - 1.0 else np.uintp(BUCKETS - 1)
-    return bucket * np.uintp(WAYS) + (n & np.uintp(WAYS - 1))
+@disjoint_helper
+def find_slots(nearest, top, scale, boxes):
+    """Add to their boxes which part of which range of depths triangles are in."""
+    for n in range(nearest.shape[0]):
+        place = (top - nearest[n]) * scale
+        bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
+        slot = np.int32(np.int32(bucket << WAY_BITS) | np.int32(np.int32(n) & (WAYS - 1)))
+        boxes[n] = np.int32(boxes[n] | np.int32(slot << BOX_BITS))
 
 
 @helper
@@ -400,16 +451,18 @@ def sort_triangles(listed, nearest, boxes, lowest, highest, order):
     scale = 1.0 / width if is_wide else 0.0
     for k in range(starts.shape[0]):
         starts[k] = 0
+    find_slots(nearest, top, scale, boxes)
     for n in range(np.uintp(listed.shape[0])):
-        starts[slot_of(nearest[n], top, scale, n) + np.uintp(1)] += 1
+        starts[np.uintp(boxes[n] >> BOX_BITS) + np.uintp(1)] += 1
     for k in range(starts.shape[0] - 1):
         starts[k + 1] += starts[k]
     slack = max(abs(low), abs(top)) * 2.0**-50
     for k in range(BUCKETS):
         bounds[k] = top - (np.float64(k) - BUCKET_SLACK) * width + slack if is_wide else top
     for n in range(np.uintp(listed.shape[0])):
-        slot = slot_of(nearest[n], top, scale, n)
-        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | np.int64(boxes[n]) << 32
+        box = np.int64(boxes[n])
+        slot = np.uintp(box >> BOX_BITS)
+        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | (box & ((1 << BOX_BITS) - 1)) << 32
         starts[slot] += 1
 
 
@@ -420,7 +473,7 @@ ends, and what none in the range is nearer than.
 """
 
 
-SURVEYED = float64[:, ::1], int32[:, ::1]
+SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
 """The types of memory, (1, ORDERED) each, for how near triangles come and their boxes of cells."""
 
 
@@ -429,7 +482,7 @@ def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
     return (
         (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
-        (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32)),
+        (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32), np.empty((5, 2 * BATCH), np.int32)),
     )
 
 
@@ -459,24 +512,26 @@ def order_triangles(
     lowest, highest = part(real, WEIGHT, 0, BATCH), part(real, WEIGHT + 1, 0, BATCH)
     for n in range(BATCH):
         lowest[n], highest[n] = np.inf, -np.inf
-    nearest, found = surveyed
+    nearest, found, corners = surveyed
+    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
+    origin = np.int32(asked[LEFT_COLUMN]), np.int32(asked[TOP_ROW])
     is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
+    find_corners(listed[first : first + min(BATCH, count)], parts, corners)
     for begin in range(0, count, BATCH):
         some = min(BATCH, count - begin)
-        gather_triangles(listed[first + begin : first + begin + some], parts, screen, whole, real)
-        to_come = min(2 * BATCH, count + asked[TO_COME] - begin - some)
-        if is_distant and to_come > 0:
-            following = first + begin + some
-            fetch_triangles(listed[following : following + to_come], parts, screen.depth, to_come)
-        move_triangles(some, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
-        survey_cells(
-            part(whole, AX, 0, some), part(whole, AY, 0, some), part(whole, BX, 0, some),
-            part(whole, BY, 0, some), part(whole, CX, 0, some), part(whole, CY, 0, some),
-            part(real, DEPTH, 0, some), part(real, DEPTH + 1, 0, some),
-            part(real, DEPTH + 2, 0, some), (asked[LEFT_COLUMN], asked[TOP_ROW]),
-            asked[GRID_BITS], lowest, highest, part(nearest, 0, begin, begin + some),
-            part(found, 0, begin, begin + some),
-        )  # fmt: skip
+        least, most = part(corners, 3, 0, 2 * some), part(corners, 4, 0, 2 * some)
+        near = part(nearest, 0, begin, begin + some)
+        enclose_triangles(some, screen, corners, least, most, near)
+        following = first + begin + some
+        end = min(following + BATCH, first + count)
+        if is_distant:
+            beyond = min(end + BATCH, first + count + asked[TO_COME])
+            fetch_faces(listed[end:beyond], parts)
+            fetch_corners(listed[following:end], parts, screen.depth, corners)
+        else:
+            find_corners(listed[following:end], parts, corners)
+        find_cells(least, most, shift, origin, asked[GRID_BITS])
+        survey_cells(least, near, lowest, highest, part(found, 0, begin, begin + some))
     sort_triangles(
         listed[first : first + count], part(nearest, 0, 0, count), part(found, 0, 0, count),
         lowest, highest, order,
