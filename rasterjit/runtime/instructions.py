@@ -1169,6 +1169,25 @@ def enclose(
 
 
 @intrinsic
+def copy_pair(typing_context: Any, pairs: Any, number: Any, row: Any, n: Any) -> Any:
+    """Copy a pair of numbers that lie side by side to places 2 n and 2 n + 1 of a row."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word = ir.IntType(64).as_pointer()
+        data = field(context, builder, pairs, arguments[0], "data")
+        data = builder.bitcast(data, ir.IntType(8).as_pointer())
+        stride = words(context, builder, pairs, arguments[0], "strides")[0]
+        place = builder.gep(data, [builder.mul(arguments[1], stride)])
+        value = builder.load(builder.bitcast(place, word), align=4)
+        target = field(context, builder, row, arguments[2], "data")
+        target = builder.gep(builder.bitcast(target, word), [arguments[3]])
+        builder.store(value, target, align=4)
+        return context.get_dummy_value()
+
+    return types.void(pairs, types.uintp, row, types.uintp), generate
+
+
+@intrinsic
 def fetch(typing_context: Any, row: Any, number: Any) -> Any:
     """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
 

@@ -492,6 +492,12 @@ def enclose(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> N
 
 
 @intrinsic
+def copy_pair(pairs: Any, number: Any, row: Any, n: Any) -> None:
+    """Copy a pair of numbers that lie side by side to places 2 n and 2 n + 1 of a row."""
+    row[2 * int(n) : 2 * int(n) + 2] = pairs[int(number)]
+
+
+@intrinsic
 def fetch(row: Any, number: Any) -> None:
     """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
 
