@@ -73,6 +73,13 @@ LEAST_SIDE = -(2.0**31)
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
+
+@helper
+def at(row, n):
+    """Return the place of a column of a row, both arrays taken as one row: a known way from n."""
+    return np.uintp(row * ROOM) + n
+
+
 REAL = float64[:, ::1]
 """The type of the rows of real numbers."""
 
