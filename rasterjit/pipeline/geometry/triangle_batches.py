@@ -141,15 +141,6 @@ def gather_triangles(listed, faces, screen, whole, real):
 
 
 @helper
-def find_corners(listed, faces, corners):
-    """Find the vertices of some listed triangles."""
-    own, pieces, piece_faces = faces
-    for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
-        corners[0, n], corners[1, n], corners[2, n] = a, b, c
-
-
-@helper
 def fetch_corners(listed, faces, depth, corners):
     """Find the vertices of some listed triangles, and ask for them."""
     own, pieces, piece_faces = faces
@@ -162,11 +153,22 @@ def fetch_corners(listed, faces, depth, corners):
 
 
 @helper
-def enclose_triangles(count, screen, corners, least, most, nearest):
-    """Find what encloses triangles whose vertices were found, x and y by turns, and how near they come."""
+def enclose_fetched(screen, corners, least, most, nearest):
+    """Find what encloses triangles whose vertices were found, and how near they come."""
     xy, depth = screen.xy, screen.depth
-    for n in range(np.uintp(count)):
+    for n in range(np.uintp(nearest.shape[0])):
         a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
+        enclose(xy, a, b, c, least, most, n)
+        nearest[n] = max(depth[a], max(depth[b], depth[c]))
+
+
+@helper
+def enclose_listed(listed, faces, screen, least, most, nearest):
+    """Find what encloses listed triangles, x and y by turns, and how near they come."""
+    own, pieces, piece_faces = faces
+    xy, depth = screen.xy, screen.depth
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         enclose(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
@@ -523,20 +525,21 @@ def order_triangles(
     shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     origin = np.int32(asked[LEFT_COLUMN]), np.int32(asked[TOP_ROW])
     is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
-    find_corners(listed[first : first + min(BATCH, count)], parts, corners)
+    if is_distant:
+        fetch_corners(listed[first : first + min(BATCH, count)], parts, screen.depth, corners)
     for begin in range(0, count, BATCH):
         some = min(BATCH, count - begin)
         least, most = part(corners, 3, 0, 2 * some), part(corners, 4, 0, 2 * some)
         near = part(nearest, 0, begin, begin + some)
-        enclose_triangles(some, screen, corners, least, most, near)
         following = first + begin + some
         end = min(following + BATCH, first + count)
         if is_distant:
+            enclose_fetched(screen, corners, least, most, near)
             beyond = min(end + BATCH, first + count + asked[TO_COME])
             fetch_faces(listed[end:beyond], parts)
             fetch_corners(listed[following:end], parts, screen.depth, corners)
         else:
-            find_corners(listed[following:end], parts, corners)
+            enclose_listed(listed[following - some : following], parts, screen, least, most, near)
         find_cells(least, most, shift, origin, asked[GRID_BITS])
         survey_cells(least, near, lowest, highest, part(found, 0, begin, begin + some))
     sort_triangles(
