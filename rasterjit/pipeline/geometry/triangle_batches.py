@@ -24,7 +24,7 @@ from rasterjit.pipeline.geometry.setup import (
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import enclose, fetch, flat, part
+from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -71,13 +71,8 @@ LEAST_SIDE = -(2.0**31)
 """The least whole number of 32 bits."""
 
 ROOM = BATCH + 8
+PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
-
-
-@helper
-def at(row, n):
-    """Return the place of a column of a row, both arrays taken as one row: a known way from n."""
-    return np.uintp(row * ROOM) + n
 
 
 REAL = float64[:, ::1]
@@ -124,20 +119,25 @@ FETCHED_VERTICES = 1 << 16
 
 
 @helper
+def at(row, n):
+    """Return the place of a column of a row, both arrays taken as one row: a known way from n."""
+    return np.uintp(row * ROOM) + n
+
+
+@helper
 def gather_triangles(listed, faces, screen, whole, real):
     """Gather the faces of some listed triangles, where their vertices lie, and how deep."""
     own, pieces, piece_faces = faces
-    xy, depth = screen.xy, screen.depth
-    count = np.uintp(listed.shape[0])
-    for n in range(count):
+    xy, depth, pairs = screen.xy, screen.depth, flat(whole)
+    for n in range(np.uintp(listed.shape[0])):
         (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
-        whole[FACE, n] = face
-        whole[AX, n], whole[BX, n], whole[CX, n] = a, b, c
-    for k in range(3):
-        for n in range(count):
-            vertex = np.uintp(whole[AX + 2 * k, n])
-            whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
-            real[DEPTH + k, n] = depth[vertex]
+        pairs[at(FACE, n)] = face
+        copy_pair(xy, a, pairs, np.uintp(PAIRS_A // 2) + n)
+        copy_pair(xy, b, pairs, np.uintp(PAIRS_B // 2) + n)
+        copy_pair(xy, c, pairs, np.uintp(PAIRS_C // 2) + n)
+        depths = flat(real)
+        depths[at(DEPTH, n)], depths[at(DEPTH + 1, n)] = depth[a], depth[b]
+        depths[at(DEPTH + 2, n)] = depth[c]
 
 
 @helper
@@ -207,7 +207,7 @@ def is_above(ax, ay, bx, by):
 
 
 @disjoint_helper
-def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
+def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     """
     Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
@@ -215,9 +215,14 @@ def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     """
     for n in range(ax.shape[0]):
         # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
-        x0, y0, d0 = ax[n], ay[n], da[n]
-        bx0, by0, db0 = bx[n], by[n], db[n]
-        cx0, cy0, dc0 = cx[n], cy[n], dc[n]
+        k = np.uintp(2) * np.uintp(n)
+        x0, y0 = pairs[np.uintp(PAIRS_A) + k], pairs[np.uintp(PAIRS_A + 1) + k]
+        bx0, by0 = pairs[np.uintp(PAIRS_B) + k], pairs[np.uintp(PAIRS_B + 1) + k]
+        cx0, cy0 = pairs[np.uintp(PAIRS_C) + k], pairs[np.uintp(PAIRS_C + 1) + k]
+        x0, y0 = np.int32(x0 + shift[0]), np.int32(y0 + shift[1])
+        bx0, by0 = np.int32(bx0 + shift[0]), np.int32(by0 + shift[1])
+        cx0, cy0 = np.int32(cx0 + shift[0]), np.int32(cy0 + shift[1])
+        d0, db0, dc0 = da[n], db[n], dc[n]
         is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
             cx0 if is_turned else bx0,
@@ -362,7 +367,7 @@ def cut_rows(count, whole, real):
 
 
 @helper
-def plan_triangles(count, window, bits, whole, real):
+def plan_triangles(count, window, bits, shift, whole, real):
     """Work out what drawing the gathered triangles takes, several at once."""
     ax, ay = part(whole, AX, 0, count), part(whole, AY, 0, count)
     bx, by = part(whole, BX, 0, count), part(whole, BY, 0, count)
@@ -370,7 +375,7 @@ def plan_triangles(count, window, bits, whole, real):
     da, db = part(real, DEPTH, 0, count), part(real, DEPTH + 1, 0, count)
     dc = part(real, DEPTH + 2, 0, count)
     left, top = part(whole, LEFT, 0, count), part(whole, TOP, 0, count)
-    turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc)
+    turn_triangles(flat(whole), shift, ax, ay, bx, by, cx, cy, da, db, dc)
     bound_triangles(
         ax, ay, bx, by, cx, cy, window, bits, left, top, part(whole, RIGHT, 0, count),
         part(whole, BOTTOM, 0, count), part(whole, WIDE, 0, count),
@@ -391,16 +396,6 @@ def plan_triangles(count, window, bits, whole, real):
         )  # fmt: skip
     if any_tall(part(whole, WIDE, 0, count), top, part(whole, BOTTOM, 0, count)):
         cut_rows(count, whole, real)
-
-
-@helper
-def move_triangles(count, right, down, whole):
-    """Move the gathered triangles on the sub-pixel grid."""
-    if (right | down) != 0:
-        for k in range(3):
-            for n in range(count):
-                whole[AX + 2 * k, n] += right
-                whole[AY + 2 * k, n] += down
 
 
 @helper
@@ -573,6 +568,6 @@ def plan_batch(
         following = first + count
         end = following + asked[TO_COME]
         fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
-    move_triangles(count, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
+    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     window = asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW]
-    plan_triangles(count, window, asked[GRID_BITS], whole, real)
+    plan_triangles(count, window, asked[GRID_BITS], shift, whole, real)
