@@ -1140,6 +1140,31 @@ def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any
     return types.int64(types.int64, types.int64, types.int64, types.int64), generate
 
 
+PAIR = ir.VectorType(LANE, 2)
+"""x and y of a vertex: int32, side by side."""
+
+
+def _load_pair(context: Any, builder: Any, kind: Any, pairs: Any, number: Any) -> Any:
+    """Load a pair of an array of pairs."""
+    length, _ = words(context, builder, kind, pairs, "shape")
+    stride, inner = words(context, builder, kind, pairs, "strides")
+    _check(context, builder, builder.add(number, number.type(1)), length)
+    _check(context, builder, inner, inner.type(LANE.width // 8))
+    data = field(context, builder, kind, pairs, "data")
+    data = builder.bitcast(data, ir.IntType(8).as_pointer())
+    place = builder.gep(data, [builder.mul(number, stride)])
+    return builder.load(builder.bitcast(place, PAIR.as_pointer()), align=4)
+
+
+def _store_pair(context: Any, builder: Any, kind: Any, row: Any, n: Any, pair: Any) -> None:
+    """Store a pair to places 2 n and 2 n + 1 of a row."""
+    place = builder.shl(n, n.type(1))
+    length = words(context, builder, kind, row, "shape")[0]
+    _check(context, builder, builder.add(place, place.type(2)), length)
+    target = builder.gep(field(context, builder, kind, row, "data"), [place])
+    builder.store(pair, builder.bitcast(target, PAIR.as_pointer()), align=4)
+
+
 @intrinsic
 def enclose(
     typing_context: Any, xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any
@@ -1147,21 +1172,12 @@ def enclose(
     """Write the least x and y of three vertices, and the greatest, to two places of rows."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pair = ir.VectorType(LANE, 2)
-        data = field(context, builder, xy, arguments[0], "data")
-        data = builder.bitcast(data, ir.IntType(8).as_pointer())
-        stride = words(context, builder, xy, arguments[0], "strides")[0]
-        places = [builder.gep(data, [builder.mul(vertex, stride)]) for vertex in arguments[1:4]]
-        a, b, c = (
-            builder.load(builder.bitcast(place, pair.as_pointer()), align=4) for place in places
-        )
-        first = builder.shl(arguments[6], arguments[6].type(1))
+        vertices = [_load_pair(context, builder, xy, arguments[0], n) for n in arguments[1:4]]
         for row, value, how in zip((least, most), arguments[4:6], "<>", strict=True):
-            found = a
-            for other in (b, c):
+            found = vertices[0]
+            for other in vertices[1:]:
                 found = builder.select(builder.icmp_signed(how, found, other), found, other)
-            target = builder.gep(field(context, builder, row, value, "data"), [first])
-            builder.store(found, builder.bitcast(target, pair.as_pointer()), align=4)
+            _store_pair(context, builder, row, value, arguments[6], found)
         return context.get_dummy_value()
 
     vertices = types.uintp, types.uintp, types.uintp
@@ -1170,18 +1186,11 @@ def enclose(
 
 @intrinsic
 def copy_pair(typing_context: Any, pairs: Any, number: Any, row: Any, n: Any) -> Any:
-    """Copy a pair of numbers that lie side by side to places 2 n and 2 n + 1 of a row."""
+    """Copy one of some pairs of int32 to places 2 n and 2 n + 1 of a row."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word = ir.IntType(64).as_pointer()
-        data = field(context, builder, pairs, arguments[0], "data")
-        data = builder.bitcast(data, ir.IntType(8).as_pointer())
-        stride = words(context, builder, pairs, arguments[0], "strides")[0]
-        place = builder.gep(data, [builder.mul(arguments[1], stride)])
-        value = builder.load(builder.bitcast(place, word), align=4)
-        target = field(context, builder, row, arguments[2], "data")
-        target = builder.gep(builder.bitcast(target, word), [arguments[3]])
-        builder.store(value, target, align=4)
+        value = _load_pair(context, builder, pairs, *arguments[:2])
+        _store_pair(context, builder, row, *arguments[2:], value)
         return context.get_dummy_value()
 
     return types.void(pairs, types.uintp, row, types.uintp), generate

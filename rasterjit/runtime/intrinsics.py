@@ -480,7 +480,7 @@ def enclose(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> N
     Parameters
     ----------
     xy : (V, 2) int32
-        x and y of a vertex lie side by side.
+        x and y of a vertex lie side by side, in places that follow each other.
     a, b, c : int
         The vertices.
     least, most : (N,) int32
@@ -493,7 +493,7 @@ def enclose(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> N
 
 @intrinsic
 def copy_pair(pairs: Any, number: Any, row: Any, n: Any) -> None:
-    """Copy a pair of numbers that lie side by side to places 2 n and 2 n + 1 of a row."""
+    """Copy one of some pairs of int32, (N, 2), that lie side by side, to 2 n and 2 n + 1."""
     row[2 * int(n) : 2 * int(n) + 2] = pairs[int(number)]
 
 

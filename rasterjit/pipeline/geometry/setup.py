@@ -158,7 +158,7 @@ BATCH_SIZE = 128
 """Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
 
 BATCH_SHAPE = (6, 2 * BATCH_SIZE)
-"""A batch in scratch memory."""
+"""A batch in scratch memory: three corners, x and y by turns; codes, outcomes and boxes."""
 
 TALLY_BITS = 8
 """Width of a counter of up to ``BATCH_SIZE``; four, one for each total, fill an int32."""
@@ -398,7 +398,9 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 def gather_corners(own, first, count, xy, batch):
     """Fetch the corners of consecutive faces."""
     va, vb, vc = (
-        part(batch, 0, 0, 2 * count), part(batch, 1, 0, 2 * count), part(batch, 2, 0, 2 * count)
+        part(batch, 0, 0, 2 * count),
+        part(batch, 1, 0, 2 * count),
+        part(batch, 2, 0, 2 * count),
     )
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
@@ -507,7 +509,7 @@ def set_up_triangles(
     counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
         Adds to the number of survivors for each tile and of large ones, and to the totals: outside
         the view volume, degenerate, culled, without a sample, invalid.
-    batch : (9, 128) int32
+    batch : (6, 256) int32
         This thread's own scratch memory, ``BATCH_SHAPE``.
     seen : int
         Outcode bits that vertices may have; ``ANY_CODE`` if that is not known.

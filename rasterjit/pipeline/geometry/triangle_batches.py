@@ -71,9 +71,14 @@ LEAST_SIDE = -(2.0**31)
 """The least whole number of 32 bits."""
 
 ROOM = BATCH + 8
-PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
+PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
+"""
+Where x and y of each vertex lie by turns until they are put in order, all rows taken as one.
+
+These take two rows each of what is not known by then.
+"""
 
 REAL = float64[:, ::1]
 """The type of the rows of real numbers."""
@@ -106,10 +111,12 @@ ORDERED = 8192
 BUCKETS = 16
 """Ranges of depth, nearest first, that they are put in."""
 
-BOX_BITS = 12
 WAY_BITS = 2
 WAYS = 1 << WAY_BITS
 """Parts of a range that are filled by turns, for a count is slow to change twice in a row."""
+
+BOX_BITS = 12
+"""Bits of a box of a tile's cells; behind them stands the part of a range."""
 
 BUCKET_SLACK = 2.0**-20
 """Share of a range by which what is known of it is the higher, against roundings."""
@@ -120,7 +127,7 @@ FETCHED_VERTICES = 1 << 16
 
 @helper
 def at(row, n):
-    """Return the place of a column of a row, both arrays taken as one row: a known way from n."""
+    """Return where column ``n`` of a row lies, all rows taken as one: a fixed way from ``n``."""
     return np.uintp(row * ROOM) + n
 
 
@@ -128,21 +135,20 @@ def at(row, n):
 def gather_triangles(listed, faces, screen, whole, real):
     """Gather the faces of some listed triangles, where their vertices lie, and how deep."""
     own, pieces, piece_faces = faces
-    xy, depth, pairs = screen.xy, screen.depth, flat(whole)
+    xy, depth, row, depths = screen.xy, screen.depth, flat(whole), flat(real)
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
-        pairs[at(FACE, n)] = face
-        copy_pair(xy, a, pairs, np.uintp(PAIRS_A // 2) + n)
-        copy_pair(xy, b, pairs, np.uintp(PAIRS_B // 2) + n)
-        copy_pair(xy, c, pairs, np.uintp(PAIRS_C // 2) + n)
-        depths = flat(real)
+        row[at(FACE, n)] = face
+        copy_pair(xy, a, row, np.uintp(PAIRS_A // 2) + n)
+        copy_pair(xy, b, row, np.uintp(PAIRS_B // 2) + n)
+        copy_pair(xy, c, row, np.uintp(PAIRS_C // 2) + n)
         depths[at(DEPTH, n)], depths[at(DEPTH + 1, n)] = depth[a], depth[b]
         depths[at(DEPTH + 2, n)] = depth[c]
 
 
 @helper
 def fetch_corners(listed, faces, depth, corners):
-    """Find the vertices of some listed triangles, and ask for them."""
+    """Find the vertices of listed triangles, and ask for them before they are needed."""
     own, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
@@ -154,7 +160,7 @@ def fetch_corners(listed, faces, depth, corners):
 
 @helper
 def enclose_fetched(screen, corners, least, most, nearest):
-    """Find what encloses triangles whose vertices were found, and how near they come."""
+    """Do what `enclose_listed` does, of triangles whose vertices are found."""
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(nearest.shape[0])):
         a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
@@ -164,7 +170,7 @@ def enclose_fetched(screen, corners, least, most, nearest):
 
 @helper
 def enclose_listed(listed, faces, screen, least, most, nearest):
-    """Find what encloses listed triangles, x and y by turns, and how near they come."""
+    """Write the least and the greatest x and y of listed triangles, and how near they come."""
     own, pieces, piece_faces = faces
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
@@ -189,15 +195,12 @@ def fetch_triangles(listed, faces, depth, end):
     So the next batch need not wait for what lies in distant memory. Takes where both begin.
     """
     own, pieces, piece_faces = faces
-    corners, face_count = flat(own), np.int64(own.shape[0])
     for n in range(min(end, np.int64(BATCH))):
         (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
-    for n in range(BATCH, end):
-        face = min(np.int64(listed[n]), face_count - 1)
-        fetch(corners, np.uintp(3 * face))
+    fetch_faces(listed[min(end, np.int64(BATCH)) : end], faces)
 
 
 @helper
@@ -206,22 +209,27 @@ def is_above(ax, ay, bx, by):
     return (ay < by) | ((ay == by) & (ax < bx))
 
 
+@helper
+def moved_pair(pairs, place, shift):
+    """Return x and y of a vertex, moved."""
+    x, y = pairs[place], pairs[place + np.uintp(1)]
+    return np.int32(x + shift[0]), np.int32(y + shift[1])
+
+
 @disjoint_helper
 def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     """
     Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
+    Takes them in pairs, from the row in which they were gathered, and moves them by the shift.
     The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
     for n in range(ax.shape[0]):
         # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
         k = np.uintp(2) * np.uintp(n)
-        x0, y0 = pairs[np.uintp(PAIRS_A) + k], pairs[np.uintp(PAIRS_A + 1) + k]
-        bx0, by0 = pairs[np.uintp(PAIRS_B) + k], pairs[np.uintp(PAIRS_B + 1) + k]
-        cx0, cy0 = pairs[np.uintp(PAIRS_C) + k], pairs[np.uintp(PAIRS_C + 1) + k]
-        x0, y0 = np.int32(x0 + shift[0]), np.int32(y0 + shift[1])
-        bx0, by0 = np.int32(bx0 + shift[0]), np.int32(by0 + shift[1])
-        cx0, cy0 = np.int32(cx0 + shift[0]), np.int32(cy0 + shift[1])
+        x0, y0 = moved_pair(pairs, np.uintp(PAIRS_A) + k, shift)
+        bx0, by0 = moved_pair(pairs, np.uintp(PAIRS_B) + k, shift)
+        cx0, cy0 = moved_pair(pairs, np.uintp(PAIRS_C) + k, shift)
         d0, db0, dc0 = da[n], db[n], dc[n]
         is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
@@ -408,7 +416,12 @@ def cell_at(pixel, origin):
 
 @disjoint_helper
 def find_cells(least, most, shift, origin, bits):
-    """Write the first and the last cell of a tile that enclose triangles, both in one number."""
+    """
+    Write the first and the last column, and row, of a tile's cells around triangles.
+
+    Takes the least and the greatest x and y by turns; both cells are one number, in place of the
+    least.
+    """
     bits = np.uint32(bits & 15)
     half = np.int32(np.int32(1) << np.int32(bits - np.uint32(1)))
     for n in range(least.shape[0]):
@@ -435,7 +448,7 @@ def survey_cells(cells, nearest, lowest, highest, boxes):
 
 @disjoint_helper
 def find_slots(nearest, top, scale, boxes):
-    """Add to their boxes which part of which range of depths triangles are in."""
+    """Add to the boxes of triangles which part of which range of depths they are in."""
     for n in range(nearest.shape[0]):
         place = (top - nearest[n]) * scale
         bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
@@ -466,7 +479,8 @@ def sort_triangles(listed, nearest, boxes, lowest, highest, order):
     for n in range(np.uintp(listed.shape[0])):
         box = np.int64(boxes[n])
         slot = np.uintp(box >> BOX_BITS)
-        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | (box & ((1 << BOX_BITS) - 1)) << 32
+        own = box & ((1 << BOX_BITS) - 1)
+        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | own << 32
         starts[slot] += 1
 
 
@@ -478,7 +492,10 @@ ends, and what none in the range is nearer than.
 
 
 SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
-"""The types of memory, (1, ORDERED) each, for how near triangles come and their boxes of cells."""
+"""
+The types of memory for how near triangles come and their boxes of cells, (1, ORDERED) each, and for
+the vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
+"""
 
 
 def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
@@ -486,7 +503,11 @@ def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
     return (
         (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
-        (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32), np.empty((5, 2 * BATCH), np.int32)),
+        (
+            np.empty((1, ORDERED)),
+            np.empty((1, ORDERED), np.int32),
+            np.empty((5, 2 * BATCH), np.int32),
+        ),
     )
 
 

@@ -272,7 +272,8 @@ def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle, row by row."""
     left, top = np.int64(whole[at(LEFT, n)]), np.int64(whole[at(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
-    rows, columns = np.int64(whole[at(BOTTOM, n)]) - top + 1, np.int32(whole[at(RIGHT, n)] - left + 1)
+    rows = np.int64(whole[at(BOTTOM, n)]) - top + 1
+    columns = np.int32(whole[at(RIGHT, n)] - left + 1)
     ax, ay, bx, by = whole[at(AX, n)], whole[at(AY, n)], whole[at(BX, n)], whole[at(BY, n)]
     cx, cy = whole[at(CX, n)], whole[at(CY, n)]
     edges = (
@@ -400,7 +401,9 @@ def draw_planned(
         cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
     )
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
-        draw_triangle(n, flat(whole), flat(real), origin, bits, tile_depth, cells, tile, spans, is_mixed)
+        draw_triangle(
+            n, flat(whole), flat(real), origin, bits, tile_depth, cells, tile, spans, is_mixed
+        )
 
 
 @helper
