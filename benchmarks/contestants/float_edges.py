@@ -24,6 +24,7 @@ from benchmarks.contestants.rasterjit_ import Visibility
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry import triangle_batches as batches
+from rasterjit.pipeline.geometry.triangle_batches import at
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.runtime.intrinsics import draw_box
 from rasterjit.runtime.jit import Helper, disjoint_helper, helper
@@ -222,23 +223,23 @@ def depth_from(plane, edge_bc, edge_ca):
 @helper
 def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle against edges in float32, row by row."""
-    left, top = np.int64(whole[batches.LEFT, n]), np.int64(whole[batches.TOP, n])
+    left, top = np.int64(whole[at(batches.LEFT, n)]), np.int64(whole[at(batches.TOP, n)])
     first = (top - origin[1]) * nearest.SCRATCH_SHAPE[1] + left - origin[0]
-    rows = np.int64(whole[batches.BOTTOM, n]) - top + 1
-    columns = np.int32(whole[batches.RIGHT, n] - left + 1)
-    e0, e1 = real[batches.EDGE, n], real[batches.EDGE + 1, n]
-    across0, across1 = real[batches.ACROSS, n], real[batches.ACROSS + 1, n]
-    down0, down1 = real[batches.DOWN, n], real[batches.DOWN + 1, n]
+    rows = np.int64(whole[at(batches.BOTTOM, n)]) - top + 1
+    columns = np.int32(whole[at(batches.RIGHT, n)] - left + 1)
+    e0, e1 = real[at(batches.EDGE, n)], real[at(batches.EDGE + 1, n)]
+    across0, across1 = real[at(batches.ACROSS, n)], real[at(batches.ACROSS + 1, n)]
+    down0, down1 = real[at(batches.DOWN, n)], real[at(batches.DOWN + 1, n)]
     edges = (
-        e0, e1, real[batches.EDGE + 2, n], across0, across1, real[batches.ACROSS + 2, n],
-        down0, down1, real[batches.DOWN + 2, n],
+        e0, e1, real[at(batches.EDGE + 2, n)], across0, across1, real[at(batches.ACROSS + 2, n)],
+        down0, down1, real[at(batches.DOWN + 2, n)],
     )  # fmt: skip
     depth = (
         e0, e1, across0, across1, down0, down1, plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(nearest.SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[batches.FACE, n]), is_mixed,
+        np.int32(whole[at(batches.FACE, n)]), is_mixed,
     )  # fmt: skip
 
 

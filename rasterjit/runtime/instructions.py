@@ -1140,6 +1140,62 @@ def call_at(typing_context: Any, address: Any, state: Any, first: Any, stop: Any
     return types.int64(types.int64, types.int64, types.int64, types.int64), generate
 
 
+PAIR = ir.VectorType(LANE, 2)
+"""x and y of a vertex: int32, side by side."""
+
+
+def _load_pair(context: Any, builder: Any, kind: Any, pairs: Any, number: Any) -> Any:
+    """Load a pair of an array of pairs."""
+    length, _ = words(context, builder, kind, pairs, "shape")
+    stride, inner = words(context, builder, kind, pairs, "strides")
+    _check(context, builder, builder.add(number, number.type(1)), length)
+    _check(context, builder, inner, inner.type(LANE.width // 8))
+    data = field(context, builder, kind, pairs, "data")
+    data = builder.bitcast(data, ir.IntType(8).as_pointer())
+    place = builder.gep(data, [builder.mul(number, stride)])
+    return builder.load(builder.bitcast(place, PAIR.as_pointer()), align=4)
+
+
+def _store_pair(context: Any, builder: Any, kind: Any, row: Any, n: Any, pair: Any) -> None:
+    """Store a pair to places 2 n and 2 n + 1 of a row."""
+    place = builder.shl(n, n.type(1))
+    length = words(context, builder, kind, row, "shape")[0]
+    _check(context, builder, builder.add(place, place.type(2)), length)
+    target = builder.gep(field(context, builder, kind, row, "data"), [place])
+    builder.store(pair, builder.bitcast(target, PAIR.as_pointer()), align=4)
+
+
+@intrinsic
+def enclose(
+    typing_context: Any, xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any
+) -> Any:
+    """Write the least x and y of three vertices, and the greatest, to two places of rows."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        vertices = [_load_pair(context, builder, xy, arguments[0], n) for n in arguments[1:4]]
+        for row, value, how in zip((least, most), arguments[4:6], "<>", strict=True):
+            found = vertices[0]
+            for other in vertices[1:]:
+                found = builder.select(builder.icmp_signed(how, found, other), found, other)
+            _store_pair(context, builder, row, value, arguments[6], found)
+        return context.get_dummy_value()
+
+    vertices = types.uintp, types.uintp, types.uintp
+    return types.void(xy, *vertices, least, most, types.uintp), generate
+
+
+@intrinsic
+def copy_pair(typing_context: Any, pairs: Any, number: Any, row: Any, n: Any) -> Any:
+    """Copy one of some pairs of int32 to places 2 n and 2 n + 1 of a row."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        value = _load_pair(context, builder, pairs, *arguments[:2])
+        _store_pair(context, builder, row, *arguments[2:], value)
+        return context.get_dummy_value()
+
+    return types.void(pairs, types.uintp, row, types.uintp), generate
+
+
 @intrinsic
 def fetch(typing_context: Any, row: Any, number: Any) -> Any:
     """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""

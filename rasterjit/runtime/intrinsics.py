@@ -473,6 +473,31 @@ def call_bound(words):
 
 
 @intrinsic
+def enclose(xy: Any, a: Any, b: Any, c: Any, least: Any, most: Any, n: Any) -> None:
+    """
+    Write the least x and y of three vertices, and the greatest, to places 2 n and 2 n + 1 of rows.
+
+    Parameters
+    ----------
+    xy : (V, 2) int32
+        x and y of a vertex lie side by side, in places that follow each other.
+    a, b, c : int
+        The vertices.
+    least, most : (N,) int32
+        Written.
+    n : int
+    """
+    corners, place = np.stack([xy[int(vertex)] for vertex in (a, b, c)]), 2 * int(n)
+    least[place : place + 2], most[place : place + 2] = corners.min(axis=0), corners.max(axis=0)
+
+
+@intrinsic
+def copy_pair(pairs: Any, number: Any, row: Any, n: Any) -> None:
+    """Copy one of some pairs of int32, (N, 2), that lie side by side, to 2 n and 2 n + 1."""
+    row[2 * int(n) : 2 * int(n) + 2] = pairs[int(number)]
+
+
+@intrinsic
 def fetch(row: Any, number: Any) -> None:
     """Ask for the line of the cache that an element of a row lies in, and do not wait for it."""
 

@@ -181,7 +181,7 @@ def corners_on_the_grid(rng, count, bits):
 
 def drawn_planes(corners, depths, bits):
     """Return vertices and depths in the order of drawing, weights, lowest and highest depth."""
-    batches, window = triangle_batches, (0, 0, 63, 63)
+    batches, window, shift = triangle_batches, (0, 0, 63, 63), (np.int32(0), np.int32(0))
     vertices, planes = np.empty((len(corners), 6), np.int32), np.empty((len(corners), 7))
     shown = [*range(3), *range(batches.WEIGHT, batches.RANGE + 2)]
     for first in range(0, len(corners), batches.BATCH):
@@ -189,9 +189,10 @@ def drawn_planes(corners, depths, bits):
         count = len(corners[some])
         whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
         real = np.zeros((batches.REAL_ROWS, batches.ROOM))
-        whole[batches.AX : batches.LEFT, :count] = corners[some].reshape(-1, 6).T
+        for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
+            whole.reshape(-1)[start : start + 2 * count] = corners[some, k].ravel()
         real[:3, :count] = depths[some].T
-        batches.plan_triangles(count, window, bits, whole, real)
+        batches.plan_triangles(count, window, bits, shift, whole, real)
         vertices[some] = whole[batches.AX : batches.LEFT, :count].T
         planes[some] = real[shown, :count].T
     return vertices, planes

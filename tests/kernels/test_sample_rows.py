@@ -19,7 +19,9 @@ from rasterjit.runtime.intrinsics import (
     blend_clipped_run,
     blend_planes,
     blend_run,
+    copy_pair,
     draw_box,
+    enclose,
     encode_lanes,
     fill_rows,
     least_in_rows,
@@ -69,6 +71,16 @@ def compiled_blend_clipped_run(
     red, green, blue, memory, odd, width, xs, ws, down, corners, base
 ):  # fmt: skip
     return blend_clipped_run(red, green, blue, memory, odd, width, xs, ws, down, corners, base)
+
+
+@helper
+def compiled_copy_pair(pairs, number, row, n):
+    copy_pair(pairs, number, row, n)
+
+
+@helper
+def compiled_enclose(xy, a, b, c, least, most, n):
+    enclose(xy, a, b, c, least, most, n)
 
 
 @helper
@@ -184,6 +196,32 @@ def test_least_in_rows(kind):
                 least = compiled_least_in_rows(values, *asked)
                 assert least == (expected.min() if len(expected) else greatest)
                 assert least_in_rows.function(values, *asked) == least
+
+
+def test_vertices_in_pairs():
+    random, ends = np.random.default_rng(6), np.iinfo(np.int32)
+    # As screen vertices lie: x, y and a depth side by side.
+    packed = random.standard_normal((20, 2))
+    xy = packed.view(np.int32)[:, :2]
+    xy[:] = random.integers(ends.min, ends.max, (20, 2), endpoint=True)
+    xy[3:6] = (ends.min, ends.max), (ends.max, ends.min), (0, -1)
+    for vertices in [(3, 4, 5), (4, 5, 3), (7, 7, 7), *random.integers(0, 20, (40, 3))]:
+        n, rows = np.uintp(random.integers(4)), np.zeros((2, 3, 8), np.int32)
+        three = tuple(map(np.uintp, vertices))
+        for found, enclosed, copied in zip(
+            rows, (compiled_enclose, enclose.function), (compiled_copy_pair, copy_pair.function),
+            strict=True,
+        ):  # fmt: skip
+            enclosed(xy, *three, found[0], found[1], n)
+            copied(xy, three[0], found[2], n)
+        assert (rows[0] == rows[1]).all()
+        corners, here = xy[list(vertices)], slice(2 * int(n), 2 * int(n) + 2)
+        assert (rows[0, 0, here] == corners.min(axis=0)).all()
+        assert (rows[0, 1, here] == corners.max(axis=0)).all()
+        assert (rows[0, 2, here] == corners[0]).all()
+        others = np.ones(8, bool)
+        others[here] = False
+        assert not rows[:, :, others].any()
 
 
 @pytest.mark.parametrize("size", [1, 15, 16, 17, 64, 90])

@@ -186,10 +186,13 @@ def test_boxes_of_wide_triangles_are_cut_to_the_rows_that_they_reach(reach):
         corners = np.rint((middle + way + rng.uniform(-1, 1, (count, 3, 2))) * 2**bits)
         whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
         real = np.zeros((batches.REAL_ROWS, batches.ROOM))
-        whole[batches.AX : batches.LEFT, :count] = corners.reshape(-1, 6).T
-        batches.plan_triangles(count, (0, 0, 63, 63), bits, whole, real)
+        shift = np.int32(70), np.int32(-90)
+        for k, start in enumerate((batches.PAIRS_A, batches.PAIRS_B, batches.PAIRS_C)):
+            whole.reshape(-1)[start : start + 2 * count] = (corners[:, k] - shift).ravel()
+        batches.plan_triangles(count, (0, 0, 63, 63), bits, shift, whole, real)
         for n in np.flatnonzero(whole[batches.WIDE, :count]):
             place = whole[batches.AX : batches.LEFT, n].reshape(3, 2).astype(np.int64)
+            assert sorted(place.tolist()) == sorted(corners[n].tolist())
             half, rows, columns = 2 ** (bits - 1), np.arange(64), np.arange(64)
             x, y = (columns << bits) + half, ((rows << bits) + half)[:, np.newaxis]
             left, right = whole[batches.LEFT, n], whole[batches.RIGHT, n]

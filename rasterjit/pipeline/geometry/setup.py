@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import copy_pair, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, uint8
 
@@ -157,8 +157,8 @@ OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, SURVIVES, SPREADS, CUT, DROPPED = range(
 BATCH_SIZE = 128
 """Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
 
-BATCH_SHAPE = (9, BATCH_SIZE)
-"""A batch in scratch memory."""
+BATCH_SHAPE = (6, 2 * BATCH_SIZE)
+"""A batch in scratch memory: three corners, x and y by turns; codes, outcomes and boxes."""
 
 TALLY_BITS = 8
 """Width of a counter of up to ``BATCH_SIZE``; four, one for each total, fill an int32."""
@@ -397,12 +397,17 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 @helper
 def gather_corners(own, first, count, xy, batch):
     """Fetch the corners of consecutive faces."""
+    va, vb, vc = (
+        part(batch, 0, 0, 2 * count),
+        part(batch, 1, 0, 2 * count),
+        part(batch, 2, 0, 2 * count),
+    )
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
         a, b, c = corners_of(own, face)
-        batch[0, i], batch[1, i] = xy[a, 0], xy[a, 1]
-        batch[2, i], batch[3, i] = xy[b, 0], xy[b, 1]
-        batch[4, i], batch[5, i] = xy[c, 0], xy[c, 1]
+        copy_pair(xy, a, va, i)
+        copy_pair(xy, b, vb, i)
+        copy_pair(xy, c, vc, i)
 
 
 @helper
@@ -412,29 +417,31 @@ def gather_codes(own, first, count, codes, batch):
         i, face = np.uintp(n), np.uintp(first + n)
         a, b, c = corners_of(own, face)
         code0, code1, code2 = np.int32(codes[a]), np.int32(codes[b]), np.int32(codes[c])
-        batch[6, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
+        batch[3, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
 
 
 @disjoint_helper
-def find_turns(ax, ay, bx, by, cx, cy, turns):
+def find_turns(a, b, c, turns):
     """Find the turn of each face of a batch, by itself: alone it takes 64 bits."""
-    for n in range(ax.shape[0]):
-        i = np.uintp(n)
-        turns[i] = turn_of((ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]))
+    for n in range(turns.shape[0]):
+        i, j = np.uintp(n), np.uintp(2 * n)
+        k = j + np.uintp(1)
+        turns[i] = turn_of((a[j], a[k]), (b[j], b[k]), (c[j], c[k]))
 
 
 @disjoint_helper
-def survey_faces(ax, ay, bx, by, cx, cy, codes, viewport, culled_turn, outcomes, boxes):
+def survey_faces(a, b, c, codes, viewport, culled_turn, outcomes, boxes):
     """
     Decide what becomes of each face of a batch; return how often it goes no further, and why.
 
     Takes the turns of the faces in ``outcomes``, and writes what becomes of them there.
     """
     tally = np.uint32(0)
-    for n in range(ax.shape[0]):
-        i = np.uintp(n)
+    for n in range(outcomes.shape[0]):
+        i, j = np.uintp(n), np.uintp(2 * n)
+        k = j + np.uintp(1)
         outcome, box = survey_triangle(
-            (ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]), outcomes[i], viewport, culled_turn
+            (a[j], a[k]), (b[j], b[k]), (c[j], c[k]), outcomes[i], viewport, culled_turn
         )
         code = codes[i]
         outcome = np.int32(CUT) if np.int32(code & CLIPPED) != 0 else outcome
@@ -502,7 +509,7 @@ def set_up_triangles(
     counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
         Adds to the number of survivors for each tile and of large ones, and to the totals: outside
         the view volume, degenerate, culled, without a sample, invalid.
-    batch : (9, 128) int32
+    batch : (6, 256) int32
         This thread's own scratch memory, ``BATCH_SHAPE``.
     seen : int
         Outcode bits that vertices may have; ``ANY_CODE`` if that is not known.
@@ -520,7 +527,7 @@ def set_up_triangles(
     first = face_range[0]
     owner = last_at_most(objects.face_starts, first)
     for n in range(BATCH_SIZE):
-        batch[6, n] = 0
+        batch[3, n] = 0
     while first < face_range[1]:
         while first >= objects.face_starts[owner + 1]:
             owner += 1
@@ -531,22 +538,20 @@ def set_up_triangles(
         if seen != 0:
             gather_codes(own, first, count, screen.codes, batch)
         find_turns(
-            part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
-            part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),
-            part(batch, 7, 0, count),
+            part(batch, 0, 0, 2 * count), part(batch, 1, 0, 2 * count),
+            part(batch, 2, 0, 2 * count), part(batch, 4, 0, count),
         )  # fmt: skip
         tally = survey_faces(
-            part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
-            part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),
-            part(batch, 6, 0, count), viewport, turn, part(batch, 7, 0, count),
-            part(batch, 8, 0, count),
+            part(batch, 0, 0, 2 * count), part(batch, 1, 0, 2 * count),
+            part(batch, 2, 0, 2 * count), part(batch, 3, 0, count), viewport, turn,
+            part(batch, 4, 0, count), part(batch, 5, 0, count),
         )  # fmt: skip
         for outcome in range(SURVIVES):
             totals[outcome] += np.int64(tally) >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
         # List those that go on.
         for n in range(count):
             i = np.uintp(n)
-            outcome, box, face = batch[7, i], batch[8, i], first + n
+            outcome, box, face = batch[4, i], batch[5, i], first + n
             if outcome <= SURVIVES:
                 # Without a branch: the next overwrites what did not survive.
                 survives = np.int32(outcome == SURVIVES)

@@ -20,11 +20,11 @@ from rasterjit.pipeline.geometry.setup import (
     first_sample,
     last_sample,
     narrow_edge,
-    samples_between,
+    pixel_of,
     triangle_of,
 )
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import fetch, flat, part
+from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -73,6 +73,13 @@ LEAST_SIDE = -(2.0**31)
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
+PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
+"""
+Where x and y of each vertex lie by turns until they are put in order, all rows taken as one.
+
+These take two rows each of what is not known by then.
+"""
+
 REAL = float64[:, ::1]
 """The type of the rows of real numbers."""
 
@@ -104,8 +111,12 @@ ORDERED = 8192
 BUCKETS = 16
 """Ranges of depth, nearest first, that they are put in."""
 
-WAYS = 4
+WAY_BITS = 2
+WAYS = 1 << WAY_BITS
 """Parts of a range that are filled by turns, for a count is slow to change twice in a row."""
+
+BOX_BITS = 12
+"""Bits of a box of a tile's cells; behind them stands the part of a range."""
 
 BUCKET_SLACK = 2.0**-20
 """Share of a range by which what is known of it is the higher, against roundings."""
@@ -115,20 +126,65 @@ FETCHED_VERTICES = 1 << 16
 
 
 @helper
+def at(row, n):
+    """Return where column ``n`` of a row lies, all rows taken as one: a fixed way from ``n``."""
+    return np.uintp(row * ROOM) + n
+
+
+@helper
 def gather_triangles(listed, faces, screen, whole, real):
     """Gather the faces of some listed triangles, where their vertices lie, and how deep."""
     own, pieces, piece_faces = faces
-    xy, depth = screen.xy, screen.depth
-    count = np.uintp(listed.shape[0])
-    for n in range(count):
+    xy, depth, row, depths = screen.xy, screen.depth, flat(whole), flat(real)
+    for n in range(np.uintp(listed.shape[0])):
         (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
-        whole[FACE, n] = face
-        whole[AX, n], whole[BX, n], whole[CX, n] = a, b, c
-    for k in range(3):
-        for n in range(count):
-            vertex = np.uintp(whole[AX + 2 * k, n])
-            whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
-            real[DEPTH + k, n] = depth[vertex]
+        row[at(FACE, n)] = face
+        copy_pair(xy, a, row, np.uintp(PAIRS_A // 2) + n)
+        copy_pair(xy, b, row, np.uintp(PAIRS_B // 2) + n)
+        copy_pair(xy, c, row, np.uintp(PAIRS_C // 2) + n)
+        depths[at(DEPTH, n)], depths[at(DEPTH + 1, n)] = depth[a], depth[b]
+        depths[at(DEPTH + 2, n)] = depth[c]
+
+
+@helper
+def fetch_corners(listed, faces, depth, corners):
+    """Find the vertices of listed triangles, and ask for them before they are needed."""
+    own, pieces, piece_faces = faces
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        fetch(depth, a)
+        fetch(depth, b)
+        fetch(depth, c)
+        corners[0, n], corners[1, n], corners[2, n] = a, b, c
+
+
+@helper
+def enclose_fetched(screen, corners, least, most, nearest):
+    """Do what `enclose_listed` does, of triangles whose vertices are found."""
+    xy, depth = screen.xy, screen.depth
+    for n in range(np.uintp(nearest.shape[0])):
+        a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
+        enclose(xy, a, b, c, least, most, n)
+        nearest[n] = max(depth[a], max(depth[b], depth[c]))
+
+
+@helper
+def enclose_listed(listed, faces, screen, least, most, nearest):
+    """Write the least and the greatest x and y of listed triangles, and how near they come."""
+    own, pieces, piece_faces = faces
+    xy, depth = screen.xy, screen.depth
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        enclose(xy, a, b, c, least, most, n)
+        nearest[n] = max(depth[a], max(depth[b], depth[c]))
+
+
+@helper
+def fetch_faces(listed, faces):
+    """Ask for some listed faces."""
+    corners, face_count = flat(faces[0]), np.int64(faces[0].shape[0])
+    for n in range(listed.shape[0]):
+        fetch(corners, np.uintp(3 * min(np.int64(listed[n]), face_count - 1)))
 
 
 @helper
@@ -139,15 +195,12 @@ def fetch_triangles(listed, faces, depth, end):
     So the next batch need not wait for what lies in distant memory. Takes where both begin.
     """
     own, pieces, piece_faces = faces
-    corners, face_count = flat(own), np.int64(own.shape[0])
     for n in range(min(end, np.int64(BATCH))):
         (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
-    for n in range(BATCH, end):
-        face = min(np.int64(listed[n]), face_count - 1)
-        fetch(corners, np.uintp(3 * face))
+    fetch_faces(listed[min(end, np.int64(BATCH)) : end], faces)
 
 
 @helper
@@ -156,18 +209,28 @@ def is_above(ax, ay, bx, by):
     return (ay < by) | ((ay == by) & (ax < bx))
 
 
+@helper
+def moved_pair(pairs, place, shift):
+    """Return x and y of a vertex, moved."""
+    x, y = pairs[place], pairs[place + np.uintp(1)]
+    return np.int32(x + shift[0]), np.int32(y + shift[1])
+
+
 @disjoint_helper
-def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
+def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     """
     Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
+    Takes them in pairs, from the row in which they were gathered, and moves them by the shift.
     The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
     for n in range(ax.shape[0]):
         # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
-        x0, y0, d0 = ax[n], ay[n], da[n]
-        bx0, by0, db0 = bx[n], by[n], db[n]
-        cx0, cy0, dc0 = cx[n], cy[n], dc[n]
+        k = np.uintp(2) * np.uintp(n)
+        x0, y0 = moved_pair(pairs, np.uintp(PAIRS_A) + k, shift)
+        bx0, by0 = moved_pair(pairs, np.uintp(PAIRS_B) + k, shift)
+        cx0, cy0 = moved_pair(pairs, np.uintp(PAIRS_C) + k, shift)
+        d0, db0, dc0 = da[n], db[n], dc[n]
         is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
             cx0 if is_turned else bx0,
@@ -312,7 +375,7 @@ def cut_rows(count, whole, real):
 
 
 @helper
-def plan_triangles(count, window, bits, whole, real):
+def plan_triangles(count, window, bits, shift, whole, real):
     """Work out what drawing the gathered triangles takes, several at once."""
     ax, ay = part(whole, AX, 0, count), part(whole, AY, 0, count)
     bx, by = part(whole, BX, 0, count), part(whole, BY, 0, count)
@@ -320,7 +383,7 @@ def plan_triangles(count, window, bits, whole, real):
     da, db = part(real, DEPTH, 0, count), part(real, DEPTH + 1, 0, count)
     dc = part(real, DEPTH + 2, 0, count)
     left, top = part(whole, LEFT, 0, count), part(whole, TOP, 0, count)
-    turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc)
+    turn_triangles(flat(whole), shift, ax, ay, bx, by, cx, cy, da, db, dc)
     bound_triangles(
         ax, ay, bx, by, cx, cy, window, bits, left, top, part(whole, RIGHT, 0, count),
         part(whole, BOTTOM, 0, count), part(whole, WIDE, 0, count),
@@ -344,16 +407,6 @@ def plan_triangles(count, window, bits, whole, real):
 
 
 @helper
-def move_triangles(count, right, down, whole):
-    """Move the gathered triangles on the sub-pixel grid."""
-    if (right | down) != 0:
-        for k in range(3):
-            for n in range(count):
-                whole[AX + 2 * k, n] += right
-                whole[AY + 2 * k, n] += down
-
-
-@helper
 def cell_at(pixel, origin):
     """Return the row or column of cells of a tile that a pixel lies in; the nearest, if in none."""
     away = np.int32(pixel - np.int32(origin))
@@ -362,30 +415,45 @@ def cell_at(pixel, origin):
 
 
 @disjoint_helper
-def survey_cells(ax, ay, bx, by, cx, cy, da, db, dc, window, bits, lowest, highest, nearest, boxes):
+def find_cells(least, most, shift, origin, bits):
     """
-    Write how near triangles come, and the boxes of a tile's cells around them.
+    Write the first and the last column, and row, of a tile's cells around triangles.
+
+    Takes the least and the greatest x and y by turns; both cells are one number, in place of the
+    least.
+    """
+    bits = np.uint32(bits & 15)
+    half = np.int32(np.int32(1) << np.int32(bits - np.uint32(1)))
+    for n in range(least.shape[0]):
+        is_row = np.int32(n) & np.int32(1) != 0
+        away = shift[1] if is_row else shift[0]
+        begin = origin[1] if is_row else origin[0]
+        first = pixel_of(np.int32(np.int32(least[n] + away) + np.int32(half - 1)), bits)
+        last = pixel_of(np.int32(np.int32(most[n] + away) - half), bits)
+        least[n] = np.int32(cell_at(first, begin) + np.int32(cell_at(last, begin) << 3))
+
+
+@disjoint_helper
+def survey_cells(cells, nearest, lowest, highest, boxes):
+    """
+    Write the boxes of a tile's cells around triangles.
 
     The least and the greatest depth so far go to a lane each, of as many as triangles.
     """
-    bits = np.uint32(bits & 15)
-    for n in range(ax.shape[0]):
-        left, right = samples_between(ax[n], bx[n], cx[n], bits, 0)
-        top, bottom = samples_between(ay[n], by[n], cy[n], bits, 0)
-        columns = np.int32(cell_at(left, window[0]) + np.int32(cell_at(right, window[0]) << 3))
-        rows = np.int32(cell_at(top, window[1]) + np.int32(cell_at(bottom, window[1]) << 3))
-        boxes[n] = np.int32(columns + np.int32(rows << 6))
-        depth = max(da[n], max(db[n], dc[n]))
-        nearest[n] = depth
+    for n in range(nearest.shape[0]):
+        boxes[n] = np.int32(cells[2 * n] + np.int32(cells[2 * n + 1] << 6))
+        depth = nearest[n]
         lowest[n], highest[n] = min(lowest[n], depth), max(highest[n], depth)
 
 
-@helper
-def slot_of(depth, top, scale, n):
-    """Return which part of which range of depths triangle ``n`` is in that comes so near."""
-    place = (top - depth) * scale
-    bucket = np.uintp(np.int32(place)) if place < BUCKETS - 1.0 else np.uintp(BUCKETS - 1)
-    return bucket * np.uintp(WAYS) + (n & np.uintp(WAYS - 1))
+@disjoint_helper
+def find_slots(nearest, top, scale, boxes):
+    """Add to the boxes of triangles which part of which range of depths they are in."""
+    for n in range(nearest.shape[0]):
+        place = (top - nearest[n]) * scale
+        bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
+        slot = np.int32(np.int32(bucket << WAY_BITS) | np.int32(np.int32(n) & (WAYS - 1)))
+        boxes[n] = np.int32(boxes[n] | np.int32(slot << BOX_BITS))
 
 
 @helper
@@ -400,16 +468,19 @@ def sort_triangles(listed, nearest, boxes, lowest, highest, order):
     scale = 1.0 / width if is_wide else 0.0
     for k in range(starts.shape[0]):
         starts[k] = 0
+    find_slots(nearest, top, scale, boxes)
     for n in range(np.uintp(listed.shape[0])):
-        starts[slot_of(nearest[n], top, scale, n) + np.uintp(1)] += 1
+        starts[np.uintp(boxes[n] >> BOX_BITS) + np.uintp(1)] += 1
     for k in range(starts.shape[0] - 1):
         starts[k + 1] += starts[k]
     slack = max(abs(low), abs(top)) * 2.0**-50
     for k in range(BUCKETS):
         bounds[k] = top - (np.float64(k) - BUCKET_SLACK) * width + slack if is_wide else top
     for n in range(np.uintp(listed.shape[0])):
-        slot = slot_of(nearest[n], top, scale, n)
-        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | np.int64(boxes[n]) << 32
+        box = np.int64(boxes[n])
+        slot = np.uintp(box >> BOX_BITS)
+        own = box & ((1 << BOX_BITS) - 1)
+        triangles[np.uintp(starts[slot])] = np.int64(listed[n]) | own << 32
         starts[slot] += 1
 
 
@@ -420,8 +491,11 @@ ends, and what none in the range is nearer than.
 """
 
 
-SURVEYED = float64[:, ::1], int32[:, ::1]
-"""The types of memory, (1, ORDERED) each, for how near triangles come and their boxes of cells."""
+SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
+"""
+The types of memory for how near triangles come and their boxes of cells, (1, ORDERED) each, and for
+the vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
+"""
 
 
 def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
@@ -429,7 +503,11 @@ def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
     return (
         (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
-        (np.empty((1, ORDERED)), np.empty((1, ORDERED), np.int32)),
+        (
+            np.empty((1, ORDERED)),
+            np.empty((1, ORDERED), np.int32),
+            np.empty((5, 2 * BATCH), np.int32),
+        ),
     )
 
 
@@ -459,24 +537,27 @@ def order_triangles(
     lowest, highest = part(real, WEIGHT, 0, BATCH), part(real, WEIGHT + 1, 0, BATCH)
     for n in range(BATCH):
         lowest[n], highest[n] = np.inf, -np.inf
-    nearest, found = surveyed
+    nearest, found, corners = surveyed
+    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
+    origin = np.int32(asked[LEFT_COLUMN]), np.int32(asked[TOP_ROW])
     is_distant = screen.depth.shape[0] >= FETCHED_VERTICES
+    if is_distant:
+        fetch_corners(listed[first : first + min(BATCH, count)], parts, screen.depth, corners)
     for begin in range(0, count, BATCH):
         some = min(BATCH, count - begin)
-        gather_triangles(listed[first + begin : first + begin + some], parts, screen, whole, real)
-        to_come = min(2 * BATCH, count + asked[TO_COME] - begin - some)
-        if is_distant and to_come > 0:
-            following = first + begin + some
-            fetch_triangles(listed[following : following + to_come], parts, screen.depth, to_come)
-        move_triangles(some, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
-        survey_cells(
-            part(whole, AX, 0, some), part(whole, AY, 0, some), part(whole, BX, 0, some),
-            part(whole, BY, 0, some), part(whole, CX, 0, some), part(whole, CY, 0, some),
-            part(real, DEPTH, 0, some), part(real, DEPTH + 1, 0, some),
-            part(real, DEPTH + 2, 0, some), (asked[LEFT_COLUMN], asked[TOP_ROW]),
-            asked[GRID_BITS], lowest, highest, part(nearest, 0, begin, begin + some),
-            part(found, 0, begin, begin + some),
-        )  # fmt: skip
+        least, most = part(corners, 3, 0, 2 * some), part(corners, 4, 0, 2 * some)
+        near = part(nearest, 0, begin, begin + some)
+        following = first + begin + some
+        end = min(following + BATCH, first + count)
+        if is_distant:
+            enclose_fetched(screen, corners, least, most, near)
+            beyond = min(end + BATCH, first + count + asked[TO_COME])
+            fetch_faces(listed[end:beyond], parts)
+            fetch_corners(listed[following:end], parts, screen.depth, corners)
+        else:
+            enclose_listed(listed[following - some : following], parts, screen, least, most, near)
+        find_cells(least, most, shift, origin, asked[GRID_BITS])
+        survey_cells(least, near, lowest, highest, part(found, 0, begin, begin + some))
     sort_triangles(
         listed[first : first + count], part(nearest, 0, 0, count), part(found, 0, 0, count),
         lowest, highest, order,
@@ -508,6 +589,6 @@ def plan_batch(
         following = first + count
         end = following + asked[TO_COME]
         fetch_triangles(listed[following:end], parts, screen.depth, asked[TO_COME])
-    move_triangles(count, np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y]), whole)
+    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     window = asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW]
-    plan_triangles(count, window, asked[GRID_BITS], whole, real)
+    plan_triangles(count, window, asked[GRID_BITS], shift, whole, real)

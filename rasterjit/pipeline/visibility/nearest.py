@@ -107,6 +107,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     WEIGHT,
     WHOLE_ROWS,
     WIDE,
+    at,
     order_memory,
     order_triangles,
     plan_batch,
@@ -269,23 +270,24 @@ def clamped(depth, plane):
 @helper
 def draw_small(n, whole, real, plane, origin, tile, is_mixed):
     """Test the samples in the box of a triangle, row by row."""
-    left, top = np.int64(whole[LEFT, n]), np.int64(whole[TOP, n])
+    left, top = np.int64(whole[at(LEFT, n)]), np.int64(whole[at(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
-    rows, columns = np.int64(whole[BOTTOM, n]) - top + 1, np.int32(whole[RIGHT, n] - left + 1)
-    ax, ay, bx, by = whole[AX, n], whole[AY, n], whole[BX, n], whole[BY, n]
-    cx, cy = whole[CX, n], whole[CY, n]
+    rows = np.int64(whole[at(BOTTOM, n)]) - top + 1
+    columns = np.int32(whole[at(RIGHT, n)] - left + 1)
+    ax, ay, bx, by = whole[at(AX, n)], whole[at(AY, n)], whole[at(BX, n)], whole[at(BY, n)]
+    cx, cy = whole[at(CX, n)], whole[at(CY, n)]
     edges = (
-        whole[SIDE, n], whole[SIDE + 1, n], whole[SIDE + 2, n],
+        whole[at(SIDE, n)], whole[at(SIDE + 1, n)], whole[at(SIDE + 2, n)],
         np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
         np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
     )  # fmt: skip
     depth = (
-        real[EDGE, n], real[EDGE + 1, n], real[ACROSS, n], real[ACROSS + 1, n],
-        real[DOWN, n], real[DOWN + 1, n], plane[0], plane[1], plane[2], plane[4], plane[5],
+        real[at(EDGE, n)], real[at(EDGE + 1, n)], real[at(ACROSS, n)], real[at(ACROSS + 1, n)],
+        real[at(DOWN, n)], real[at(DOWN + 1, n)], plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
     draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
-        np.int32(whole[FACE, n]), is_mixed,
+        np.int32(whole[at(FACE, n)]), is_mixed,
     )  # fmt: skip
 
 
@@ -321,10 +323,10 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
 @helper
 def hidden_depth(n, whole, origin, cells):
     """Return the depth below which a triangle is hidden in all cells that its box touches."""
-    left = max(np.int64(whole[LEFT, n]) - origin[0], np.int64(0)) >> CELL_BITS
-    right = (np.int64(whole[RIGHT, n]) - origin[0]) >> CELL_BITS
-    top = (np.int64(whole[TOP, n]) - origin[1]) >> CELL_BITS
-    bottom = (np.int64(whole[BOTTOM, n]) - origin[1]) >> CELL_BITS
+    left = max(np.int64(whole[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
+    right = (np.int64(whole[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
+    top = (np.int64(whole[at(TOP, n)]) - origin[1]) >> CELL_BITS
+    bottom = (np.int64(whole[at(BOTTOM, n)]) - origin[1]) >> CELL_BITS
     return least_in_rows(
         cells, top * CELLS, np.int64(CELLS), bottom + 1 - top, np.int32(left), np.int32(right)
     )
@@ -337,34 +339,34 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, 
 
     Nothing is drawn if it lies below the tile depth, or is not small and its cells hide it.
     """
-    lowest, highest = real[RANGE, n], real[RANGE + 1, n]
+    lowest, highest = real[at(RANGE, n)], real[at(RANGE + 1, n)]
     if tile[0].dtype.type(highest) < tile_depth:
         return
-    weight_a, weight_b = real[WEIGHT, n], real[WEIGHT + 1, n]
-    step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
-    plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
-    if not whole[WIDE, n]:
+    weight_a, weight_b = real[at(WEIGHT, n)], real[at(WEIGHT + 1, n)]
+    step = real[at(ACROSS, n)] * weight_a + real[at(ACROSS + 1, n)] * weight_b
+    plane = real[at(DEPTH + 2, n)], weight_a, weight_b, step, lowest, highest
+    if not whole[at(WIDE, n)]:
         draw_small(n, whole, real, plane, origin, tile, is_mixed)
         return
     hidden = hidden_depth(n, whole, origin, cells)
     if tile[0].dtype.type(highest) < hidden:
         return
     a, b, c = (
-        (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
-        (np.int64(whole[BX, n]), np.int64(whole[BY, n])),
-        (np.int64(whole[CX, n]), np.int64(whole[CY, n])),
+        (np.int64(whole[at(AX, n)]), np.int64(whole[at(AY, n)])),
+        (np.int64(whole[at(BX, n)]), np.int64(whole[at(BY, n)])),
+        (np.int64(whole[at(CX, n)]), np.int64(whole[at(CY, n)])),
     )
     box = (
-        np.int64(whole[LEFT, n]),
-        np.int64(whole[TOP, n]),
-        np.int64(whole[RIGHT, n]),
-        np.int64(whole[BOTTOM, n]),
+        np.int64(whole[at(LEFT, n)]),
+        np.int64(whole[at(TOP, n)]),
+        np.int64(whole[at(RIGHT, n)]),
+        np.int64(whole[at(BOTTOM, n)]),
     )
     if tile[0].dtype.type(lowest) < hidden:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if tile[0].dtype.type(nearest) < hidden:
             return
-    face = np.int32(whole[FACE, n])
+    face = np.int32(whole[at(FACE, n)])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans, is_mixed)
 
 
@@ -399,7 +401,9 @@ def draw_planned(
         cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
     )
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
-        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, is_mixed)
+        draw_triangle(
+            n, flat(whole), flat(real), origin, bits, tile_depth, cells, tile, spans, is_mixed
+        )
 
 
 @helper
