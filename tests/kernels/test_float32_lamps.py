@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from float32_faces import EYES, SIXTEENTH, SIZE, SUN, codes, hills, pair
 
 import rasterjit as rj
 from rasterjit.pipeline.surface.lamps import LIGHT, MOST, facing_of, lamp_on_face
@@ -15,7 +16,6 @@ from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.survey.facts import float64_reason
 from rasterjit.survey.lights import lighting_of
 from rasterjit.survey.precision import gloss_of, lamps_among, limits_of, rows_of_lamps
-from tests.kernels.test_float32_planes import EYES, SIXTEENTH, SIZE, SUN, codes, hills, pair
 
 POINT = rj.PointLight((0.3, 1.2, -0.4), intensity=1.5)
 SPOT = rj.SpotLight((-0.8, 1.6, 0.5), (0.3, -1.0, -0.2), intensity=2.0)
