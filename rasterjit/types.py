@@ -28,6 +28,7 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.fog import FogMode
 from rasterjit.scene.framing import Projection
+from rasterjit.scene.keyframes import ChannelInterpolation, ChannelPath
 from rasterjit.scene.label import Anchor
 from rasterjit.scene.light import Light, ShadowFilter
 from rasterjit.scene.material import AlphaMode, Shading
@@ -65,6 +66,8 @@ __all__ = [
     "BlenderType",
     "Blending",
     "Camera",
+    "ChannelInterpolation",
+    "ChannelPath",
     "ColorLike",
     "ColorSpace",
     "ColormapLike",

@@ -161,7 +161,7 @@ def load(
     Warns
     -----
     LoadWarning
-        Once, naming what the file has and the scene has not, such as animations; and if every
+        Once, naming what the file has and the scene has not, such as further cameras; and if every
         material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)

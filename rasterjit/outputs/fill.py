@@ -178,8 +178,9 @@ def _fill_places(
     has_spheres = points is not None and points.has_spheres
 
     def places(
-        matrices: NDArray[np.float64], from_world: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float32]:
+        matrices: NDArray[np.float64], from_world: NDArray[np.float64] | None = None,
+        placement: Placement = placement,
+    ) -> NDArray[np.float32]:  # fmt: skip
         """
         Return positions, (H, W, 3), where ``matrices``, (O, 3, 4), put them; NaN if nothing.
 
@@ -210,10 +211,11 @@ def _fill_places(
         result["position_camera"] = places(matrices, view)
     if "object_position" in plan.outputs:
         own = np.tile(np.eye(3, 4), (count, 1, 1))
-        result["object_position"] = places(own, into_models(np.ones(count)))
+        made = cache.shapes.at_rest(placement)
+        result["object_position"] = places(own, into_models(np.ones(count)), made)
     if "nocs" in plan.outputs:
-        boxes = box_matrices(cache.shapes.boxes)
-        nocs = places(boxes, into_models(boxes[:, 0, 0]))
+        boxes = box_matrices(cache.shapes.rest_boxes)
+        nocs = places(boxes, into_models(boxes[:, 0, 0]), cache.shapes.at_rest(placement))
         np.clip(nocs, 0.0, 1.0, out=nocs)
         result["nocs"] = nocs
     if "distance" in plan.outputs:

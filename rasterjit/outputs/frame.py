@@ -278,7 +278,11 @@ class Frame:
 
     @property
     def object_position(self) -> NDArray[np.float32]:
-        """(H, W, 3) float32: model-space position, units of the mesh; NaN where nothing is."""
+        """
+        (H, W, 3) float32: model-space position, units of the mesh; NaN where nothing is.
+
+        Of what a skin or morph targets pose, where the point is on the mesh as it was made.
+        """
         return self._output("object_position")
 
     @property
@@ -287,7 +291,8 @@ class Frame:
         (H, W, 3) float32: normalized object coordinates, 0..1; NaN where nothing is.
 
         The model-space position in the box of the finite vertices that belong to a face of the
-        object, whose middle is at (1/2, 1/2, 1/2) and whose diagonal has length 1 [1]_.
+        object, whose middle is at (1/2, 1/2, 1/2) and whose diagonal has length 1 [1]_; in any
+        pose that of the mesh as it was made.
 
         References
         ----------

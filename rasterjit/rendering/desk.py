@@ -435,7 +435,7 @@ class Desk:
             made("position", 3, positions, placement, world)
         if "object_position" in plan.outputs:
             own = np.tile(np.eye(3, 4), (count, 1, 1))
-            made("object_position", 3, positions, placement, own)
+            made("object_position", 3, positions, shapes.at_rest(placement), own)
         if "distance" in plan.outputs:
             relative = made("", 3, positions, placement, placement.relative_from_model)
             self._write(

@@ -233,7 +233,9 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order, as those who call them tell."""
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
+    posing = ("skinning.skin_vertices", "", "a joint has moved")
     rows = [
+        *([posing] if plan.facts.contents.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
         *fill.depth_kernels(plan),

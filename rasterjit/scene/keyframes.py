@@ -23,12 +23,12 @@ from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.node import Node
 from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
 
-Path: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
-PATHS: tuple[Path, ...] = get_args(Path)
+ChannelPath: TypeAlias = Literal["translation", "rotation", "scale", "weights"]
+PATHS: tuple[ChannelPath, ...] = get_args(ChannelPath)
 """What a channel moves."""
 
-Interpolation: TypeAlias = Literal["LINEAR", "STEP", "CUBICSPLINE"]
-INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
+ChannelInterpolation: TypeAlias = Literal["LINEAR", "STEP", "CUBICSPLINE"]
+INTERPOLATIONS: tuple[ChannelInterpolation, ...] = get_args(ChannelInterpolation)
 """How values between keys are found, as glTF names it."""
 
 WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -71,10 +71,10 @@ class Channel(Guarded):
     def __init__(
         self,
         node: Node,
-        path: Path,
+        path: ChannelPath,
         times: ArrayLike,
         values: ArrayLike,
-        interpolation: Interpolation = "LINEAR",
+        interpolation: ChannelInterpolation = "LINEAR",
     ) -> None:
         if not isinstance(node, Node):
             raise ValueError(f"node must be a Node, got {in_short(node)}")
@@ -109,7 +109,7 @@ class Channel(Guarded):
         return self._node
 
     @property
-    def path(self) -> Path:
+    def path(self) -> ChannelPath:
         """What of it is."""
         return self._path
 
@@ -124,7 +124,7 @@ class Channel(Guarded):
         return self._values
 
     @property
-    def interpolation(self) -> Interpolation:
+    def interpolation(self) -> ChannelInterpolation:
         """How values between keys are found."""
         return self._interpolation
 

@@ -418,6 +418,13 @@ class Scene(Guarded, Previewed):
 
     def _chosen_animations(self, animation: Any) -> list[Animation]:
         """Return the animations that are asked for, or raise ``ValueError``."""
+        if not isinstance(self.animations, list | tuple):
+            raise ValueError(f"scene.animations must be a list, got {in_short(self.animations)}")
+        for number, one in enumerate(self.animations):
+            if not isinstance(one, Animation):
+                raise ValueError(
+                    f"scene.animations[{number}] must be an Animation, got {in_short(one)}"
+                )
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
         if animation is None:

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import AlphaTests, Fields, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.records import (
+    AlphaTests,
+    Fields,
+    Maps,
+    Microfacets,
+    Placement,
+    Surface,
+    Textures,
+)
 from rasterjit.pipeline.visibility.primitives import runs_between
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
@@ -112,6 +120,32 @@ class Shapes:
     def boxes(self) -> NDArray[np.float64]:
         """Low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
         return mesh_boxes(self.meshes)
+
+    @cached_property
+    def is_posed(self) -> bool:
+        """Whether any mesh is posed."""
+        return any(mesh._rest is not None for mesh in self.distinct)
+
+    @cached_property
+    def _as_made(self) -> list[Mesh]:
+        """The mesh of each object when nothing poses it."""
+        return [mesh if mesh._rest is None else mesh._rest for mesh in self.meshes]
+
+    @cached_property
+    def rest_boxes(self) -> NDArray[np.float64]:
+        """The boxes of all objects when nothing poses them."""
+        return mesh_boxes(self._as_made) if self.is_posed else self.boxes
+
+    def at_rest(self, placement: Placement) -> Placement:
+        """Return a record with the vertices of all objects when nothing poses them."""
+        if not self.is_posed:
+            return placement
+        return placement._replace(positions=self._rest_positions)
+
+    @cached_property
+    def _rest_positions(self) -> NDArray[np.float64]:
+        """(V, 3), model space."""
+        return np.concatenate([mesh.vertices for mesh in self._as_made])
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:

@@ -88,6 +88,8 @@ class Contents(NamedTuple):
     """Whose points are discs."""
     pixel_sized: int
     """Of both, those with sizes in pixels."""
+    skinned: int
+    """That joints have put where they are."""
     mipped: int
     """With a texture that is read between mip levels."""
     textured: dict[str, int]
@@ -271,6 +273,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         spheres=getattr(mesh, "shape", None) == "sphere",
         discs=getattr(mesh, "shape", None) == "disc",
         pixel_sized=getattr(mesh, "unit", None) == "pixel",
+        skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
     )

@@ -45,7 +45,8 @@ class Pose(NamedTuple):
 
 def posed_scene(scene: Scene) -> Scene:
     """Return a scene with all skins and morph weights applied; itself where nothing is posed."""
-    if not Posable.was_made:
+    if not Posable.was_made or not isinstance(scene.nodes, list | tuple):
+        # What is wrong with a list is said by who checks scenes.
         return scene
     nodes = list(map(posed_node, scene.nodes))
     if all(map(operator.is_, nodes, scene.nodes)):

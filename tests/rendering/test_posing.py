@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
+from rasterjit.rendering import plan as planning
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.posing import posed_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
@@ -150,6 +151,8 @@ def test_bounds_and_cameras_fit_what_is_posed(bent):
     low, high = bent.bounds()
     np.testing.assert_array_equal((low, high), (points.min(axis=0), points.max(axis=0)))
     assert rj.fit_camera(bent) == rj.fit_camera(plain(bent))
+    box = rj.BoundingBox(bent.nodes[0])
+    np.testing.assert_allclose((box.vertices.min(axis=0), box.vertices.max(axis=0)), (low, high))
     center, radius = bent.bounding_sphere()
     assert np.linalg.norm(points - center, axis=1).max() == pytest.approx(radius)
 
@@ -164,6 +167,25 @@ def test_shadows_fall_from_what_is_posed(bent):
     pictures = [rj.render(one, camera, size=SIZE) for one in (posed, flat)]
     np.testing.assert_array_equal(pictures[0].color, pictures[1].color)
     assert len(np.unique(pictures[0].color[..., 0])) > 8
+
+
+@pytest.mark.parametrize("name", ["object_position", "nocs"])
+def test_points_of_the_object_are_the_same_in_any_pose(name):
+    thick = rj.MorphTargets([tube()[0] * (0.5, 0, 0.5)], weights=[1.0])
+    scene = bending(tube_mesh(morph_targets=thick))[0]
+    outputs = ("face_id", "barycentric", name)
+    frame = rj.render(scene, size=SIZE, outputs=outputs)
+    rest = scene.nodes[0].mesh
+    seen = frame.face_id >= 0
+    corners = rest.vertices[rest.faces[frame.face_id[seen]]]
+    wanted = (corners * frame.barycentric[seen][:, :, None]).sum(axis=1)
+    if name == "nocs":
+        low, high = rest.bounds()
+        wanted = (wanted - (low + high) / 2) / np.linalg.norm(high - low) + 0.5
+    np.testing.assert_allclose(getattr(frame, name)[seen], wanted, atol=1e-5)
+    camera = rj.fit_camera(scene)
+    batch = rj.render_batch(scene, [camera], size=SIZE, outputs=(name,))
+    np.testing.assert_array_equal(getattr(batch, name)[0], getattr(frame, name))
 
 
 def test_a_picked_point_lies_on_the_posed_face(bent):
@@ -191,6 +213,12 @@ def test_plans_lenses_layers_and_measurements_see_the_pose(bent):
     pictures = [rj.render(one, size=SIZE, lens=lens).color for one in (bent, flat)]
     np.testing.assert_array_equal(*pictures)
     assert rj.measure(bent, size=SIZE, rounds=1) is not None
+
+
+def test_the_plan_tells_what_poses_it(bent):
+    plans = [rj.explain(one, size=SIZE) for one in (bent, plain(bent))]
+    kernels = [[row.name for row in planning.list_kernels(plan)] for plan in plans]
+    assert kernels[0] == ["skinning.skin_vertices", *kernels[1]]
 
 
 def test_faces_are_counted_as_they_are_posed(bent):

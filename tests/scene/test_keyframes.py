@@ -127,3 +127,10 @@ def test_a_scene_without_animations_has_no_times():
     assert scene.animations == []
     with pytest.raises(ValueError, match="animation must be one of the scene's, which has none"):
         scene.at(0.0)
+    for wrong, said in (
+        (3, "scene.animations must be a list, got 3"),
+        ([3], r"animations\[0\] must"),
+    ):
+        scene.animations = wrong
+        with pytest.raises(ValueError, match=said):
+            scene.at(0.0)

@@ -10,6 +10,7 @@ References
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -135,9 +136,11 @@ class MovingReader:
 
     def _node(self, number: int, nodes: dict[int, Node]) -> Node:
         """Return what stands for a node, made with all above it if it is in no scene."""
-        missing, at = [], number
+        # A dictionary keeps their order, and finds those of a circle at once.
+        missing: dict[int, None] = {}
+        at = number
         while at not in nodes:
-            missing.append(at)
+            missing[at] = None
             above = self._parents.get(at)
             if above is None or above in missing:
                 break
@@ -151,7 +154,7 @@ class MovingReader:
                 node._trs = trs_of(entry)
         return nodes[number]
 
-    @property
+    @cached_property
     def _parents(self) -> dict[int, int]:
         """The node that each node hangs below first, by their numbers."""
         found: dict[int, int] = {}

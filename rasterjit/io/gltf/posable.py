@@ -150,13 +150,19 @@ def _targets(
             rows = _rows(file, number, what, count, 3, label, left_out)
             if rows is not None:
                 if name not in found:
-                    file.budget.take(f"morph targets of {label}", len(targets) * count * 12)
-                    found[name] = np.zeros((len(targets), count, 3), np.float32)
+                    found[name] = _nothing(file, len(targets), count, label)
                 with np.errstate(over="ignore"):
                     found[name][place] = rows
     if not found:
-        found["POSITION"] = np.zeros((len(targets), count, 3), np.float32)
+        found["POSITION"] = _nothing(file, len(targets), count, label)
     return MorphTargets(**{_TARGETS[name]: rows for name, rows in found.items()})
+
+
+def _nothing(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
+    """Return displacements of 0, (T, V, 3), that the file's budget has room for."""
+    # They are copied when the mesh is made, and when its creases are split.
+    file.budget.take(f"the morph targets of {label}", targets * count * 3 * 12)
+    return np.zeros((targets, count, 3), np.float32)
 
 
 def with_morph_weights(
