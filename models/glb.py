@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-COMPONENT_TYPES = {"uint8": 5121, "uint16": 5123, "float32": 5126}
+COMPONENT_TYPES = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "float32": 5126}
 ELEMENT_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 JOINTS = "JOINTS_"
 """Attributes that begin so hold whole numbers, not shares of the largest."""
@@ -65,8 +65,9 @@ class Channel(NamedTuple):
     """"translation", "rotation", "scale" or "weights"."""
     times: NDArray[np.float32]
     """(K,) seconds, growing."""
-    values: NDArray[np.float32]
-    """A row for each key; three for CUBICSPLINE: tangent in, value, tangent out. Weights (N,)."""
+    values: NDArray[Any]
+    """A row for each key; three for CUBICSPLINE: tangent in, value, tangent out. Weights (N,). What
+    is not float32 is normalised."""
     interpolation: str = "LINEAR"
 
 
@@ -185,7 +186,7 @@ class GlbFile:
             key = id(channel.times)
             if key not in inputs:
                 inputs[key] = self.add_accessor(channel.times, bounds=True)
-            output = self.add_accessor(channel.values)
+            output = self.add_accessor(channel.values, normalized=channel.values.dtype.kind != "f")
             sampler = {"input": inputs[key], "interpolation": channel.interpolation}
             samplers.append({**sampler, "output": output})
             target = {"node": channel.node, "path": channel.path}

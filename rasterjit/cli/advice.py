@@ -210,8 +210,15 @@ def question(word: str, known: list[str], meant: dict[str, str]) -> str:
     other = meant.get(lower)
     if other is not None and (other in known or other.startswith("-")):
         return f"; did you mean {other}?"
-    names = difflib.get_close_matches(lower, known, n=2)
+    names = _nearest(lower, known)
     return f"; did you mean {' or '.join(names)}?" if names else ""
+
+
+def _nearest(word: str, known: list[str]) -> list[str]:
+    """Return the one or two known words that a word is like; two if both are about as near."""
+    names = difflib.get_close_matches(word, known, n=2)
+    nearness = [difflib.SequenceMatcher(None, word, name).ratio() for name in names]
+    return [name for name, near in zip(names, nearness, strict=True) if near > nearness[0] - 0.2]
 
 
 def _option_meant(error: click.NoSuchOption) -> str:
@@ -228,7 +235,7 @@ def _option_meant(error: click.NoSuchOption) -> str:
     having = [known for known, command in commands.items() if name in _options_of(command)]
     if having:
         return f"; {' and '.join(having)} {'has' if len(having) == 1 else 'have'} it"
-    near = difflib.get_close_matches(name, [one for one in own if one.startswith("--")], n=2)
+    near = _nearest(name, [one for one in own if one.startswith("--")])
     return f"; did you mean {' or '.join(near)}?" if near else ""
 
 

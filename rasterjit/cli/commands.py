@@ -27,6 +27,7 @@ from rasterjit.cli.options import (
     LensType,
     Look,
     MadeSceneType,
+    NumberType,
     OutputsType,
     PixelType,
     PlaceType,
@@ -270,7 +271,7 @@ def render(
 )  # fmt: skip
 @click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
               help="Frames a second.")  # fmt: skip
-@click.option("--turns", type=FiniteType(), default=1.0, show_default=True, metavar="NUMBER",
+@click.option("--turns", type=NumberType(), default=1.0, show_default=True, metavar="NUMBER",
               help="How often the camera goes around; below 0 the other way, 0 not at "
                    "all.")  # fmt: skip
 @click.option("--animate", is_flag=True,

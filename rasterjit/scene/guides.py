@@ -230,7 +230,8 @@ def _bounds_of_node(node: Node) -> tuple[NDArray[np.float64], NDArray[np.float64
     scene = Scene()
     for one in with_all_below(node):
         if one.mesh is not None:
-            scene.add(one.mesh, one.world_from_model)
+            added = scene.add(one.mesh, one.world_from_model)
+            added.skin, added.weights = one.skin, one.weights
     if not scene.nodes:
         raise ValueError(f"of must have a mesh, or a node below it must, got {node!r}")
     return scene.bounds()

@@ -12,13 +12,23 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.angles import arc_tangent, sine_cosine
+from rasterjit.scene.angles import (
+    ARC_STEPS,
+    ARC_TERMS,
+    ARCS,
+    COSINE_TERMS,
+    HALF_PI_HIGH,
+    HALF_PI_LOW,
+    SINE_TERMS,
+    polynomial,
+)
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.node import Node
 from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
@@ -268,17 +278,36 @@ def rotation_between(
     ----------
     .. [1] The Khronos Group, "glTF 2.0 Specification", Appendix C.4.
     """
-    one, other = _unit(first), _unit(second)
-    cosine = _dot(one, other)
-    sign = -1.0 if cosine < 0.0 else 1.0
-    difference, total = one - sign * other, one + sign * other
+    one, other = _unit(first).tolist(), _unit(second).tolist()
+    sign = -1.0 if _dot(one, other) < 0.0 else 1.0
+    other = [sign * part for part in other]
+    difference = [a - b for a, b in zip(one, other, strict=True)]
+    total = [a + b for a, b in zip(one, other, strict=True)]
     # The arc cosine of what is near 1 has half its digits.
-    half = float(arc_tangent(np.sqrt(_dot(difference, difference)), np.sqrt(_dot(total, total))))
-    angle = 2.0 * half
-    sines = sine_cosine(np.array([angle, angle * (1.0 - t), angle * t]))[0]
-    if sines[0] < _LEAST_SINE:
-        return _unit((1.0 - t) * one + (t * sign) * other)
-    return _unit((sines[1] / sines[0]) * one + (sign * sines[2] / sines[0]) * other)
+    low, high = math.sqrt(_dot(difference, difference)), math.sqrt(_dot(total, total))
+    angle = 2.0 * _arc(low, high)
+    whole = _sine(angle)
+    shares = 1.0 - t, t
+    if whole >= _LEAST_SINE:
+        shares = _sine(angle * (1.0 - t)) / whole, _sine(angle * t) / whole
+    return _unit(np.array([shares[0] * a + shares[1] * b for a, b in zip(one, other, strict=True)]))
+
+
+def _arc(low: float, high: float) -> float:
+    """Return the angle whose tangent is a quotient in 0..1, radians."""
+    ratio = low / high
+    step = math.floor(ratio * ARC_STEPS + 0.5)
+    at = step / ARC_STEPS
+    beside = (ratio - at) / (1.0 + ratio * at)
+    return ARCS[step] + beside * polynomial(ARC_TERMS, beside * beside)
+
+
+def _sine(radians: float) -> float:
+    """Return the sine of an angle in 0..pi/2."""
+    if radians > math.pi / 4.0:
+        rest = (HALF_PI_HIGH - radians) + HALF_PI_LOW
+        return polynomial(COSINE_TERMS, rest * rest)
+    return radians * polynomial(SINE_TERMS, radians * radians)
 
 
 def _hermite(
@@ -298,14 +327,16 @@ def _hermite(
 
 def _unit(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a quaternion, (4,), of unit length; no rotation for one that is 0 or overflows."""
-    largest = float(np.abs(quaternion).max())
-    if not 0.0 < largest < np.inf:
+    parts = quaternion.tolist()
+    largest = max(map(abs, parts))
+    if not 0.0 < largest < math.inf:
         return np.array([0.0, 0.0, 0.0, 1.0])
-    scaled = quaternion / largest
-    return scaled / np.sqrt(_dot(scaled, scaled))
+    scaled = [part / largest for part in parts]
+    length = math.sqrt(_dot(scaled, scaled))
+    return np.array([part / length for part in scaled])
 
 
-def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
     """Return the dot product of two quaternions, summed in one order on every CPU."""
-    a, b, c, d = (one * other).tolist()
+    a, b, c, d = (x * y for x, y in zip(one, other, strict=True))
     return ((a + b) + c) + d

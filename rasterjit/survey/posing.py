@@ -13,8 +13,7 @@ mirrored, and the node mirrors it: its faces keep their sides.
 from __future__ import annotations
 
 import copy
-import operator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,19 +47,26 @@ def posed_scene(scene: Scene) -> Scene:
     if not Posable.was_made or not isinstance(scene.nodes, list | tuple):
         # What is wrong with a list is said by who checks scenes.
         return scene
-    nodes = list(map(posed_node, scene.nodes))
-    if all(map(operator.is_, nodes, scene.nodes)):
+    # Of thousands of nodes, few can be posed.
+    posable = [
+        number
+        for number, node in enumerate(scene.nodes)
+        if (mesh := getattr(node, "_mesh", None)) is not None
+        and (mesh._joints is not None or mesh._morph_targets is not None)
+    ]
+    posed = {number: posed_node(scene.nodes[number]) for number in posable}
+    if all(node is scene.nodes[number] for number, node in posed.items()):
         return scene
     changed = copy.copy(scene)
-    changed.nodes = nodes
+    changed.nodes = list(scene.nodes)
+    for number, node in posed.items():
+        changed.nodes[number] = node
     return changed
 
 
-def posed_node(node: Any) -> Any:
-    """Return a node as it is drawn; itself where nothing poses it."""
-    mesh = getattr(node, "_mesh", None)
-    if mesh is None or (mesh._joints is None and mesh._morph_targets is None):
-        return node
+def posed_node(node: Node) -> Node:
+    """Return a node, whose mesh can be posed, as it is drawn; itself where nothing poses it."""
+    mesh = node.mesh
     skin, weights = node._skin, _weights_of(node, mesh)
     if skin is None and weights is None:
         return node

@@ -9,10 +9,10 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parents[2] / "models"))
 
-from glb import GlbFile, encode_png
+from glb import Channel, GlbFile, encode_png
 from gltf_scene import ball_arrays
 
-__all__ = ["GlbFile", "Model", "ball_arrays", "encode_png", "quad"]
+__all__ = ["Channel", "GlbFile", "Model", "ball_arrays", "encode_png", "quad"]
 
 QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint16)
 

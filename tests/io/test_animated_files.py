@@ -41,6 +41,8 @@ FLOAT64_ROUNDING = 1e-11
 """Greatest error of positions, in sizes of the file: the roundings of a chain of 30 joints."""
 FLOAT32_ROUNDING = 3e-7
 """Greatest error of unit normals, which are stored in float32."""
+SAVED = 3e-6
+"""The same of a file that was read and written again, in largest coordinates."""
 SNAPPED = 2e-3
 """Pixels that a motion may be off: those of barycentric weights in float32."""
 SIZE = (96, 72)
@@ -125,6 +127,23 @@ def test_poses_at_all_times_are_those_of_the_equations(file):
 def test_a_plain_load_has_the_pose_of_the_file(file):
     oracle, scene = opened(file)
     compare(oracle.pose(), scene)
+
+
+@every_file
+def test_a_saved_file_has_the_same_poses(file, tmp_path):
+    """What is written, read by the oracle, is where the file was, to the float32 of glTF."""
+    oracle, scene = opened(file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene.save(tmp_path / "saved.glb")
+    saved = NaiveGltf(tmp_path / "saved.glb")
+    assert len(saved.animations) == len(oracle.animations)
+    for number, (_, duration) in enumerate(oracle.animations):
+        for time in (0.0, 0.37 * duration, duration):
+            expected, found = (one.pose(time, number) for one in (oracle, saved))
+            places = np.concatenate([one.positions[one.faces] for one in expected])
+            again = np.concatenate([one.positions[one.faces] for one in found])
+            np.testing.assert_allclose(again, places, atol=SAVED * np.abs(places).max(), rtol=0.0)
 
 
 @every_file

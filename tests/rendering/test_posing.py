@@ -151,6 +151,8 @@ def test_bounds_and_cameras_fit_what_is_posed(bent):
     low, high = bent.bounds()
     np.testing.assert_array_equal((low, high), (points.min(axis=0), points.max(axis=0)))
     assert rj.fit_camera(bent) == rj.fit_camera(plain(bent))
+    box = rj.BoundingBox(bent.nodes[0])
+    np.testing.assert_allclose((box.vertices.min(axis=0), box.vertices.max(axis=0)), (low, high))
     center, radius = bent.bounding_sphere()
     assert np.linalg.norm(points - center, axis=1).max() == pytest.approx(radius)
 
