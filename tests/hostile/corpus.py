@@ -155,6 +155,11 @@ def large_png() -> bytes:
 POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(id) (w) file\n%%EOF\n"
 
 
+def many_targets(document: dict) -> None:
+    """Ask for many morph targets that say nothing."""
+    document["meshes"][0]["primitives"][0]["targets"] = [{}] * 200_000
+
+
 def many_accessors(document: dict) -> None:
     """Let a hundred meshes use one accessor that takes no bytes."""
     document["accessors"][0] = {"componentType": 5126, "count": 1 << 24, "type": "VEC3"}
@@ -281,6 +286,9 @@ HOSTILE: dict[str, Hostile] = {
     "cut picture": Hostile(of_picture(lambda: picture()[:60]), "warned", "cannot be read"),
     # What takes memory or time.
     "picture of many texels": Hostile(of_picture(large_png), "refused", "needs .* bytes"),
+    "morph targets without bytes": Hostile(
+        with_gltf(many_targets), "refused", "the morph targets of mesh .* needs .* bytes"
+    ),
     "accessors without bytes": Hostile(with_gltf(many_accessors), "refused", "needs .* bytes"),
     "lying ZIP": Hostile(lying_zip, "refused", "larger than it says"),
     "TAR header": Hostile(nested_tar, "refused", "what it holds needs"),
