@@ -71,7 +71,10 @@ GRID = 2.0**28
 DARKER = 0.5
 """Share of the light of an object's own colour that its caps show."""
 
-MOST_ROUNDS = 8
+NEAR_END = 4
+"""Steps of the grid from an end of an edge within which a crossing is that end."""
+
+MOST_ROUNDS = 16
 """How often outlines are split where they meet; rounding makes new contacts next to never."""
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
@@ -526,7 +529,7 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
             places = _sewn(points, places, np.flatnonzero(loose))
             ends = places[mesh.faces]
             tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
-        _CLOSED[mesh] = len(tails) == 0, read_only(places)
+        _CLOSED[mesh] = len(tails) == 0 and not mesh.invalid_vertices, read_only(places)
     return _CLOSED[mesh]
 
 
@@ -595,10 +598,11 @@ class _Cutter:
     def _outward(self) -> float:
         """Which way faces turn in the world that have the solid behind them: 1 or -1."""
         turned = float(place_objects([self.node.world_from_model]).mirrored[0])
-        a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]] for k in range(3))
-        middle = a[0]
-        with np.errstate(invalid="ignore", over="ignore"):
-            volume = math.fsum(_triple(a - middle, b - middle, c - middle))
+        vertices = self.mesh.vertices / 2.0
+        vertices = vertices - vertices[self.mesh.faces[0, 0]]
+        # So that products neither overflow nor vanish.
+        vertices /= np.abs(vertices).max() or 1.0
+        volume = math.fsum(_triple(*(vertices[self.mesh.faces[:, k]] for k in range(3))))
         return turned * math.copysign(1.0, volume)
 
     def parts(self) -> Parts:
@@ -907,7 +911,7 @@ class _Outlines:
             axis=1,
         )
         size = float(np.abs(flat).max(initial=0.0)) or 1.0
-        return np.rint(flat * (GRID / size)).astype(np.int64)
+        return np.rint(flat / size * GRID).astype(np.int64)
 
     def _in_order(
         self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
@@ -941,16 +945,21 @@ class _Outlines:
             c, d = edges[other, :2].tolist()
             here, there = _turn(points, c, d, a), _turn(points, c, d, b)
             share = here / (here - there)
-            place = tuple(
-                round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2)
+            x, y = (round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2))
+            # Next to an end they meet there, or rounding would make new contacts for ever.
+            near = (
+                end
+                for end in (a, b, c, d)
+                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= NEAR_END
             )
-            if place not in known:
-                known[place] = len(points)
-                points.append(list(place))
+            number = next(near, known.get((x, y), -1))
+            if number < 0:
+                number = known[x, y] = len(points)
+                points.append([x, y])
                 made.append((a, b, share))
             for one in (edge, other):
-                if known[place] not in edges[one, :2]:
-                    inside.setdefault(one, set()).add(known[place])
+                if number not in edges[one, :2]:
+                    inside.setdefault(one, set()).add(number)
         if made:
             first = len(self.cutter.distances)
             starts, ends, along = (np.array(part) for part in zip(*made, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -109,6 +110,35 @@ def test_caps_have_the_area_that_closes_what_is_left(name, seed):
     )
     distances = (world_of(cap) - plane.point) @ plane.normal
     assert np.abs(distances).max() < 1e-14
+
+
+@pytest.mark.parametrize("name", [name for name in SOLIDS if name != "crossing"])
+@pytest.mark.parametrize("height", [0.0, 0.1, 0.3125, -0.4375])
+def test_caps_have_the_exact_area_of_the_section(name, height):
+    # Vertices are fractions, so the points where edges cross the plane are, and the area is.
+    vertices, faces = solid(name)
+    rows = [[Fraction(x) for x in row] for row in vertices.tolist()]
+    area, plane = Fraction(0), Fraction(height)
+    for face in faces.tolist():
+        # Nothing has a vertex in the plane, or it counts as below.
+        corners = [rows[n] for n in face]
+        above = [corner[2] - plane > 0 for corner in corners]
+        ends = []
+        for n in range(3):
+            a, b = corners[n], corners[(n + 1) % 3]
+            if above[n] != above[(n + 1) % 3]:
+                share = (plane - a[2]) / (b[2] - a[2])
+                point = [a[k] + share * (b[k] - a[k]) for k in range(2)]
+                ends.append((above[n], point))
+        if ends:
+            # What is below goes from where the face comes up to where it goes down.
+            (down,), (up,) = ([p for is_down, p in ends if is_down == one] for one in (True, False))
+            area += (down[0] * up[1] - down[1] * up[0]) / 2
+    scene = scene_with((vertices, faces, np.eye(4)), planes=rj.Plane((0, 0, height), (0, 0, 1)))
+    found = sum(
+        np.linalg.norm(areas(world_of(cap)), axis=1).sum() for cap in caps_of(scene).get(0, [])
+    )
+    assert found == pytest.approx(abs(float(area)), abs=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -749,3 +779,36 @@ def test_bad_sections_are_named():
 def test_tiny_and_huge_normals_are_directions():
     for scale in (1e-300, 1e300):
         assert rj.Plane((0, 0, 0), (0, 3 * scale, 4 * scale)).normal == pytest.approx((0, 0.6, 0.8))
+
+
+def hostile_shapes():
+    """Return vertices and faces that are damaged, of no size, or out of all proportion."""
+    vertices, faces = solid("sphere")
+    nan, infinite = vertices.copy(), vertices.copy()
+    nan[3], infinite[3] = np.nan, np.inf
+    return {
+        "NaN": (nan, faces), "infinite": (infinite, faces), "huge": (vertices * 1e300, faces),
+        "tiny": (vertices * 1e-300, faces), "far": (vertices + 1e15, faces),
+        "flat": (vertices * (1, 1, 0), faces), "a point": (0.0 * vertices, faces),
+        "without area": (vertices, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]])),
+        "twice": (vertices, np.concatenate([faces, faces])),
+        "both ways": (vertices, np.concatenate([faces, faces[:, ::-1]])),
+    }  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*is cut by a section", "ignore::rasterjit.ViewWarning")
+@pytest.mark.parametrize("name", hostile_shapes())
+def test_hostile_shapes_are_cut_without_an_error(name):
+    vertices, faces = hostile_shapes()[name]
+    planes = [
+        rj.Plane((0, 0, 0), (0, 0, 1)), rj.Plane((0, 0, 0), (1, 1, 1)),
+        rj.Plane((1e15, 1e15, 1e15), (1, 2, 3)), rj.Plane((0, 0, 1e-320), (0, 0, 1)),
+    ]  # fmt: skip
+    for place in (np.eye(4), np.diag([1.0, 1.0, 0.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
+        for section in (*planes, planes):
+            scene = rj.Scene()
+            mesh = rj.Mesh(vertices, faces, material=rj.Material("flat"), on_invalid="drop")
+            scene.add(mesh, place)
+            scene.section = section
+            frame = shown(scene, size=(16, 12), outputs=("color", "face_id", "normal"))
+            assert frame.face_id.max() < len(faces) + 4
