@@ -37,6 +37,8 @@ class Plane:
     faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
     ``barycentric``, ``uv``, scalars or attributes. What is cut away casts no shadow and hides no
     label; labels that stand in front of a plane are left out. Points are cut by their centres.
+    Where lines are cut, strips end, with caps and dashes as strips have them. What is lit at
+    vertices (``"gouraud"``) is lit at those of the cut as well.
 
     Cameras that fit the scene, `Scene.bounds` and ``nocs`` are those of the whole scene, so that
     the view holds while a plane moves. ``motion`` follows the points of the surface: an earlier

@@ -51,7 +51,7 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.contents import base_color_of
-from rasterjit.survey.placement import place_objects
+from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
 
 if TYPE_CHECKING:
     from rasterjit.survey.cache import Shapes
@@ -393,10 +393,14 @@ def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
 def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
     """Return what is left of an object."""
     mesh = node.mesh
+    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
+    corners = place_boxes(mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
+    if (_all_distances(corners, planes) <= 0.0).all():
+        # Nothing of the box around it is cut away.
+        return Parts(node, (), None, None, NO_WEIGHTS, nothing)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
     distances = _all_distances(world, planes)
     used = distances[mesh.used_vertices()]
-    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
     if not (used > 0.0).any():
         return Parts(node, (), None, None, NO_WEIGHTS, nothing)
     if len(used) and (used.min(axis=0) > 0.0).any():

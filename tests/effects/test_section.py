@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import pickle
+import subprocess
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -10,6 +14,7 @@ import pytest
 import trimesh
 
 import rasterjit as rj
+from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.survey import sections
 from rasterjit.survey.sections import cut
 
@@ -724,6 +729,41 @@ def test_a_plane_that_moves_or_goes_is_followed():
         frame = renderer.render(scene, looking(), outputs=("color", "face_id"))
     np.testing.assert_array_equal(frame.color, whole.color)
     np.testing.assert_array_equal(frame.face_id, whole.face_id)
+
+
+def test_keys_go_through_planes_across_the_axes():
+    scene = rj.Scene()
+    scene.add(ball())
+    assert SECTION.mode_of(scene) is None
+    for mode, normal in (("own", (0, 0, 1)), ("x", (1, 0, 0)), ("y", (0, 1, 0))):
+        changed = SECTION.with_mode(scene, mode)
+        assert changed.section.normal == normal
+        assert scene.section is None
+    scene.section = rj.Plane((0, 0, 0), (1, 2, 3), lines=True)
+    assert SECTION.with_mode(scene, "own").section is scene.section
+    assert SECTION.with_mode(scene, None).section is None
+    assert [plane.lines for plane in SECTION_LINES.without(scene).section] == [False]
+
+
+def test_copies_and_pickles_are_cut_anew():
+    scene = scene_with((*solid("torus"), turned(2)), planes=[rj.Plane((0, 0, 0), (0.1, 0, 1))])
+    found = shown(scene).color
+    for other in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)), copy.copy(scene)):
+        np.testing.assert_array_equal(shown(other).color, found)
+    assert len(pickle.dumps(scene)) < 2 * len(pickle.dumps(rj.Mesh(*solid("torus"))))
+
+
+def test_a_scene_without_section_imports_nothing_of_it():
+    program = (
+        "import sys, numpy as np, rasterjit as rj\n"
+        "rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(8, 8), threads=1)\n"
+        "own = 'rasterjit.survey.sections', 'rasterjit.pipeline.geometry.section_caps'\n"
+        "print([name for name in own if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[]\n"
 
 
 def test_parts_of_a_picture_are_those_of_the_whole():
