@@ -199,13 +199,19 @@ class Recipe(NamedTuple):
 
     def rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return what belongs to the vertices, (V, ...), given what belongs to those before."""
-        rows = values.astype(np.float64)
+        count, made = len(values), np.empty((0, *values.shape[1:]))
+
+        def of(numbers: Int64) -> NDArray[Any]:
+            found = np.empty((len(numbers), *values.shape[1:]))
+            is_old = numbers < count
+            found[is_old], found[~is_old] = values[numbers[is_old]], made[numbers[~is_old] - count]
+            return found
+
         for start, end, along in self.steps:
-            share = along.reshape(-1, *(1,) * (rows.ndim - 1))
-            first = rows[start]
+            share, first = along.reshape(-1, *(1,) * (values.ndim - 1)), of(start)
             with np.errstate(invalid="ignore", over="ignore"):
-                rows = np.concatenate([rows, first + share * (rows[end] - first)])
-        return np.ascontiguousarray(rows[self.used].astype(values.dtype))
+                made = np.concatenate([made, first + share * (of(end) - first)])
+        return of(self.used).astype(values.dtype)
 
 
 _CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
@@ -269,14 +275,14 @@ def cut_alike(scene: Scene, now: Scene) -> Scene:
     result = _copy_of(scene)
     nodes = CutNodes()
     for new, owner in zip(found, found.cut.owners[:-1].tolist(), strict=True):
-        old, mesh = scene.nodes[owner], new.mesh
-        if old.mesh is not found.cut.meshes[owner] and mesh is not found.cut.meshes[owner]:
-            recipe = mesh._recipe
-            mesh = copy.copy(mesh)
+        old, mesh, whole = scene.nodes[owner], new.mesh, found.cut.meshes[owner]
+        if mesh is whole:
+            mesh = old.mesh
+        elif old.mesh is not whole and hasattr(mesh, "_recipe"):
+            # The same points of another shape.
+            recipe, mesh = mesh._recipe, copy.copy(mesh)
             mesh._vertices = read_only(recipe.rows(old.mesh.vertices))
             mesh._bounds = None
-        elif mesh is found.cut.meshes[owner]:
-            mesh = old.mesh
         nodes.append(Node(mesh, name=new.name, world_from_model=old.world_from_model))
     nodes.cut = found.cut
     result.nodes = nodes
@@ -395,9 +401,12 @@ def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
     mesh = node.mesh
     nothing = (np.zeros((0, 2), np.int32),) * len(planes)
     corners = place_boxes(mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
-    if (_all_distances(corners, planes) <= 0.0).all():
+    ahead = _all_distances(corners, planes)
+    if (ahead <= 0.0).all():
         # Nothing of the box around it is cut away.
         return Parts(node, (), None, None, NO_WEIGHTS, nothing)
+    if (ahead > 0.0).all(axis=0).any():
+        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
     distances = _all_distances(world, planes)
     used = distances[mesh.used_vertices()]

@@ -539,6 +539,28 @@ def test_motion_is_that_of_points_of_the_surface():
     np.testing.assert_allclose(frame.motion[seen], [[pixels, 0.0]] * seen.sum(), atol=1e-4)
 
 
+def test_motion_follows_shapes_that_change_and_what_is_gone():
+    vertices, faces = solid("torus")
+
+    def of(vertices, height):
+        scene = rj.Scene()
+        scene.add(rj.Mesh(vertices, faces, material=rj.Material("flat")), turned(1))
+        scene.section = rj.Plane((0.0, 0.0, height), (0.1, 0.2, 1.0))
+        return scene
+
+    camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
+    way = np.linalg.solve(turned(1)[:3, :3], (0.2, 0.0, 0.0))
+    previous = rj.View(of(vertices + way, 0.1), camera)
+    frame = shown(of(vertices, 0.1), camera, outputs=("motion", "face_id"), previous=previous)
+    seen = frame.face_id >= 0
+    pixels = -0.2 * SIZE[1] / 4.0
+    np.testing.assert_allclose(frame.motion[seen], [[pixels, 0.0]] * seen.sum(), atol=1e-4)
+    # Nothing is left of it.
+    with pytest.warns(rj.ViewWarning):
+        gone = shown(of(vertices, -9.0), camera, outputs=("motion", "face_id"), previous=previous)
+    assert (gone.face_id == -1).all()
+
+
 def test_batches_streams_and_layers_are_cut_too():
     scene = scene_with((*solid("cavity"), turned(2)), planes=[rj.Plane((0, 0, 0), (0, 0.2, 1))])
     cameras = [looking(), rj.PerspectiveCamera((2.0, 1.0, 4.0), (0.0, 0.0, 0.0), near=0.5, far=20)]
