@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.validation import in_short, vector
+from rasterjit.scene.validation import VectorLike, in_short, triple
+from rasterjit.scene.vectors import length
 
 MOST_PLANES = 16
 """Most planes of a section."""
@@ -37,6 +37,8 @@ class Plane:
     faces of the scene, plus ``planes * object_id + plane``; normals are the plane's, and it has no
     ``barycentric``, ``uv``, scalars or attributes. What is cut away casts no shadow and hides no
     label; labels that stand in front of a plane are left out. Points are cut by their centres.
+    Where lines are cut, strips end, with caps and dashes as strips have them. What is lit at
+    vertices (``"gouraud"``) is lit at those of the cut as well.
 
     Cameras that fit the scene, `Scene.bounds` and ``nocs`` are those of the whole scene, so that
     the view holds while a plane moves. ``motion`` follows the points of the surface: an earlier
@@ -73,8 +75,8 @@ class Plane:
     >>> scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True)
     """
 
-    point: ArrayLike
-    normal: ArrayLike
+    point: VectorLike
+    normal: VectorLike
     cap: bool = True
     cap_color: ColorLike | None = None
     lines: bool = False
@@ -82,15 +84,15 @@ class Plane:
     line_width: int = 2
 
     def __post_init__(self) -> None:
-        point = tuple(vector("point", self.point).tolist())
-        direction = vector("normal", self.normal)
-        largest = float(np.abs(direction).max())
+        object.__setattr__(self, "point", triple("point", self.point))
+        direction = triple("normal", self.normal)
+        largest = max(map(abs, direction))
         if largest == 0.0:
             raise ValueError(f"normal must not be zero, got {in_short(self.normal)}")
-        x, y, z = (direction / largest).tolist()
-        length = float(np.sqrt((x * x + y * y) + z * z))
-        object.__setattr__(self, "point", point)
-        object.__setattr__(self, "normal", (x / length, y / length, z / length))
+        # So that squares neither overflow nor vanish.
+        x, y, z = (part / largest for part in direction)
+        size = length((x, y, z))
+        object.__setattr__(self, "normal", (x / size, y / size, z / size))
         for name in ("cap", "lines"):
             value = getattr(self, name)
             if not isinstance(value, (bool, np.bool_)):
@@ -109,11 +111,6 @@ class Plane:
                 f"{in_short(width)}"
             )
         object.__setattr__(self, "line_width", int(width))
-
-    @property
-    def cut(self) -> tuple[Any, ...]:
-        """What decides where it cuts."""
-        return self.point, self.normal
 
 
 Section: TypeAlias = Plane | Sequence[Plane]

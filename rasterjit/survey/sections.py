@@ -51,7 +51,7 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.contents import base_color_of
-from rasterjit.survey.placement import place_objects
+from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
 
 if TYPE_CHECKING:
     from rasterjit.survey.cache import Shapes
@@ -71,7 +71,10 @@ GRID = 2.0**28
 DARKER = 0.5
 """Share of the light of an object's own colour that its caps show."""
 
-MOST_ROUNDS = 8
+NEAR_END = 4
+"""Steps of the grid from an end of an edge within which a crossing is that end."""
+
+MOST_ROUNDS = 16
 """How often outlines are split where they meet; rounding makes new contacts next to never."""
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
@@ -196,13 +199,19 @@ class Recipe(NamedTuple):
 
     def rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return what belongs to the vertices, (V, ...), given what belongs to those before."""
-        rows = values.astype(np.float64)
+        count, made = len(values), np.empty((0, *values.shape[1:]))
+
+        def of(numbers: Int64) -> NDArray[Any]:
+            found = np.empty((len(numbers), *values.shape[1:]))
+            is_old = numbers < count
+            found[is_old], found[~is_old] = values[numbers[is_old]], made[numbers[~is_old] - count]
+            return found
+
         for start, end, along in self.steps:
-            share = along.reshape(-1, *(1,) * (rows.ndim - 1))
-            first = rows[start]
+            share, first = along.reshape(-1, *(1,) * (values.ndim - 1)), of(start)
             with np.errstate(invalid="ignore", over="ignore"):
-                rows = np.concatenate([rows, first + share * (rows[end] - first)])
-        return np.ascontiguousarray(rows[self.used].astype(values.dtype))
+                made = np.concatenate([made, first + share * (of(end) - first)])
+        return of(self.used).astype(values.dtype)
 
 
 _CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
@@ -266,14 +275,14 @@ def cut_alike(scene: Scene, now: Scene) -> Scene:
     result = _copy_of(scene)
     nodes = CutNodes()
     for new, owner in zip(found, found.cut.owners[:-1].tolist(), strict=True):
-        old, mesh = scene.nodes[owner], new.mesh
-        if old.mesh is not found.cut.meshes[owner] and mesh is not found.cut.meshes[owner]:
-            recipe = mesh._recipe
-            mesh = copy.copy(mesh)
+        old, mesh, whole = scene.nodes[owner], new.mesh, found.cut.meshes[owner]
+        if mesh is whole:
+            mesh = old.mesh
+        elif old.mesh is not whole and hasattr(mesh, "_recipe"):
+            # The same points of another shape.
+            recipe, mesh = mesh._recipe, copy.copy(mesh)
             mesh._vertices = read_only(recipe.rows(old.mesh.vertices))
             mesh._bounds = None
-        elif mesh is found.cut.meshes[owner]:
-            mesh = old.mesh
         nodes.append(Node(mesh, name=new.name, world_from_model=old.world_from_model))
     nodes.cut = found.cut
     result.nodes = nodes
@@ -390,10 +399,17 @@ def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
 def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
     """Return what is left of an object."""
     mesh = node.mesh
+    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
+    corners = place_boxes(mesh_boxes([mesh]), node.world_from_model[np.newaxis, :3])[0]
+    ahead = _all_distances(corners, planes)
+    if (ahead <= 0.0).all():
+        # Nothing of the box around it is cut away.
+        return Parts(node, (), None, None, NO_WEIGHTS, nothing)
+    if (ahead > 0.0).all(axis=0).any():
+        return Parts(None, (), None, None, NO_WEIGHTS, nothing)
     world = transform_points(node.world_from_model, mesh.vertices)[:, :3]
     distances = _all_distances(world, planes)
     used = distances[mesh.used_vertices()]
-    nothing = (np.zeros((0, 2), np.int32),) * len(planes)
     if not (used > 0.0).any():
         return Parts(node, (), None, None, NO_WEIGHTS, nothing)
     if len(used) and (used.min(axis=0) > 0.0).any():
@@ -529,7 +545,7 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
             places = _sewn(points, places, np.flatnonzero(loose))
             ends = places[mesh.faces]
             tails, _, _ = _net(ends.ravel(), np.roll(ends, -1, axis=1).ravel(), np.int64(1))
-        _CLOSED[mesh] = len(tails) == 0, read_only(places)
+        _CLOSED[mesh] = len(tails) == 0 and not mesh.invalid_vertices, read_only(places)
     return _CLOSED[mesh]
 
 
@@ -598,10 +614,11 @@ class _Cutter:
     def _outward(self) -> float:
         """Which way faces turn in the world that have the solid behind them: 1 or -1."""
         turned = float(place_objects([self.node.world_from_model]).mirrored[0])
-        a, b, c = (self.mesh.vertices[self.mesh.faces[:, k]] for k in range(3))
-        middle = a[0]
-        with np.errstate(invalid="ignore", over="ignore"):
-            volume = math.fsum(_triple(a - middle, b - middle, c - middle))
+        vertices = self.mesh.vertices / 2.0
+        vertices = vertices - vertices[self.mesh.faces[0, 0]]
+        # So that products neither overflow nor vanish.
+        vertices /= np.abs(vertices).max() or 1.0
+        volume = math.fsum(_triple(*(vertices[self.mesh.faces[:, k]] for k in range(3))))
         return turned * math.copysign(1.0, volume)
 
     def parts(self) -> Parts:
@@ -910,7 +927,7 @@ class _Outlines:
             axis=1,
         )
         size = float(np.abs(flat).max(initial=0.0)) or 1.0
-        return np.rint(flat * (GRID / size)).astype(np.int64)
+        return np.rint(flat / size * GRID).astype(np.int64)
 
     def _in_order(
         self, grid: Int64, vertices: Int64, low: Int64, high: Int64, sums: Int64
@@ -944,16 +961,21 @@ class _Outlines:
             c, d = edges[other, :2].tolist()
             here, there = _turn(points, c, d, a), _turn(points, c, d, b)
             share = here / (here - there)
-            place = tuple(
-                round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2)
+            x, y = (round(points[a][k] + share * (points[b][k] - points[a][k])) for k in range(2))
+            # Next to an end they meet there, or rounding would make new contacts for ever.
+            near = (
+                end
+                for end in (a, b, c, d)
+                if max(abs(points[end][0] - x), abs(points[end][1] - y)) <= NEAR_END
             )
-            if place not in known:
-                known[place] = len(points)
-                points.append(list(place))
+            number = next(near, known.get((x, y), -1))
+            if number < 0:
+                number = known[x, y] = len(points)
+                points.append([x, y])
                 made.append((a, b, share))
             for one in (edge, other):
-                if known[place] not in edges[one, :2]:
-                    inside.setdefault(one, set()).add(known[place])
+                if number not in edges[one, :2]:
+                    inside.setdefault(one, set()).add(number)
         if made:
             first = len(self.cutter.distances)
             starts, ends, along = (np.array(part) for part in zip(*made, strict=True))

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import pickle
+import subprocess
+import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import trimesh
 
 import rasterjit as rj
+from rasterjit.effects.section import SECTION, SECTION_LINES
 from rasterjit.survey import sections
 from rasterjit.survey.sections import cut
 
@@ -109,6 +115,35 @@ def test_caps_have_the_area_that_closes_what_is_left(name, seed):
     )
     distances = (world_of(cap) - plane.point) @ plane.normal
     assert np.abs(distances).max() < 1e-14
+
+
+@pytest.mark.parametrize("name", [name for name in SOLIDS if name != "crossing"])
+@pytest.mark.parametrize("height", [0.0, 0.1, 0.3125, -0.4375])
+def test_caps_have_the_exact_area_of_the_section(name, height):
+    # Vertices are fractions, so the points where edges cross the plane are, and the area is.
+    vertices, faces = solid(name)
+    rows = [[Fraction(x) for x in row] for row in vertices.tolist()]
+    area, plane = Fraction(0), Fraction(height)
+    for face in faces.tolist():
+        # Nothing has a vertex in the plane, or it counts as below.
+        corners = [rows[n] for n in face]
+        above = [corner[2] - plane > 0 for corner in corners]
+        ends = []
+        for n in range(3):
+            a, b = corners[n], corners[(n + 1) % 3]
+            if above[n] != above[(n + 1) % 3]:
+                share = (plane - a[2]) / (b[2] - a[2])
+                point = [a[k] + share * (b[k] - a[k]) for k in range(2)]
+                ends.append((above[n], point))
+        if ends:
+            # What is below goes from where the face comes up to where it goes down.
+            (down,), (up,) = ([p for is_down, p in ends if is_down == one] for one in (True, False))
+            area += (down[0] * up[1] - down[1] * up[0]) / 2
+    scene = scene_with((vertices, faces, np.eye(4)), planes=rj.Plane((0, 0, height), (0, 0, 1)))
+    found = sum(
+        np.linalg.norm(areas(world_of(cap)), axis=1).sum() for cap in caps_of(scene).get(0, [])
+    )
+    assert found == pytest.approx(abs(float(area)), abs=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -504,6 +539,28 @@ def test_motion_is_that_of_points_of_the_surface():
     np.testing.assert_allclose(frame.motion[seen], [[pixels, 0.0]] * seen.sum(), atol=1e-4)
 
 
+def test_motion_follows_shapes_that_change_and_what_is_gone():
+    vertices, faces = solid("torus")
+
+    def of(vertices, height):
+        scene = rj.Scene()
+        scene.add(rj.Mesh(vertices, faces, material=rj.Material("flat")), turned(1))
+        scene.section = rj.Plane((0.0, 0.0, height), (0.1, 0.2, 1.0))
+        return scene
+
+    camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
+    way = np.linalg.solve(turned(1)[:3, :3], (0.2, 0.0, 0.0))
+    previous = rj.View(of(vertices + way, 0.1), camera)
+    frame = shown(of(vertices, 0.1), camera, outputs=("motion", "face_id"), previous=previous)
+    seen = frame.face_id >= 0
+    pixels = -0.2 * SIZE[1] / 4.0
+    np.testing.assert_allclose(frame.motion[seen], [[pixels, 0.0]] * seen.sum(), atol=1e-4)
+    # Nothing is left of it.
+    with pytest.warns(rj.ViewWarning):
+        gone = shown(of(vertices, -9.0), camera, outputs=("motion", "face_id"), previous=previous)
+    assert (gone.face_id == -1).all()
+
+
 def test_batches_streams_and_layers_are_cut_too():
     scene = scene_with((*solid("cavity"), turned(2)), planes=[rj.Plane((0, 0, 0), (0, 0.2, 1))])
     cameras = [looking(), rj.PerspectiveCamera((2.0, 1.0, 4.0), (0.0, 0.0, 0.0), near=0.5, far=20)]
@@ -696,6 +753,41 @@ def test_a_plane_that_moves_or_goes_is_followed():
     np.testing.assert_array_equal(frame.face_id, whole.face_id)
 
 
+def test_keys_go_through_planes_across_the_axes():
+    scene = rj.Scene()
+    scene.add(ball())
+    assert SECTION.mode_of(scene) is None
+    for mode, normal in (("own", (0, 0, 1)), ("x", (1, 0, 0)), ("y", (0, 1, 0))):
+        changed = SECTION.with_mode(scene, mode)
+        assert changed.section.normal == normal
+        assert scene.section is None
+    scene.section = rj.Plane((0, 0, 0), (1, 2, 3), lines=True)
+    assert SECTION.with_mode(scene, "own").section is scene.section
+    assert SECTION.with_mode(scene, None).section is None
+    assert [plane.lines for plane in SECTION_LINES.without(scene).section] == [False]
+
+
+def test_copies_and_pickles_are_cut_anew():
+    scene = scene_with((*solid("torus"), turned(2)), planes=[rj.Plane((0, 0, 0), (0.1, 0, 1))])
+    found = shown(scene).color
+    for other in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)), copy.copy(scene)):
+        np.testing.assert_array_equal(shown(other).color, found)
+    assert len(pickle.dumps(scene)) < 2 * len(pickle.dumps(rj.Mesh(*solid("torus"))))
+
+
+def test_a_scene_without_section_imports_nothing_of_it():
+    program = (
+        "import sys, numpy as np, rasterjit as rj\n"
+        "rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(8, 8), threads=1)\n"
+        "own = 'rasterjit.survey.sections', 'rasterjit.pipeline.geometry.section_caps'\n"
+        "print([name for name in own if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "[]\n"
+
+
 def test_parts_of_a_picture_are_those_of_the_whole():
     from rasterjit.rendering.tiles import RegionRenderer
 
@@ -749,3 +841,36 @@ def test_bad_sections_are_named():
 def test_tiny_and_huge_normals_are_directions():
     for scale in (1e-300, 1e300):
         assert rj.Plane((0, 0, 0), (0, 3 * scale, 4 * scale)).normal == pytest.approx((0, 0.6, 0.8))
+
+
+def hostile_shapes():
+    """Return vertices and faces that are damaged, of no size, or out of all proportion."""
+    vertices, faces = solid("sphere")
+    nan, infinite = vertices.copy(), vertices.copy()
+    nan[3], infinite[3] = np.nan, np.inf
+    return {
+        "NaN": (nan, faces), "infinite": (infinite, faces), "huge": (vertices * 1e300, faces),
+        "tiny": (vertices * 1e-300, faces), "far": (vertices + 1e15, faces),
+        "flat": (vertices * (1, 1, 0), faces), "a point": (0.0 * vertices, faces),
+        "without area": (vertices, np.concatenate([faces, [[0, 0, 1], [2, 2, 2]]])),
+        "twice": (vertices, np.concatenate([faces, faces])),
+        "both ways": (vertices, np.concatenate([faces, faces[:, ::-1]])),
+    }  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*is cut by a section", "ignore::rasterjit.ViewWarning")
+@pytest.mark.parametrize("name", hostile_shapes())
+def test_hostile_shapes_are_cut_without_an_error(name):
+    vertices, faces = hostile_shapes()[name]
+    planes = [
+        rj.Plane((0, 0, 0), (0, 0, 1)), rj.Plane((0, 0, 0), (1, 1, 1)),
+        rj.Plane((1e15, 1e15, 1e15), (1, 2, 3)), rj.Plane((0, 0, 1e-320), (0, 0, 1)),
+    ]  # fmt: skip
+    for place in (np.eye(4), np.diag([1.0, 1.0, 0.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
+        for section in (*planes, planes):
+            scene = rj.Scene()
+            mesh = rj.Mesh(vertices, faces, material=rj.Material("flat"), on_invalid="drop")
+            scene.add(mesh, place)
+            scene.section = section
+            frame = shown(scene, size=(16, 12), outputs=("color", "face_id", "normal"))
+            assert frame.face_id.max() < len(faces) + 4

@@ -382,6 +382,17 @@ def behind_neighbours_in_parallel() -> Shot:
     return replace(behind_neighbours(), camera=camera)
 
 
+def cut_open() -> Shot:
+    """Return a shot of balls, one inside the other, cut by two planes."""
+    scene = scene_of(ball(), apart=0.0)
+    scene.add(ball(5), rj.transforms.scale(0.5) @ rj.transforms.rotate_x(40.0))
+    scene.section = [
+        rj.Plane((0.1, 0.0, 0.2), (0.3, 0.2, 1.0), cap_color="#b04030", lines=True),
+        rj.Plane((0.0, 0.3, 0.0), (0.0, 1.0, 0.1), line_color="#203060", line_width=3, lines=True),
+    ]
+    return Shot(scene, looking())
+
+
 def coarse_geometry() -> Shot:
     """Return a shot whose depths, vertices and weights are those of the least accurate settings."""
     settings = {"depth_format": "unorm16", "precision": "float32", "interpolation": "affine"}
@@ -736,6 +747,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         darkened_corners, behind_neighbours, behind_neighbours_in_parallel,
+        cut_open,
         materials_under_a_sky, shadows_of_all_lights, shadows_where_surfaces_touch,
         layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, ground_truth, layers_peeled, many_pictures, areas, codes_of_glass,

@@ -93,6 +93,7 @@ class SectionLines(Effect):
     """Draw the lines along which planes cut over the finished picture."""
 
     name = "section lines"
+    field = "section"
     looks = "neighbours"
     reads_clip_positions = True
     follows_facts = True

@@ -195,16 +195,17 @@ def fill_outlines(
         stop = low
         while stop < alive and edges[active[stop], 1] == point:
             stop += 1
-        if stop < alive:
-            edge = active[stop]
-            if turn(points, edges[edge, 0], edges[edge, 1], point) <= 0:
-                return -1
         last = first
         while last < edges.shape[0] and edges[last, 0] == point:
             last += 1
         started, ended = last - first, stop - low
         if started == 0 and ended == 0:
+            # The edges that met here have made up for each other.
             continue
+        if stop < alive:
+            edge = active[stop]
+            if turn(points, edges[edge, 0], edges[edge, 1], point) <= 0:
+                return -1
         left = active[low - 1] if low > 0 else -1
         left_winding = strips[3, left] if low > 0 else 0
         right = active[stop - 1] if ended > 0 else left
