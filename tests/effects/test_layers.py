@@ -2,7 +2,7 @@
 Varnish, fibres and own mirrors: equal to the formulas of glTF's extensions, bounded by white light.
 
 Pictures of a ball or a square, seen along -z by a parallel camera, are compared pixel by pixel with
-``naive_layers``.
+``naive_layered``.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import naive_layers
+import naive_layered
 import numpy as np
 import pytest
 import skies
-from naive_layers import Layered
+from naive_layered import Layered
 
 import rasterjit as rj
 from rasterjit.pipeline.lighting import sheen
@@ -138,7 +138,7 @@ def test_light_is_that_of_the_extensions(name, light):
         facing = normal @ toward
         if normal[2] < 0.05 or abs(facing) < 0.01:
             continue
-        shares = naive_layers.layered_brdf(own, normal, normal, toward, FROM_VIEWER, table_albedo)
+        shares = naive_layered.layered_brdf(own, normal, normal, toward, FROM_VIEWER, table_albedo)
         have = frame.linear[row, column, :3]
         assert have == pytest.approx(np.array(shares) * color, rel=2e-3, abs=2e-5)
         compared += max(shares) > 0.0
@@ -147,7 +147,7 @@ def test_light_is_that_of_the_extensions(name, light):
 
 def test_the_table_of_fibres_is_the_integral_of_their_light():
     for roughness, root in itertools.product((0.0, 0.2, 0.4, 0.6, 0.8, 1.0), (0.2, 0.4, 0.8, 1.0)):
-        want = naive_layers.sheen_albedo(roughness, root * root)
+        want = naive_layered.sheen_albedo(roughness, root * root)
         assert table_albedo(roughness, root * root) == pytest.approx(min(1.0, want), abs=0.004)
 
 
@@ -327,7 +327,7 @@ def test_varnish_has_normals_of_its_own():
             textures["clearcoat_normal_scale"] = scale
             bent = above * (scale, scale, 1.0)
             normals[1] = bent / np.linalg.norm(bent)
-        want = naive_layers.layered_brdf(own, *normals, toward, FROM_VIEWER, table_albedo)
+        want = naive_layered.layered_brdf(own, *normals, toward, FROM_VIEWER, table_albedo)
         assert seen(**textures) == pytest.approx(np.array(want) * color, rel=1e-3, abs=1e-5)
 
 
