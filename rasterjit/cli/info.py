@@ -156,6 +156,15 @@ def _material(material: Material) -> dict[str, Any]:
     }
     if material.shading == "pbr":
         said |= {"metallic": material.metallic, "roughness": material.roughness}
+        if material.has_clearcoat:
+            said |= {"clearcoat": material.clearcoat}
+        if material.has_sheen:
+            said |= {"sheen_color": list(material.sheen_color)}
+        if material.has_own_specular:
+            said |= {
+                "ior": material.ior, "specular_factor": material.specular_factor,
+                "specular_color": list(material.specular_color),
+            }  # fmt: skip
     textures = {name: getattr(material, name) for name in TEXTURE_FIELDS}
     said["textures"] = {
         name: list(texture.size) for name, texture in textures.items() if texture is not None

@@ -79,6 +79,8 @@ SHININESS_RANGE = (1e-6, 1e6)
 LIGHT_GREY = tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
 """The colour of a surface that nothing is said about, linear."""
 
+BLACK = (0.0, 0.0, 0.0)
+
 WHITE = (1.0, 1.0, 1.0, 1.0)
 """What multiplies colours and leaves them as they are."""
 
@@ -269,7 +271,9 @@ class Material:
         if not isinstance(self.double_sided, bool):
             raise ValueError(f"double_sided must be True or False, got {self.double_sided!r}")
         for name, (low, high) in NUMBERS.items():
-            object.__setattr__(self, name, bounded_number(name, getattr(self, name), low, high))
+            value = getattr(self, name)
+            if type(value) is not float or not low <= value <= high:
+                object.__setattr__(self, name, bounded_number(name, value, low, high))
         if self.base_color is not None:
             base_color = tuple(linear_color("base_color", self.base_color).tolist())
             object.__setattr__(self, "base_color", base_color)
@@ -283,25 +287,24 @@ class Material:
 
     def _check_layers(self) -> None:
         """Check and store the colours of layers and what is beyond plain bounds."""
-        sheen = self.sheen_color
+        sheen, tint, inside = self.sheen_color, self.specular_color, self.attenuation_color
         if sheen is None:
-            sheen = "black" if self.sheen_color_texture is None else "white"
-        tint = "white" if self.specular_color is None else self.specular_color
-        inside = "white" if self.attenuation_color is None else self.attenuation_color
-        ior = finite_number("ior", self.ior)
-        if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
-            raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
-        distance = self.attenuation_distance
-        if distance != math.inf:
-            distance = positive_number("attenuation_distance", distance)
-        for name, value in (
-            ("sheen_color", _rgb("sheen_color", sheen)),
-            ("specular_color", _bright("specular_color", tint, BRIGHTEST_TINT)),
-            ("attenuation_color", _rgb("attenuation_color", inside)),
-            ("ior", ior),
-            ("attenuation_distance", float(distance)),
-        ):
-            object.__setattr__(self, name, value)
+            sheen = BLACK if self.sheen_color_texture is None else WHITE[:3]
+        else:
+            sheen = _rgb("sheen_color", sheen)
+        tint = WHITE[:3] if tint is None else _bright("specular_color", tint, BRIGHTEST_TINT)
+        inside = WHITE[:3] if inside is None else _rgb("attenuation_color", inside)
+        object.__setattr__(self, "sheen_color", sheen)
+        object.__setattr__(self, "specular_color", tint)
+        object.__setattr__(self, "attenuation_color", inside)
+        if self.ior is not IOR:
+            ior = finite_number("ior", self.ior)
+            if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
+                raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
+            object.__setattr__(self, "ior", ior)
+        if self.attenuation_distance != math.inf:
+            distance = positive_number("attenuation_distance", self.attenuation_distance)
+            object.__setattr__(self, "attenuation_distance", distance)
 
     @property
     def emits(self) -> bool:

@@ -2,7 +2,7 @@
 Varnish, fibres and own mirrors: equal to the formulas of glTF's extensions, bounded by white light.
 
 Pictures of a ball or a square, seen along -z by a parallel camera, are compared pixel by pixel with
-``naive_layers``.
+``naive_layered``.
 """
 
 from __future__ import annotations
@@ -10,15 +10,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import naive_layers
+import blocks
+import naive_layered
 import numpy as np
 import pytest
 import skies
-from naive_layers import Layered
+from naive_layered import Layered
 
 import rasterjit as rj
-from rasterjit.pipeline.lighting import sheen
+from rasterjit.pipeline.lighting import blinn_phong, layered, light_stages, sheen
+from rasterjit.pipeline.records import Layers
+from rasterjit.pipeline.surface import samples as rows
 from rasterjit.rendering.sketch import list_stages
+from rasterjit.runtime.driver import Step
 from rasterjit.scene.material import LAYER_TEXTURES
 
 SIZE = (20, 20)
@@ -138,7 +142,7 @@ def test_light_is_that_of_the_extensions(name, light):
         facing = normal @ toward
         if normal[2] < 0.05 or abs(facing) < 0.01:
             continue
-        shares = naive_layers.layered_brdf(own, normal, normal, toward, FROM_VIEWER, table_albedo)
+        shares = naive_layered.layered_brdf(own, normal, normal, toward, FROM_VIEWER, table_albedo)
         have = frame.linear[row, column, :3]
         assert have == pytest.approx(np.array(shares) * color, rel=2e-3, abs=2e-5)
         compared += max(shares) > 0.0
@@ -147,7 +151,7 @@ def test_light_is_that_of_the_extensions(name, light):
 
 def test_the_table_of_fibres_is_the_integral_of_their_light():
     for roughness, root in itertools.product((0.0, 0.2, 0.4, 0.6, 0.8, 1.0), (0.2, 0.4, 0.8, 1.0)):
-        want = naive_layers.sheen_albedo(roughness, root * root)
+        want = naive_layered.sheen_albedo(roughness, root * root)
         assert table_albedo(roughness, root * root) == pytest.approx(min(1.0, want), abs=0.004)
 
 
@@ -327,7 +331,7 @@ def test_varnish_has_normals_of_its_own():
             textures["clearcoat_normal_scale"] = scale
             bent = above * (scale, scale, 1.0)
             normals[1] = bent / np.linalg.norm(bent)
-        want = naive_layers.layered_brdf(own, *normals, toward, FROM_VIEWER, table_albedo)
+        want = naive_layered.layered_brdf(own, *normals, toward, FROM_VIEWER, table_albedo)
         assert seen(**textures) == pytest.approx(np.array(want) * color, rel=1e-3, abs=1e-5)
 
 
@@ -431,3 +435,38 @@ def test_the_terms_of_a_pixel_add_up_to_its_colour(name):
     total = light.ambient + light.emission + sum(one.diffuse + one.specular for one in light.lights)
     assert total == pytest.approx(told.linear[:3], rel=1e-4, abs=1e-5)
     assert light.base_color == pytest.approx(own.base_color[:3], rel=1e-5)
+
+
+@pytest.mark.parametrize("row", [(0.4, 0.5, 0.9, 0, 1, 0.5, 0.2), (1e18, 2.0, 1e18, 1, 3, 2, 9)])
+def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
+    rng, count = np.random.default_rng(3), 96
+    samples = rng.uniform(0.1, 1.0, (rows.BLOCK_ROWS, count)).astype(np.float32)
+    samples[rows.LIT] = samples[rows.COAT_LIT] = 0.0
+    samples[rows.MICROFACET] = samples[rows.OWN_MIRROR] = 1.0
+    offs = (1e18, -4e18, 1e19, 1e30, -3e38, np.inf, -np.inf, np.nan)
+    for n in range(count):
+        samples[(rows.NORMAL_X, rows.POINT_X, rows.COAT_NORMAL_X)[n % 3] + n // 3 % 3, n] = offs[
+            n % 8
+        ]
+    lights = np.zeros((1, blinn_phong.LIGHT_COLUMNS), np.float32)
+    lights[0, : len(row)], lights[0, blinn_phong.CONE_OFFSET] = row, 1.0
+    viewer, parts, dark = np.float32([0, 0, 0, 1]), np.ones(2, np.float32), np.zeros(3, np.float32)
+    there = np.zeros((1, 1), np.float32)
+    layers = Layers(there, there, None, there, there, np.zeros((1, 9), np.float32), sheen.ALBEDO)
+    ambient = (
+        Step(stage, arguments)
+        for stage, arguments in (
+            (light_stages.show_ambient_on_facets, (dark, viewer)),
+            (light_stages.show_ambient, (dark,)),
+        )
+    )
+    facets = Step(light_stages.add_lights_on_facets, (lights, 0, 1, viewer, parts))
+    steps = [
+        *layered.starting_steps(layers, Step(light_stages.normalize_normals, ())),
+        Step(light_stages.normalize_normals, ()),
+        *layered.around_steps(layers, viewer, *ambient, is_first=True),
+        *layered.light_steps(layers, [], facets, (lights, 0, parts)),
+        *layered.finishing_steps(layers, viewer),
+    ]
+    blocks.run(samples, *((step.stage, *step.arguments) for step in steps))
+    assert np.isfinite(samples[rows.OUT_RED : rows.OUT_RED + 3]).all()

@@ -326,6 +326,8 @@ ALLOWED = {
     ("runtime/float_math.py", "log2"): "our own polynomial, of IEEE operations alone",
     ("runtime/float_math.py", "exp2"): "our own polynomial, of IEEE operations alone",
     ("pipeline/lighting/blinn_phong.py", "power"): "that of runtime/float_math.py",
+    ("pipeline/lighting/sheen.py", "power"): "that of runtime/float_math.py",
+    ("pipeline/lighting/sheen.py", "exp2"): "that of runtime/float_math.py",
     ("effects/eye_dome/stage.py", "exp2"): "that of runtime/float_math.py",
     ("effects/eye_dome/stage.py", "log2"): "that of runtime/float_math.py",
     ("effects/fog/stage.py", "exp2"): "that of runtime/float_math.py",

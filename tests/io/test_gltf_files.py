@@ -93,7 +93,7 @@ def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field
         rj.load(tmp_path / "a.glb")
     assert " at 0x" not in str(said[0].message)
     assert only_material(scene).metallic == 0.25
-    assert only_material(scene).textures_read() == (None,) * 5
+    assert not any(only_material(scene).textures_read())
 
 
 @pytest.mark.parametrize(

@@ -128,9 +128,8 @@ def test_the_brighter_of_two_balls_has_the_larger_ior(tmp_path):
             f"m{n}", baseColorFactor=[0, 0, 0, 1], metallicFactor=0.0, roughnessFactor=0.4,
             extensions={IOR: {"ior": ior}},
         )  # fmt: skip
-        positions, normals, _, faces = ball_arrays(12, 16)
-        model.add({"POSITION": positions, "NORMAL": normals}, material, faces,
-                  translation=[2.5 * n, 0, 0])  # fmt: skip
+        attributes, faces = ball_arrays()
+        model.add(attributes, material, faces, translation=[2.5 * n, 0, 0])
     scene = rj.load(model.save(tmp_path / "a.glb"))
     scene.lights = [rj.DirectionalLight((0, 0, -1))]
     camera = rj.OrthographicCamera(eye=(2.5, 0, 9), target=(2.5, 0, 0), height=2.2)

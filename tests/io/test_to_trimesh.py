@@ -220,7 +220,10 @@ def test_what_trimesh_has_no_place_for_is_named_in_one_warning():
                                         double_sided=False), uv1=np.eye(4)[:, :2]))  # fmt: skip
     scene.add(sphere(material=rj.Material("pbr", "red"), colors=np.full((320, 3), 0.3)), name="red")
     bumps = rj.Texture(picture(7), color_space="linear")
-    bumpy = rj.Material("pbr", "#405060", normal_texture=bumps, normal_scale=2.0)
+    bumpy = rj.Material(
+        "pbr", "#405060", normal_texture=bumps, normal_scale=2.0, clearcoat=0.5,
+        sheen_color="white", ior=1.4,
+    )  # fmt: skip
     scene.add(quad(material=bumpy), name="board")
     scene.lights[1] = rj.PointLight((0, 0, 1), range=3.0, shadow=rj.Shadow())
     scene.lights.append(rj.AmbientLight())
@@ -234,7 +237,7 @@ def test_what_trimesh_has_no_place_for_is_named_in_one_warning():
         "unlit shading", "emission", "single-sidedness", "uv1",
         "how a base_color_texture is sampled", "uv_set of a base_color_texture",
         "colours, to 8 bits", "material beside colours of faces",
-        "normal_scale", "base colours, to 8 bits",
+        "normal_scale", "clearcoat", "sheen", "specular and ior", "base colours, to 8 bits",
         "name of a node that another has", "range of a PointLight",
         "shadow of a PointLight", "AmbientLight", "OrthographicCamera",
         "tone_map",

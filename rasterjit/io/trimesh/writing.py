@@ -212,6 +212,13 @@ class _Converter:
         for name in ("normal_scale", "occlusion_strength"):
             if getattr(material, name) != 1.0:
                 self.left_out.note(name)
+        for name, has_it in (
+            ("clearcoat", material.has_clearcoat),
+            ("sheen", material.has_sheen),
+            ("specular and ior", material.has_own_specular),
+        ):
+            if has_it:
+                self.left_out.note(name)
         pictures = {
             key: self._picture(getattr(material, field), color_space, field)
             for field, (key, color_space) in TEXTURES.items()

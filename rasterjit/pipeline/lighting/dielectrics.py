@@ -18,9 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, directions_of, three_rows
-from rasterjit.pipeline.lighting.pbr import bounces, is_any_above_zero, reflected_shares
+from rasterjit.pipeline.lighting.pbr import bounces, find_shares, is_any_above_zero
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped
@@ -28,36 +27,26 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state import float32, int64
 
-MOST = 8
-"""Row of ``single`` that `light_stages.add_lights_on_facets` leaves alone."""
-
 LEAST_ALBEDO = np.float32(0.05)
 """A white mirror that shows less of what it mirrors at once is taken to show so much."""
 
 
 @disjoint_helper
 def light_channel(
-    bright, parts, facing, shining, grazed, falloff, microfacet, reached, metallic, own, edge,
-    head_on, most, base, before, out,
+    bright, parts, facing, shining, grazed, falloff, microfacet, reached, metallic, own, edge, red,
+    green, blue, head_on, base, before, out,
 ):  # fmt: skip
     """Write what a light adds to one channel of samples with own mirrors."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
         weight, bent, metal = min(edge[i], one), grazed[i], metallic[i]
-        largest, f0 = min(most[i], one), min(head_on[i], one)
+        largest, f0 = min(max(red[i], max(green[i], blue[i])), one), min(head_on[i], one)
         inside = (one - metal) * (one - weight * (largest + (one - largest) * bent)) * parts[0]
         mirrored = (one - metal) * weight * (f0 + (one - f0) * bent)
         mirrored += metal * (base[i] + (one - base[i]) * bent)
         arriving = microfacet[i] * falloff[i] * facing[i] * reached[i] * bright
         seen = before[i] + arriving * (base[i] * inside + shining[i] * mirrored)
         out[i] = seen if own[i] * microfacet[i] > zero else out[i]
-
-
-@disjoint_helper
-def find_most(red, green, blue, most):
-    """Write the largest of three channels."""
-    for i in range(most.shape[0]):
-        most[i] = max(red[i], max(green[i], blue[i]))
 
 
 @stage
@@ -73,38 +62,22 @@ def light_own_mirrors(
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    most = part(block.single, MOST, 0, count)
-    find_most(*three_rows(s, rows.HEAD_ON_RED, count), most)
     for k in range(3):
         light_channel(
             lights[number, 4 + k], parts, *directions_of(block.single, LIGHT, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
             part(s, rows.METALLIC, 0, count), part(s, rows.OWN_MIRROR, 0, count),
-            part(s, rows.EDGE, 0, count), part(s, rows.HEAD_ON_RED + k, 0, count), most,
-            part(s, rows.RED + k, 0, count), part(s, rows.BEFORE_RED + k, 0, count),
-            part(s, rows.OUT_RED + k, 0, count),
+            part(s, rows.EDGE, 0, count), *three_rows(s, rows.HEAD_ON_RED, count),
+            part(s, rows.HEAD_ON_RED + k, 0, count), part(s, rows.RED + k, 0, count),
+            part(s, rows.BEFORE_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 
 
 @disjoint_helper
-def find_facing(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
-    """Write what `reflected_shares` returns of each sample, for roughness held to 0..1."""
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for i in range(nx.shape[0]):
-        vx, vy, vz = (
-            toward_viewer[0] - toward_viewer[3] * px[i],
-            toward_viewer[1] - toward_viewer[3] * py[i],
-            toward_viewer[2] - toward_viewer[3] * pz[i],
-        )
-        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        held = clamped(n_v, zero, one)
-        scale[i], offset[i] = reflected_shares(held, clamped(roughness[i], zero, one))
-
-
-@disjoint_helper
 def show_channel(
-    scale, offset, microfacet, metallic, own, edge, head_on, most, base, white, even, before, out
-):
+    scale, offset, microfacet, metallic, own, edge, red, green, blue, head_on, base, white, even,
+    before, out,
+):  # fmt: skip
     """Write what one channel shows of light from all sides."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
@@ -113,7 +86,8 @@ def show_channel(
         albedo = shares[0] + shares[1]
         mirrored = (white[i] - (one - albedo) * even[i]) / max(albedo, LEAST_ALBEDO)
         mirrored = max(zero, mirrored)
-        largest, often_largest = bounces(min(most[i], one), shares)
+        most = min(max(red[i], max(green[i], blue[i])), one)
+        largest, often_largest = bounces(most, shares)
         inside = one - weight * (largest + often_largest)
         once, often = bounces(min(head_on[i], one), shares)
         seen = weight * (once * mirrored + often * even[i]) + inside * base[i] * even[i]
@@ -132,17 +106,17 @@ def show_around_on_own_mirrors(block: Block, count, toward_viewer: float32[::1])
     s, r = block.samples, block.single
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    scale, offset, most = part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count)
-    find_facing(
+    scale, offset = part(r, 0, 0, count), part(r, 1, 0, count)
+    find_shares(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
         part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
-    find_most(*three_rows(s, rows.HEAD_ON_RED, count), most)
     for k in range(3):
         show_channel(
             scale, offset, part(s, rows.MICROFACET, 0, count), part(s, rows.METALLIC, 0, count),
             part(s, rows.OWN_MIRROR, 0, count), part(s, rows.EDGE, 0, count),
-            part(s, rows.HEAD_ON_RED + k, 0, count), most, part(s, rows.RED + k, 0, count),
+            *three_rows(s, rows.HEAD_ON_RED, count), part(s, rows.HEAD_ON_RED + k, 0, count),
+            part(s, rows.RED + k, 0, count),
             part(s, rows.WHITE_RED + k, 0, count), part(s, rows.LAYER_OUT + k, 0, count),
             part(s, rows.BEFORE_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.blinn_phong import find_light, unit_scale
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
 from rasterjit.pipeline.lighting.pbr import LEAST_COSINE, is_any_above_zero
 from rasterjit.pipeline.surface import samples as rows
@@ -82,49 +82,43 @@ def albedo(table, cosine, roughness):
 
 
 @helper
-def between(one, other, share):
-    """Return the number between two."""
-    return np.float32(one) + share * (np.float32(other) - np.float32(one))
-
-
-@helper
 def hidden(cosine, share):
     """Return Charlie's lambda: how much of fibres is hidden by others, from one direction."""
     half, held = np.float32(0.5), clamped(cosine, np.float32(0.0), np.float32(1.0))
-    a, b = between(21.5473, 25.3245, share), between(3.82987, 3.32435, share)
-    c, d = between(0.19823, 0.16801, share), between(-1.97760, -1.27393, share)
-    e = between(-4.32054, -4.85967, share)
+    a = np.float32(21.5473) + share * np.float32(25.3245 - 21.5473)
+    b = np.float32(3.82987) + share * np.float32(3.32435 - 3.82987)
+    c = np.float32(0.19823) + share * np.float32(0.16801 - 0.19823)
+    d = np.float32(-1.97760) + share * np.float32(1.97760 - 1.27393)
+    e = np.float32(-4.32054) + share * np.float32(4.32054 - 4.85967)
     x = min(held, np.float32(1.0) - held)
     own = a / (np.float32(1.0) + b * power(x, c)) + d * x + e
-    middle = a / (np.float32(1.0) + b * power(half, c)) + d * half + e
+    middle = a / (np.float32(1.0) + b * exp2(-c)) + d * half + e
     return exp2(LOG2_E * (own if held < half else np.float32(2.0) * middle - own))
 
 
 @disjoint_helper
-def find_fibres(parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz):
+def find_fibres(parts, nx, ny, nz, roughness, vx, vy, vz, facing, shining, grazed):
     """
-    Write how a light falls on fibres instead of its direction.
+    Write what white fibres show of a light, times the cosine to it, instead of what facets show.
 
-    In turn: the cosine between normal and light; what white fibres show, times that; the cosine
-    between normal and viewer.
+    Takes what `pbr.find_facet_angles` writes: the fifth root of the last is ``1 - v h``. The half
+    vector is the sum of two unit vectors over ``2 v h``, so ``n h`` is that of the cosines. Writes
+    the cosine between normal and viewer in its place.
     """
     zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
     for i in range(nx.shape[0]):
-        hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
-        scale = unit_scale(hx, hy, hz)
-        hx, hy, hz = hx * scale, hy * scale, hz * scale
-        x, y, z = nx[i], ny[i], nz[i]
-        n_l = max(zero, x * lx[i] + y * ly[i] + z * lz[i]) if told[i] > zero else zero
-        n_v = max(LEAST_COSINE, x * vx[i] + y * vy[i] + z * vz[i])
-        cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
+        n_l = facing[i]
+        n_v = max(LEAST_COSINE, nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i])
+        v_h = max(LEAST_COSINE, one - power(grazed[i], np.float32(0.2)))
+        n_h = half * (n_l + n_v) / v_h
         alpha = clamped(roughness[i], LEAST_ROUGHNESS, one)
         alpha *= alpha
         sharp = half / alpha
-        density = (one + sharp) * power(min(one, cx * cx + cy * cy + cz * cz), sharp)
+        density = (one + sharp) * power(max(zero, one - n_h * n_h), sharp)
         share = (one - alpha) * (one - alpha)
         others = one + hidden(n_v, share) + hidden(n_l, share)
         shown = parts[1] * density / (np.float32(4.0) * n_v * others)
-        lx[i], ly[i], lz[i] = n_l, shown if n_l > zero else zero, n_v
+        shining[i], grazed[i] = shown if n_l > zero else zero, n_v
 
 
 @disjoint_helper
@@ -159,20 +153,17 @@ def light_fibres(
     Lay fibres over what a light adds, lit by it as well.
 
     Behind `light_stages.add_lights_on_facets` of this light alone, which leaves the directions to
-    the viewer in ``single``.
+    the viewer, and how the light falls, in ``single``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
-    viewer, toward = (
-        directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
-    )  # fmt: skip
-    find_light(lights[number], *three_rows(s, rows.POINT_X, count), *toward)
     roughness = part(s, rows.SHEEN_ROUGHNESS, 0, count)
-    facing, shining, seen, falloff = toward
+    facing, shining, seen, falloff = directions_of(block.single, LIGHT, count)
     find_fibres(
-        parts, *three_rows(s, rows.NORMAL_X, count), roughness, *viewer, facing, shining, seen
-    )
+        parts, *three_rows(s, rows.NORMAL_X, count), roughness,
+        *three_rows(block.single, VIEWER, count), facing, shining, seen,
+    )  # fmt: skip
     lay_fibres(
         lights[number], table, facing, shining, seen, falloff, part(s, rows.MICROFACET, 0, count),
         part(s, rows.SHADOW, 0, count), roughness, *three_rows(s, rows.SHEEN_RED, count),

@@ -12,10 +12,8 @@ import numpy as np
 
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import texture_lookup
-from rasterjit.pipeline.surface.attributes import fill_row, owner_end
-from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import float32, int64
 
@@ -26,10 +24,10 @@ def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
     samples, k = block.samples, np.int64(0)
     while k < block.counts[rows.SEGMENTS]:
         end = owner_end(block, k)
-        s, owner = np.int64(block.segments[k, rows.START]), np.uintp(block.segments[k, rows.OWNER])
-        e = s + whole_vectors(block.segments[end - 1, rows.STOP] - s)
+        start, owner = block.segments[k, rows.START], np.uintp(block.segments[k, rows.OWNER])
         for n in range(factors.shape[1]):
-            fill_row(part(samples, first + n, s, e), factors[owner, np.uintp(n)])
+            for i in range(start, block.segments[end - 1, rows.STOP]):
+                samples[first + n, i] = factors[owner, n]
         k = end
 
 
