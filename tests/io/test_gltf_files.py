@@ -205,11 +205,11 @@ def test_specular_glossiness_becomes_the_nearest_dielectric_and_says_so(tmp_path
 def test_what_is_not_read_is_named_once(tmp_path):
     model = textured(extensions={"KHR_materials_iridescence": {"iridescenceFactor": 1}})
     document(model).update(skins=[{}, {}], animations=[{}])
-    document(model)["extensionsUsed"] += ["KHR_materials_transmission", "KHR_texture_basisu"]
+    document(model)["extensionsUsed"] += ["KHR_materials_dispersion", "KHR_texture_basisu"]
     document(model)["meshes"][0]["primitives"][0]["targets"] = [{}, {}, {}]
     load_with(
         model.save(tmp_path / "a.glb"), "extension KHR_materials_iridescence (1)",
-        "extension KHR_materials_transmission (1)", "extension KHR_texture_basisu (1)",
+        "extension KHR_materials_dispersion (1)", "extension KHR_texture_basisu (1)",
         "skin (2)", "animation (1)", "morph target (3)",
     )  # fmt: skip
 
