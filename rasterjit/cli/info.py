@@ -166,6 +166,8 @@ def _material(material: Material) -> dict[str, Any]:
             said |= {"clearcoat": material.clearcoat}
         if material.has_sheen:
             said |= {"sheen_color": list(material.sheen_color)}
+        if material.transmits:
+            said |= {"transmission": material.transmission, "thickness": material.thickness}
         if material.has_own_specular:
             said |= {
                 "ior": material.ior, "specular_factor": material.specular_factor,

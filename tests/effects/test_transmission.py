@@ -285,6 +285,13 @@ def test_levels_are_halves_by_weights_1_3_3_1():
     assert len(halve_again_and_again(picture, False, Workers(1))[1]) == 1
 
 
+def test_light_beyond_float32_is_no_nan():
+    picture = np.ones((4, 4, 4), np.float32)
+    picture[1, 1, :3] = np.inf, np.nan, 3e38
+    texels, _ = halve_again_and_again(picture, True, Workers(1))
+    assert np.isfinite(texels).all()
+
+
 def test_textures_multiply_transmission_and_thickness():
     """Red of one, green of the other; the left half lets nothing through, or is thin."""
     halves = np.zeros((1, 2, 3), np.float32)

@@ -39,6 +39,9 @@ from rasterjit.survey.plan import RenderPlan
 LEAST_SIDE = 2
 """Texels: levels are halved as long as a side has that many."""
 
+BRIGHTEST = np.float32(1e30)
+"""Light that is brighter is taken to be so bright where it is seen through glass."""
+
 ROWS_AT_ONCE = 8
 """Fewest rows of a level that a task makes."""
 
@@ -98,6 +101,8 @@ def halve_again_and_again(
     def start(row: int) -> None:
         band = slice(row, row + per_task)
         np.multiply(linear[band, :, :3], linear[band, :, 3:], out=whole[band])
+        # Of light beyond float32 no mix can be told.
+        np.fmin(whole[band], BRIGHTEST, out=whole[band])
 
     workers.run(start, [(row,) for row in range(0, height, per_task)])
     for level in range(1, len(levels)):

@@ -165,18 +165,26 @@ def power_of(base, exponent):
 
 
 @helper
-def texel_mix(texels, levels, level, x, y, k):
-    """Return one channel of a level, mixed of four texels, at a place in texels of it."""
-    width, height = levels[level, WIDTH], levels[level, HEIGHT]
+def texels_around(levels, level, x, y):
+    """Return four texels of a level around a place in texels of it, and how they are mixed."""
+    first, width, height = levels[level, FIRST_TEXEL], levels[level, WIDTH], levels[level, HEIGHT]
     x, y = clamped(x - 0.5, 0.0, width - 1.0), clamped(y - 0.5, 0.0, height - 1.0)
     left, top = np.int64(x), np.int64(y)
     right, below = min(left + 1, width - 1), min(top + 1, height - 1)
-    across, under = np.float32(x - left), np.float32(y - top)
-    first = levels[level, FIRST_TEXEL]
-    a, b = texels[first + top * width + left, k], texels[first + top * width + right, k]
-    c, d = texels[first + below * width + left, k], texels[first + below * width + right, k]
-    upper, lower = a + across * (b - a), c + across * (d - c)
-    return upper + under * (lower - upper)
+    upper, lower = first + top * width, first + below * width
+    return (
+        np.uintp(upper + left), np.uintp(upper + right), np.uintp(lower + left),
+        np.uintp(lower + right), np.float32(x - left), np.float32(y - top),
+    )  # fmt: skip
+
+
+@helper
+def mixed_texels(texels, around, k):
+    """Return one channel of the mix of four texels."""
+    a, b, c, d, across, down = around
+    upper = texels[a, k] + across * (texels[b, k] - texels[a, k])
+    lower = texels[c, k] + across * (texels[d, k] - texels[c, k])
+    return upper + down * (lower - upper)
 
 
 @helper
@@ -186,19 +194,19 @@ def add_seen(block, i, column, row, texels, levels):
     last = np.float32(levels.shape[0] - 1)
     level = clamped(block.single[LEVEL, i], np.float32(0.0), last)
     finer = np.int64(level)
-    share = level - np.float32(finer)
-    x, y = column + 0.5 + block.real[RIGHT, i], row + 0.5 + block.real[DOWN, i]
-    # Coarser levels are as wide as the picture: a texel more where it is odd.
+    share, coarser = level - np.float32(finer), min(finer + 1, levels.shape[0] - 1)
+    # Texels of a level lie twice as far apart as those of the finer one.
     step = 1.0 / np.float64(np.int64(1) << finer)
+    x = (column + 0.5 + block.real[RIGHT, i]) * step
+    y = (row + 0.5 + block.real[DOWN, i]) * step
+    near, far = (
+        texels_around(levels, finer, x, y), texels_around(levels, coarser, 0.5 * x, 0.5 * y)
+    )  # fmt: skip
     for k in range(3):
-        if s[TINT_RED + k, i] > np.float32(0.0):
-            seen = texel_mix(texels, levels, finer, x * step, y * step, k)
-            if share > np.float32(0.0):
-                coarser = texel_mix(
-                    texels, levels, finer + 1, 0.5 * x * step, 0.5 * y * step, k
-                )  # fmt: skip
-                seen += share * (coarser - seen)
-            s[rows.OUT_RED + k, i] += s[TINT_RED + k, i] * seen
+        seen = mixed_texels(texels, near, k)
+        if share > np.float32(0.0):
+            seen += share * (mixed_texels(texels, far, k) - seen)
+        s[rows.OUT_RED + k, i] += s[TINT_RED + k, i] * seen
 
 
 @stage

@@ -222,6 +222,7 @@ class _Converter:
             ("clearcoat", material.has_clearcoat),
             ("sheen", material.has_sheen),
             ("specular and ior", material.has_own_specular),
+            ("transmission", material.transmits),
         ):
             if has_it:
                 self.left_out.note(name)
