@@ -60,9 +60,13 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
         Returns what the picture of another plan shows.
     """
     plan = context.plan
-    own, (done,) = effect_of(plan), plan.drawn or ({},)
-    if own is None or own.name in done:
+    own = effect_of(plan)
+    if own is None:
         return context
+    (done,) = plan.drawn or ({},)
+    if own.name in done:
+        record = own.effect.of_part(done[own.name], plan.corner)
+        return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
     linear = shade.shade_faces(draw_behind(context, own, find))["linear"]
     record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
     return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))

@@ -21,7 +21,7 @@ from rasterjit.outputs.frame import Frame, cut_out
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering import shade, supersample
+from rasterjit.rendering import behind, shade, supersample
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.rendering.views import plan_views
@@ -33,6 +33,9 @@ from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
+
+BEHIND_TILE = 1024
+"""Side of the regions in which the picture behind glass is drawn, pixels."""
 
 Survey = tuple[dict[str, Any], ...]
 """What effects see of a region, by name: at the centres of pixels, then at each sample beside."""
@@ -190,10 +193,34 @@ class RegionRenderer:
         if self.needs_surveys:
             names = " and ".join(one.name for one in self.plan.whole)
             raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
+        self._look_behind()
+        return self._draw(self._planned.plan, region)
+
+    def _draw(self, plan: RenderPlan, region: Region) -> Frame:
+        """Draw a region of a picture, with what lies around it, and cut that off."""
         drawn = check_drawn(_grown(region, self._margin, plan.size), region)
         part = plan.with_(region=drawn)
         frame = draw_frame(self._planned._replace(plan=part), self._workers)[0]
         return frame if drawn == region else _cut_out(frame, drawn, region)
+
+    def _look_behind(self) -> None:
+        """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
+        plan, cache, views, _ = self._planned
+        own = behind.effect_of(plan)
+        if own is None:
+            return
+        (done,) = plan.drawn or ({},)
+        if own.name in done:
+            return
+        other = behind.plan_behind(plan, own)
+        linear = np.empty((plan.size[1], plan.size[0], 4), np.float32)
+        for region in regions_of(plan.size, BEHIND_TILE):
+            left, top, width, height = region
+            linear[top : top + height, left : left + width] = self._draw(other, region).linear
+        placement = placement_of(cache.shapes.arrays, views)
+        context = FrameContext(plan, cache, None, placement, None, self._workers)
+        record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
+        self._planned = self._planned._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
         """
@@ -319,6 +346,14 @@ def _margin_of(plan: RenderPlan) -> int:
             continue
         reach = planned.effect.reach(planned.data)
         farthest = max(farthest, reach or 0)
+        if planned.effect.sees_through and plan.pictures == 1 and not plan.whole:
+            # The whole picture behind glass is drawn before.
+            if max(plan.size) > MAX_SIZE:
+                raise ValueError(
+                    f"{planned.effect.refusal()} where a picture is larger than {MAX_SIZE} pixels "
+                    f"a side, got size {plan.size}"
+                )
+            continue
         if reach is None:
             raise ValueError(
                 f"{planned.effect.refusal()} where a picture is drawn in regions: "

@@ -296,6 +296,10 @@ class Effect:
         """
         return True
 
+    def of_part(self, record: Any, corner: tuple[int, int]) -> Any:
+        """Return the record of a whole picture for a part of it, whose first pixel is given."""
+        return record
+
     def share(self, plan: RenderPlan, data: Any, field: Field) -> Any:
         """
         Return the record for many views of one plan, as `prepare` does for each of them.

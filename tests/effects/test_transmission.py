@@ -375,9 +375,27 @@ def test_a_renderer_draws_again_what_it_drew():
     assert {frame.linear.tobytes() for frame in frames} == {drawn(scene).linear.tobytes()}
 
 
-def test_regions_are_refused_by_name():
+def test_regions_show_what_the_whole_does():
+    """What is seen through glass lies in other regions."""
+    scene, outputs = busy_scene(), ("color", "linear", "depth")
+    scene.remove(scene.find("pane 1"))
+    scene.lights = [rj.AmbientLight(intensity=0.3), rj.DirectionalLight((-0.3, -0.2, -1.0))]
+    scene.eye_dome = rj.EyeDome(0.5)
+    whole = rj.render(scene, CAMERA, size=(200, 150), outputs=outputs, threads=1)
+    with RegionRenderer(scene, CAMERA, size=(200, 150), outputs=outputs, threads=2) as renderer:
+        for region, frame in renderer.render_regions(64):
+            left, top, width, height = region
+            part = np.s_[top : top + height, left : left + width]
+            for name in outputs:
+                assert getattr(frame, name).tobytes() == getattr(whole, name)[part].tobytes(), name
+
+
+@pytest.mark.parametrize("samples", [1, 64])
+def test_regions_with_shadows_or_many_pictures_are_refused_by_name(samples):
+    scene = busy_scene()
+    scene.lights = scene.lights if samples == 1 else scene.lights[:1]
     with pytest.raises(ValueError, match="the transmission of materials in view must be 0 where a"):
-        RegionRenderer(busy_scene(), CAMERA, size=(200, 150))
+        RegionRenderer(scene, CAMERA, size=(200, 150), quality=rj.Quality(samples=samples))
 
 
 def test_many_samples_average_pictures_that_see_through_each():

@@ -152,7 +152,7 @@ class Transmission(Effect):
         return unlit_reason(facts)
 
     def reach(self, data: Any) -> None:
-        """Tell that a refracted ray may lead to any pixel."""
+        """Tell that a refracted ray may lead to any pixel: see `sees_through`."""
 
     def hidden(self, facts: Facts) -> NDArray[np.bool_]:
         """Return which objects the picture behind glass leaves out, besides what is blended."""
@@ -179,6 +179,10 @@ class Transmission(Effect):
             np.ascontiguousarray(clip_from_relative(plan.camera, plan.size)),
             np.array(plan.size, np.float64), np.array(plan.corner, np.int64),
         )  # fmt: skip
+
+    def of_part(self, record: Behind, corner: tuple[int, int]) -> Behind:
+        """Return the same picture for a part of what is seen."""
+        return record._replace(corner=np.array(corner, np.int64))
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that halves the picture."""
