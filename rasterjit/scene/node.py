@@ -236,8 +236,11 @@ class Node(Guarded):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
-        alone = {"_parent": None, "_children": [], "_scene": None, "_cut": None, "_cut_scene": None}
-        return {**self.__dict__, **alone, "_transform": self._world_from_model}
+        alone = {"_parent": None, "_children": [], "_scene": None}
+        state = {**self.__dict__, **alone, "_transform": self._world_from_model}
+        for name in ("_cut", "_cut_scene"):
+            state.pop(name, None)
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its matrices are read-only too."""
