@@ -169,6 +169,10 @@ class GltfFile:
         finally:
             self._decoded = {}
 
+    def is_decoded(self, number: Any) -> bool:
+        """Tell whether an array stands for an accessor, which its codec may have rounded."""
+        return number in self._decoded
+
     def _with_sparse(
         self, rows: NDArray[Any], sparse: dict[str, Any], width: int, dtype: np.dtype
     ) -> NDArray[Any]:

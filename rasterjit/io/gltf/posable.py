@@ -22,7 +22,10 @@ from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.skin import WEIGHT_ROUNDING, MorphTargets, sum_rows
 
-_ROUNDING = {5120: 4 / 127, 5121: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
+_BYTE = 5121
+"""Draco rounds numbers to eight bits or more, whatever their type."""
+
+_ROUNDING = {5120: 4 / 127, _BYTE: 4 / 255, 5122: 4 / 32767, 5123: 4 / 65535}
 """How far four weights may be from 1 in all as whole numbers, by the types of these: each is
 rounded by half a step, or cut off. They are scaled all the same."""
 
@@ -78,9 +81,10 @@ def _joints(
         if rows[0] is not None and rows[1] is not None:
             joints.append(rows[0])
             weights.append(rows[1])
-            rounding += _ROUNDING.get(
-                file.entry("accessors", attributes[names[1]])["componentType"], 0.0
-            )
+            kind = file.entry("accessors", attributes[names[1]])["componentType"]
+            if file.is_decoded(attributes[names[1]]):
+                kind = _BYTE
+            rounding += _ROUNDING.get(kind, 0.0)
     if not joints:
         return {}
     shares = np.concatenate(weights, axis=1)
