@@ -323,17 +323,12 @@ class Node(Placed, Guarded):
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
         alone = {"_parent": None, "_children": [], "_scene": None}
-<<<<<<< HEAD
-        alone |= {name: None for name in ("_posed", "_cut", "_cut_scene") if name in self.__dict__}
         if self._trs is not None and self._parent is not None:
             alone["_trs"] = None
-        return {**self.__dict__, **alone, "_transform": self._world_from_model}
-=======
         state = {**self.__dict__, **alone, "_transform": self._world_from_model}
-        for name in ("_cut", "_cut_scene"):
+        for name in ("_posed", "_cut", "_cut_scene"):
             state.pop(name, None)
         return state
->>>>>>> section
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its matrices are read-only too."""
