@@ -62,6 +62,8 @@ LAYER_RED, LAYER_LIT, LAYER_OUT, LAYER_METALLIC, LAYER_ROUGHNESS = 61, 64, 65, 6
 """Rows of a layer that is lit in place of a surface: RED to BLUE, then LIT to ROUGHNESS."""
 WHITE_RED = 70
 """Rows, three: what a white mirror shows of the light from all sides."""
+LEANING_X = 73
+"""Rows, three: the normal that fibres take light from all sides by."""
 
 SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
@@ -105,7 +107,7 @@ VERTEX_ROWS = 9
 VECTOR = 16
 """Samples of the longest vectors."""
 
-BLOCK_ROWS = 73
+BLOCK_ROWS = 76
 """Rows of samples: those above."""
 PLACE_ROWS = 14
 
