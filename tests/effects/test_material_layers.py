@@ -210,6 +210,34 @@ def test_light_from_all_sides_shows_what_is_mirrored_by_its_weight():
     assert (green[:, 0] <= plain[:, 0]).all()
 
 
+def test_fibres_take_the_sky_as_their_lobe_does_by_and_large():
+    image = skies.sunny(64, 32, brightness=20.0, degrees=12.0)
+    sky = rj.Environment(image, background=False)
+    toward = skies.directions(64, 32).reshape(-1, 3)
+    light = (image * skies.solid_angles(64, 32)[..., None]).reshape(-1, 3)
+    for roughness, most in ((0.35, 0.45), (0.8, 0.3)):
+        own = Layered((0.0, 0.0, 0.0), 0.0, 0.9, 0.0, 0.0, (1.0, 1.0, 1.0), roughness)
+        # What lies below is black but for what it mirrors.
+        material = material_of(own._replace(specular_factor=0.0))
+        frame = drawn(scene_of(ball(material), environment=sky), "normal")
+        found, wanted = [], []
+        for row, column in np.argwhere(frame.face_id >= 0)[::7]:
+            normal = frame.normal[row, column].astype(float)
+            if normal[2] < 0.1:
+                continue
+            facing = toward @ normal
+            shares = [
+                naive_layered.sheen_brdf(roughness, normal, one, FROM_VIEWER) * cosine
+                if cosine > 1e-3
+                else 0.0
+                for one, cosine in zip(toward, facing, strict=True)
+            ]
+            wanted.append(np.array(shares) @ light)
+            found.append(frame.linear[row, column, :3])
+        off = np.abs(np.array(found) - wanted).sum() / np.sum(wanted)
+        assert off < most
+
+
 @pytest.mark.parametrize("metallic", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize(
     "light",

@@ -75,8 +75,10 @@ BELOW = "texture_lookup.multiply_textures_below_highlights"
 FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
 """Lights vertices once more, for the part of their colour that textures multiply."""
+LEANING = "sheen.lean_normals"
+"""For light of an environment alone."""
 VARNISH = {"clearcoat.lay_coats"}
-FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres"}
+FIBRES = {"sheen.light_fibres", "sheen.show_around_on_fibres", LEANING}
 MIRRORS = {"dielectrics.light_own_mirrors", "dielectrics.show_around_on_own_mirrors"}
 SCALED = "layers.scale_rows_by_textures"
 
@@ -119,12 +121,12 @@ GONE = {
     },
     # What is only seen is not filtered.
     "environment light": {
-        "environment.mirror_environment", "environment.shed_light", *FILTERED,
+        "environment.mirror_environment", "environment.shed_light", LEANING, *FILTERED,
     },
     "environment background": {"environment.show_environment"},
     "environment": {
         "environment.mirror_environment", "environment.shed_light",
-        "environment.show_environment", *FILTERED,
+        "environment.show_environment", LEANING, *FILTERED,
     },
     "eye-dome lighting": {
         "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",

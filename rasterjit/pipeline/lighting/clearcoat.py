@@ -21,7 +21,6 @@ from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC, grazing
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state import float32
@@ -39,7 +38,7 @@ def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
         mirrored = DIELECTRIC + (one - DIELECTRIC) * grazing(max(zero, abs(n_v)))
-        share = clamped(coat[i], zero, one) * mirrored
+        share = max(zero, min(coat[i], one)) * mirrored
         laid = below[i] * (one - share) + share * shown[i]
         below[i] = laid if share > zero else below[i]
 

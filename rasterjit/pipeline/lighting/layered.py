@@ -119,10 +119,15 @@ def around_steps(
     if mirrors:
         steps += on_stand_ins(layers, [facets])
         steps.append(kept(rows.LAYER_OUT, rows.WHITE_RED))
-    if fibres or mirrors:
+    if mirrors or (fibres and is_first):
         steps += on_stand_ins(layers, [matt])
     if mirrors:
         steps.append(Step(dielectrics.show_around_on_own_mirrors, (viewer,)))
+    if fibres and not is_first:
+        # Ambient light is the same whatever leans.
+        leaning = Step(moves.exchange_rows, (rows.NORMAL_X, rows.LEANING_X, NORMAL))
+        steps += [Step(sheen.lean_normals, (viewer,)), leaning]
+        steps += [*on_stand_ins(layers, [matt]), leaning]
     if fibres:
         steps.append(Step(sheen.show_around_on_fibres, (viewer, layers.albedo)))
     if layers.coats is not None:

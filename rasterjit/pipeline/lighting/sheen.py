@@ -8,9 +8,10 @@ pi. What lies below is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is th
 from all sides that fibres send to one, held to 1, which very smooth fibres pass where they are
 grazed. It is a table of the integral of ``D V``.
 
-Of light from all sides a sample shows ``color E(n v)`` times that which falls on a matt surface:
-the lobe of fibres spreads over all directions around, so that nothing is looked up for it. Fibres
-over white are at most white under white light.
+Of light from all sides a sample shows ``color E(n v)`` times that which falls on a matt surface
+whose normal leans toward the viewer, for fibres send light back: the lobe is so wide that nothing
+is looked up for it. In a sky with a bright horizon that differs from the integral by a third of it
+for a roughness of 0.2, by an eighth for 0.8. Fibres over white are at most white under white light.
 
 References
 ----------
@@ -34,6 +35,9 @@ from rasterjit.runtime.state import float32, int64
 
 LEAST_ROUGHNESS = np.float32(0.07)
 """Fibres that lean less than that are lit as if they leaned so."""
+
+LEANING = np.float32(0.6)
+"""How much of the viewer's direction along the surface the leaning normal has."""
 
 LOG2_E = np.float32(1.442695)
 
@@ -168,6 +172,35 @@ def light_fibres(
         lights[number], table, facing, shining, seen, falloff, part(s, rows.MICROFACET, 0, count),
         part(s, rows.SHADOW, 0, count), roughness, *three_rows(s, rows.SHEEN_RED, count),
         *three_rows(s, rows.BELOW_RED, count), *three_rows(s, rows.OUT_RED, count),
+    )  # fmt: skip
+
+
+@disjoint_helper
+def lean(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
+    """Write normals that lean toward the viewer."""
+    for i in range(x.shape[0]):
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        scale = unit_scale(vx, vy, vz)
+        vx, vy, vz = vx * scale, vy * scale, vz * scale
+        own = np.float32(1.0) - LEANING * (nx[i] * vx + ny[i] * vy + nz[i] * vz)
+        mx, my, mz = (
+            own * nx[i] + LEANING * vx, own * ny[i] + LEANING * vy, own * nz[i] + LEANING * vz
+        )  # fmt: skip
+        scale = unit_scale(mx, my, mz)
+        x[i], y[i], z[i] = mx * scale, my * scale, mz * scale
+
+
+@stage
+def lean_normals(block: Block, count, toward_viewer: float32[::1]):
+    """Write the normals that fibres take light from all sides by to rows LEANING_X to Z."""
+    s = block.samples
+    lean(
+        toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
+        *three_rows(s, rows.LEANING_X, count),
     )  # fmt: skip
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import texture_lookup
-from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import float32, int64
@@ -21,14 +20,12 @@ from rasterjit.runtime.state import float32, int64
 @stage
 def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
     """Write what each object has, (O, N), to N rows of its samples from ``first`` on."""
-    samples, k = block.samples, np.int64(0)
-    while k < block.counts[rows.SEGMENTS]:
-        end = owner_end(block, k)
-        start, owner = block.segments[k, rows.START], np.uintp(block.segments[k, rows.OWNER])
+    for k in range(block.counts[rows.SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[rows.OWNER])
         for n in range(factors.shape[1]):
-            for i in range(start, block.segments[end - 1, rows.STOP]):
-                samples[first + n, i] = factors[owner, n]
-        k = end
+            for i in range(segment[rows.START], segment[rows.STOP]):
+                block.samples[first + n, i] = factors[owner, n]
 
 
 @stage

@@ -65,6 +65,8 @@ WHITE_RED = 70
 TINT_RED, TRANSMITTED, THICKNESS = 73, 76, 77
 """Rows of glass: what tints the light that goes through, three; the share of the light in a surface
 that does; how thick the body below it is, in units of the mesh."""
+LEANING_X = 78
+"""Rows, three: the normal that fibres take light from all sides by."""
 
 SAMPLES = 256
 """Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
@@ -108,7 +110,7 @@ VERTEX_ROWS = 9
 VECTOR = 16
 """Samples of the longest vectors."""
 
-BLOCK_ROWS = 78
+BLOCK_ROWS = 81
 """Rows of samples: those above."""
 PLACE_ROWS = 14
 
