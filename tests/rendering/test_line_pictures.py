@@ -151,9 +151,9 @@ def test_a_pixel_of_a_line_can_be_picked_and_explained():
     assert tuple(told.color[:3]) == tuple(frame.color[row, column, :3])
     assert f"the ends of segment {frame.face_id[row, column]}" in str(told)
     text = str(rj.explain(scene, CAMERA, size=SIZE))
-    assert "\n  lines " in text
+    assert "\nlines " in text
     assert "3 objects" in text
-    assert "\n  lines " not in str(rj.explain(scene.nodes[0].mesh, CAMERA, size=SIZE))
+    assert "\nlines " not in str(rj.explain(scene.nodes[0].mesh, CAMERA, size=SIZE))
 
 
 @pytest.mark.parametrize("cull", ["none", "back", "front"])
