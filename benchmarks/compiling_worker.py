@@ -89,6 +89,13 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
 
         return change
 
+    def layer(name: str, on: Any, off: Any) -> tuple[Callable[[Any], None], Callable[[Any], None]]:
+        return look(shading="pbr", **{name: on}), look(shading="phong", **{name: off})
+
+    def remove(scene: Any, name: str) -> None:
+        for node in [node for node in scene.every_node() if node.name == name]:
+            scene.remove(node)
+
     def add_cut_box(scene: Any) -> None:
         corners = np.array(list(np.ndindex(2, 2, 2)), np.float64)
         quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],
@@ -99,7 +106,7 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
 
     def remove_cut_box(scene: Any) -> None:
         scene.section = None
-        scene.remove(scene.find("cut box"))
+        remove(scene, "cut box")
 
     def add_flag(scene: Any) -> None:
         corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -108,8 +115,8 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
         scene.add(mesh, name="flag").skin = rj.Skin([pole])
 
     def remove_flag(scene: Any) -> None:
-        for name in ("flag", "pole"):
-            scene.remove(scene.find(name))
+        remove(scene, "flag")
+        remove(scene, "pole")
 
     sun = rj.DirectionalLight((-1.0, -2.0, -1.5))
     shadowed = replace(sun, shadow=rj.Shadow(512))
@@ -123,10 +130,10 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
         "transparency": (opacity(0.5, "blend"), opacity(1.0, "opaque")),
         "wireframe": put("wireframe", rj.Wireframe()),
         "metallic-roughness": (look(shading="pbr"), look(shading="phong")),
-        "clearcoat": (look(clearcoat=1.0), look(clearcoat=0.0)),
-        "sheen": (look(sheen_color="white"), look(sheen_color=None)),
-        "own mirrors": (look(specular_color="gold"), look(specular_color=None)),
-        "glass": (look(transmission=0.5), look(transmission=0.0)),
+        "clearcoat": layer("clearcoat", 1.0, 0.0),
+        "sheen": layer("sheen_color", "white", None),
+        "own mirrors": layer("specular_color", "gold", None),
+        "glass": layer("transmission", 0.5, 0.0),
         "section": (add_cut_box, remove_cut_box),
         "skin": (add_flag, remove_flag),
     }
