@@ -76,6 +76,7 @@ from rasterjit.pipeline.surface.samples import (
     SPAN,
     START,
     STOP,
+    VECTOR,
     A,
     B,
     Block,
@@ -110,13 +111,16 @@ LIGHT, OFF, EXACT = 0, 1, 2
 """Rows of ``shares``: light of lamps on a face, what that moves, and what is found in float64."""
 
 SURE, DOUBTFUL, FOREIGN = np.float32(0.0), np.float32(1.0), np.float32(2.0)
-"""What `EXACT` holds: nothing is found in float64, normals and points are, colours are as well."""
+"""What `EXACT` holds: nothing is found in float64, normals and points are, all is."""
 
 KEPT, KEPT_ROWS = 0, 9
 """First of the rows of ``colors`` for colours, normals and points in float32, and their number."""
 
-SET_ASIDE, HOW_MANY = 0, 8
-"""Rows of ``numbers``: the eight columns of all segments, and how many; 0 if nothing is kept."""
+SET_ASIDE, HOW_EXACT, HOW_MANY = 0, 8, 9
+"""Rows of ``numbers``: the eight columns of segments, what is found of each; how many there are."""
+
+ALL_SURE, SOME_DOUBTFUL, ALL_FOREIGN = 0, 1, 2
+"""What `HOW_EXACT` holds."""
 
 LEAST_RATIO, LARGEST_RATIO = np.float32(2.0**-60), np.float32(2.0**60)
 """Ratios of w between these keep sums of weights far from the ends of float32."""
@@ -777,28 +781,54 @@ def keep(values, kept):
 
 
 @disjoint_helper
-def restore(values, kept, exact, least):
-    """Write what was kept where it is to be: where ``exact`` is below a number."""
+def restore(values, kept, exact):
+    """Write what was kept where it is to be."""
     for n in range(values.shape[0]):
-        values[n] = kept[n] if exact[n] < least else values[n]
+        own, before = values[n], kept[n]
+        values[n] = own if exact[n] > SURE else before
 
 
 @disjoint_helper
-def largest(exact):
-    """Return the largest number of a row."""
-    found = SURE
+def any_doubtful(exact):
+    """Return not 0 if any sample is."""
+    found = np.int32(0)
     for n in range(exact.shape[0]):
-        found = max(found, exact[n])
+        found |= np.int32(exact[n] > SURE)
     return found
 
 
 @helper
-def are_all_foreign(block):
-    """Return whether all samples of a block are of objects that take float64."""
-    for k in range(block.counts[SEGMENTS]):
-        if block.shares[EXACT, np.uintp(block.segments[k, START])] != FOREIGN:
-            return False
-    return True
+def how_exact(s, e, block):
+    """Return what is found in float64 of a segment."""
+    if block.shares[EXACT, np.uintp(s)] == FOREIGN:
+        return np.int32(ALL_FOREIGN)
+    doubts = any_doubtful(part(block.shares, EXACT, s, e))
+    return np.int32(SOME_DOUBTFUL if doubts != 0 else ALL_SURE)
+
+
+@helper
+def row_kept(k):
+    """Return which row of samples is kept: colours, then normals and points."""
+    return row.RED + k if k < 3 else row.NORMAL_X + k - 3
+
+
+@helper
+def run_of(k, total, numbers):
+    """Return one past the last of the segments from ``k`` on that are as exact, and its samples."""
+    first, start = numbers[HOW_EXACT, k], np.int64(numbers[SET_ASIDE + START, k])
+    while k < total and numbers[HOW_EXACT, k] == first:
+        k += np.uintp(1)
+    return k, start, np.int64(numbers[SET_ASIDE + STOP, k - np.uintp(1)])
+
+
+@helper
+def end_kept(exact, s, e):
+    """
+    Return the end of what is kept of a run of segments.
+
+    Stages that find others write behind the end of these, but not further than a vector.
+    """
+    return min(e, s + VECTOR) if exact == ALL_SURE else e
 
 
 @stage
@@ -808,53 +838,55 @@ def set_aside_sure(block: Block, count):
 
     Stages up to `take_back_sure` find the others alone.
     """
-    segments, numbers = block.segments, block.numbers
-    numbers[HOW_MANY, 0] = 0
-    if are_all_foreign(block):
-        return
-    left, total = np.int64(0), block.counts[SEGMENTS]
+    segments, numbers, samples = block.segments, block.numbers, block.samples
+    left, total = np.int64(0), np.uintp(block.counts[SEGMENTS])
     numbers[HOW_MANY, 0] = np.int32(total)
-    for k in range(np.uintp(total)):
+    for k in range(total):
         for c in range(8):
             numbers[SET_ASIDE + c, k] = segments[k, c]
-        s, e = np.int64(segments[k, START]), np.int64(segments[k, STOP])
-        exact = part(block.shares, EXACT, s, e)
-        if largest(exact) > SURE:
-            for c in range(8):
-                segments[left, c] = segments[k, c]
+        exact = how_exact(np.int64(segments[k, START]), np.int64(segments[k, STOP]), block)
+        numbers[HOW_EXACT, k] = exact
+        if exact != ALL_SURE:
+            if np.int64(k) != left:
+                for c in range(8):
+                    segments[left, c] = segments[k, c]
             left += 1
     block.counts[SEGMENTS] = left
     if left == 0:
         return
-    for k in range(KEPT_ROWS):
-        keep(part(block.samples, row_kept(k), 0, count), part(block.colors, KEPT + k, 0, count))
-
-
-@helper
-def row_kept(k):
-    """Return which row of samples is kept: colours, then normals and points."""
-    return row.RED + k if k < 3 else row.NORMAL_X + k - 3
+    k = np.uintp(0)
+    while k < total:
+        exact, (k, s, e) = numbers[HOW_EXACT, k], run_of(k, total, numbers)
+        if exact != ALL_FOREIGN:
+            e = end_kept(exact, s, e)
+            for n in range(KEPT_ROWS):
+                keep(part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e))
 
 
 @stage
 def take_back_sure(block: Block, count):
     """Put back what was set aside, where float32 is good enough; bring all segments back."""
-    segments, numbers = block.segments, block.numbers
-    total = np.int64(numbers[HOW_MANY, 0])
-    if total == 0:
-        return
-    exact, has_changed = part(block.shares, EXACT, 0, count), block.counts[SEGMENTS] > 0
-    for k in range(np.uintp(total)):
-        for c in range(8):
-            segments[k, c] = numbers[SET_ASIDE + c, k]
-        s, e = np.int64(segments[k, START]), np.int64(segments[k, STOP])
-        # Textures are looked up by it.
-        fill_row(part(block.places, PLACE_OWNER, s, e), np.float64(segments[k, OWNER]))
-    block.counts[SEGMENTS] = total
-    if not has_changed:
-        return
-    for k in range(KEPT_ROWS):
-        restore(
-            part(block.samples, row_kept(k), 0, count), part(block.colors, KEPT + k, 0, count),
-            exact, FOREIGN if k < 3 else DOUBTFUL,
-        )  # fmt: skip
+    segments, numbers, samples = block.segments, block.numbers, block.samples
+    total, has_changed = np.uintp(numbers[HOW_MANY, 0]), block.counts[SEGMENTS] > 0
+    block.counts[SEGMENTS] = np.int64(total)
+    k = np.uintp(0)
+    while k < total:
+        start, exact, (k, s, e) = k, numbers[HOW_EXACT, k], run_of(k, total, numbers)
+        for i in range(start, k):
+            for c in range(8):
+                segments[i, c] = numbers[SET_ASIDE + c, i]
+            if exact == ALL_SURE:
+                # Textures are looked up by it.
+                fill_row(
+                    part(block.places, PLACE_OWNER, segments[i, START], segments[i, STOP]),
+                    np.float64(segments[i, OWNER]),
+                )  # fmt: skip
+        if exact == ALL_FOREIGN or not has_changed:
+            continue
+        e = end_kept(exact, s, e)
+        for n in range(KEPT_ROWS):
+            values, kept = part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e)
+            if exact == ALL_SURE or n < 3:
+                keep(kept, values)
+            else:
+                restore(values, kept, part(block.shares, EXACT, s, e))
