@@ -152,7 +152,7 @@ class Desk:
         if self._has_lamps:
             lamps = lights[:, lights[0, :, PLACED] == 1.0]
             facts = self._plan.facts
-            rows = rows_of_lamps(lamps, facts.inventory.gloss, facts.exposed)
+            rows = rows_of_lamps(lamps, facts.exposed)
             fields[LAMP_ROWS] = words_of(rows)
         loads = []
         for name, target, size in self._targets:

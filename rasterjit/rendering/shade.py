@@ -127,6 +127,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         through=tables.through if facts.transmits else None,
         in_float32=facts.interpolates_in_float32,
         limits=facts.limits,
+        mixes_precision=facts.mixes_precision,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )
 
