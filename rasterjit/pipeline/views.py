@@ -218,8 +218,10 @@ def draw_views(
             continue
         covered = np.int64(0)
         for row in range(face_id.shape[0]):
+            some = np.int32(0)
             for column in range(face_id.shape[1]):
-                covered += np.int64(face_id[row, column] >= 0)
+                some += np.int32(face_id[row, column] >= 0)
+            covered += some
         for k in range(COVERED):
             totals[n, k] = listing[1][k]
         totals[n, COVERED], totals[n, CUT] = covered, cut
