@@ -158,10 +158,12 @@ def render_batch(
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
     check_cameras(cameras)
     eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
-    projections = Projections(options.size)
-    for number, camera in enumerate(eyes):
-        with naming(f"cameras[{number}]"):
-            projections.of(camera)
+    projections, number = Projections(options.size), 0
+    try:
+        for number in range(len(eyes)):
+            projections.of(eyes[number])
+    except ValueError as error:
+        raise ValueError(f"cameras[{number}]: {error}") from None
     places = check_transforms(transforms, len(eyes), scene)
     arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
     places = from_posed(places, scene)
