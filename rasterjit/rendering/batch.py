@@ -62,8 +62,11 @@ VIEWS_PER_LARGE_GROUP = 128
 GROUPS_PER_THREAD = 4
 """Fewest large groups of each of several threads, so that none waits for long for the last."""
 
-WORK_PER_GROUP = 1 << 22
-"""Faces and pixels, about, after which a group ends: far less than a second's work."""
+WORK_PER_GROUP = 1 << 21
+"""Faces and pixels, about, after which a group of a stream ends, and is handed on."""
+
+WORK_PER_LARGE_GROUP = 1 << 22
+"""The same of a batch: far less than a second's work."""
 
 PIXEL_BYTES = 4
 """What the addresses of arrays are multiples of: a pixel is written as one word."""
@@ -339,7 +342,7 @@ class Drawn(NamedTuple):
 def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
     """Draw all views."""
     cache, count = kept.cache, len(views.cameras)
-    by_work = WORK_PER_GROUP // work_of(views.options.size, views.scene)
+    by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
     most = max(1, min(views_per_group(count, workers), by_work))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
