@@ -8,7 +8,8 @@ import pytest
 import rasterjit as rj
 from rasterjit.rendering.views import plan_views
 
-SIZE = 200, 130
+SIZE = 300, 240
+"""Large enough for several bands of rows."""
 CAMERA = rj.PerspectiveCamera((0.0, 1.0, 6.0), (0.0, 0.2, 0.0))
 
 

@@ -797,7 +797,7 @@ def draw(
     taken = np.array([0, per_task], np.int64) if tasks > 1 else nearest.ALL
     own = tiles, taken, starts, tile_depths, viewport, frame
     calls = [(*own, *drawer[:3]) for drawer in drawers[:threads]]
-    return sum(workers.call(nearest.draw_tiles, calls))
+    return int(sum(workers.call(nearest.draw_tiles, calls)))
 
 
 def whole_faces(faces: NDArray[np.int32]) -> Faces:
