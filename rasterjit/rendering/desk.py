@@ -382,7 +382,9 @@ class Desk:
             plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
-        color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
+        color = self._face_id.view(np.uint32)
+        if plan.keeps_faces:
+            color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
         self._calls.kept.append(shading)
         picture = Picture(self._face_id, linear, color)
         if plan.layers is None:
