@@ -174,6 +174,8 @@ class Mesh(Guarded, Previewed):
     """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
     _is_in_world: bool = False
     """Whether a skin has put it into world space."""
+    _skinned: tuple[Mesh, NDArray[np.float64]] | None = None
+    """Of such a mesh: what it was made of, and the matrices, (J, 4, 4), of its joints."""
 
     _variants: tuple[tuple[str, Material], ...] = ()
     _default_material: Material | None = None

@@ -227,6 +227,33 @@ def test_a_body_tints_by_beers_law(scale):
     assert ratio == pytest.approx(want, rel=1e-5)
 
 
+@pytest.mark.parametrize("cut", [False, True])
+def test_joints_scale_how_thick_a_body_is(cut):
+    """Glass that a joint makes larger is as thick as glass whose node does."""
+    own = {"transmission": 1.0, "thickness": 0.4, "ior": 1.8, "attenuation_color": "#80ff80",
+           "attenuation_distance": 0.5}  # fmt: skip
+    plain = pane(0.5, **own)
+    follows = np.tile((0, 1), (4, 1)), np.tile((1.0, 0.0), (4, 1))
+    skinned = rj.Mesh(
+        plain.vertices, FACES, uv=plain.uv, normals=UP, material=plain.material,
+        joints=follows[0], weights=follows[1],
+    )  # fmt: skip
+    larger, pictures = rj.transforms.scale(1.6), []
+    for mesh, place in ((plain, larger), (skinned, np.eye(4))):
+        scene = scene_of()
+        node = scene.add(mesh, place, "pane")
+        if mesh is skinned:
+            joints = [rj.Node(None, larger), rj.Node(None, rj.transforms.scale(90.0))]
+            node.skin = rj.Skin(joints, np.tile(np.eye(4), (2, 1, 1)))
+        if cut:
+            scene.section = rj.Plane((0.1, 0, 0), (1, 0, 0), cap=False)
+        pictures.append(linear(scene))
+    thin = scene_of()
+    thin.add(pane(0.5, **own | {"thickness": 0.25}), larger, "pane")
+    assert pictures[1] == pytest.approx(pictures[0], abs=1e-5)
+    assert np.abs(linear(thin) - pictures[0])[covered(thin)].max() > 0.05
+
+
 @pytest.mark.parametrize(("color", "want"), [("white", 1.0), ("black", 0.0)])
 def test_clear_and_black_bodies(color, want):
     own = {"transmission": 1.0, "thickness": 1.0, "attenuation_distance": 1e-3}
