@@ -216,7 +216,7 @@ class Lines(Mesh):
             raise ValueError(
                 f"material must be unlit, for lines have no normals; got {value.shading!r}"
             )
-        self._material = value
+        self._material, self._default_material = value, None
 
     @property
     def points(self) -> NDArray[np.float64]:

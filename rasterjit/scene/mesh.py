@@ -328,21 +328,22 @@ class Mesh(Guarded, Previewed):
 
     @property
     def material(self) -> Material:
-        """How the surface is shaded; another may be assigned."""
+        """How the surface is shaded; another may be assigned, and is its own then, of no variant."""
         return self._material
 
     @material.setter
     def material(self, value: Material) -> None:
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
-        self._material = value
+        self._material, self._default_material = value, None
 
     @property
     def variants(self) -> Mapping[str, Material]:
         """
         Other materials, by the names of variants; another mapping may be assigned.
 
-        `Scene.variant` says which is shown; meshes without one of that name show their own.
+        `Scene.variant` says which is shown, when it is assigned; meshes without one of that name
+        show their own.
         """
         return MappingProxyType(dict(self._variants))
 

@@ -145,7 +145,7 @@ class Points(Mesh):
                 f"material must be shaded {', '.join(map(repr, POINT_SHADINGS))}, for a point has "
                 f"one normal; got {value.shading!r}"
             )
-        self._material = value
+        self._material, self._default_material = value, None
 
     @property
     def positions(self) -> NDArray[np.float64]:

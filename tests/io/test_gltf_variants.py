@@ -235,6 +235,22 @@ def test_variants_come_along_with_what_is_added(tmp_path):
     assert color_of(room)[0] == COLORS["Street"]
 
 
+def test_a_material_that_is_assigned_is_the_meshs_own(tmp_path):
+    """Whatever variant was shown: it comes back with none, and is what is saved."""
+    scene = rj.load(saved(shoe(), tmp_path / "a.glb"))
+    mesh, first = scene.nodes[0].mesh, scene.variants[0]
+    own = rj.Material("unlit", "white")
+    scene.variant = first
+    mesh.material = own
+    assert mesh.material is mesh.default_material is own
+    scene.variant = first
+    assert mesh.material is mesh.variants[first]
+    scene.variant = None
+    assert mesh.material is own
+    scene.save(tmp_path / "b.glb")
+    assert rj.load(tmp_path / "b.glb").nodes[0].mesh.material.shading == "unlit"
+
+
 def test_split_meshes_keep_their_variants():
     mesh = rj.Mesh(np.eye(3), [[0, 1, 2]])
     mesh.variants = {"red": rj.Material("unlit", "red")}
