@@ -328,14 +328,23 @@ class Mesh(Guarded, Previewed):
 
     @property
     def material(self) -> Material:
-        """How the surface is shaded; another may be assigned, and is its own then, of no variant."""
+        """How the surface is shaded; another may be assigned, and is of no variant then."""
         return self._material
 
     @material.setter
     def material(self, value: Material) -> None:
-        if not isinstance(value, Material):
-            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        self._set_material(value)
+
+    def _set_material(self, value: Material) -> None:
+        """Store a checked material as the mesh's own."""
+        self._check_material("material", value)
         self._material, self._default_material = value, None
+
+    @staticmethod
+    def _check_material(name: str, value: Any) -> None:
+        """Raise ``ValueError`` if a mesh of this kind cannot have a material."""
+        if not isinstance(value, Material):
+            raise ValueError(f"{name} must be a Material, got {in_short(value)}")
 
     @property
     def variants(self) -> Mapping[str, Material]:
@@ -356,8 +365,7 @@ class Mesh(Guarded, Previewed):
         for name, material in value.items():
             if not isinstance(name, str) or not name:
                 raise ValueError(f"variants must have texts as names, got {in_short(name)}")
-            if not isinstance(material, Material):
-                raise ValueError(f"variants[{name!r}] must be a Material, got {in_short(material)}")
+            self._check_material(f"variants[{name!r}]", material)
         self._variants = tuple(value.items())
 
     @property

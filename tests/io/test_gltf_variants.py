@@ -215,6 +215,20 @@ def test_what_are_no_variants_is_refused(given):
         rj.Mesh(np.eye(3), [[0, 1, 2]]).variants = given
 
 
+def test_lines_and_points_have_variants_of_materials_that_they_can_have():
+    lines, points = rj.Lines([(0, 0, 0), (1, 1, 0)], [(0, 1)]), rj.Points([(0, 0, 0)])
+    with pytest.raises(ValueError, match=r"^variants\['a'\] must be unlit, for lines have no norm"):
+        lines.variants = {"a": rj.Material("pbr")}
+    with pytest.raises(ValueError, match=r"^variants\['a'\] must be shaded 'unlit', 'phong'"):
+        points.variants = {"a": rj.Material("gouraud")}
+    lines.variants = points.variants = {"a": rj.Material("unlit", "red")}
+    scene = rj.Scene()
+    scene.add(lines)
+    scene.add(points)
+    scene.variant = "a"
+    assert lines.material == points.material == rj.Material("unlit", "red")
+
+
 @pytest.mark.parametrize("made", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
 def test_copies_have_variants_of_their_own(tmp_path, made):
     scene = rj.load(saved(shoe(), tmp_path / "shoe.glb"))
