@@ -82,6 +82,42 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
 
         return change
 
+    def look(**values: Any) -> Callable[[Any], None]:
+        def change(scene: Any) -> None:
+            for node in scene.nodes:
+                node.mesh.material = replace(node.mesh.material, **values)
+
+        return change
+
+    def layer(name: str, on: Any, off: Any) -> tuple[Callable[[Any], None], Callable[[Any], None]]:
+        return look(shading="pbr", **{name: on}), look(shading="phong", **{name: off})
+
+    def remove(scene: Any, name: str) -> None:
+        for node in [node for node in scene.every_node() if node.name == name]:
+            scene.remove(node)
+
+    def add_cut_box(scene: Any) -> None:
+        corners = np.array(list(np.ndindex(2, 2, 2)), np.float64)
+        quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],
+                          [1, 5, 7, 3]])  # fmt: skip
+        box = rj.Mesh(corners, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+        scene.add(box.split_creases(), name="cut box")
+        scene.section = rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0), lines=True)
+
+    def remove_cut_box(scene: Any) -> None:
+        scene.section = None
+        remove(scene, "cut box")
+
+    def add_flag(scene: Any) -> None:
+        corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+        mesh = rj.Mesh(corners, [(0, 1, 2)], joints=[[0]] * 3, weights=[[1.0]] * 3)
+        pole = scene.add(rj.Node(name="pole"))
+        scene.add(mesh, name="flag").skin = rj.Skin([pole])
+
+    def remove_flag(scene: Any) -> None:
+        remove(scene, "flag")
+        remove(scene, "pole")
+
     sun = rj.DirectionalLight((-1.0, -2.0, -1.5))
     shadowed = replace(sun, shadow=rj.Shadow(512))
     return {
@@ -93,6 +129,13 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
         "outline": put("outline", rj.Outline()),
         "transparency": (opacity(0.5, "blend"), opacity(1.0, "opaque")),
         "wireframe": put("wireframe", rj.Wireframe()),
+        "metallic-roughness": (look(shading="pbr"), look(shading="phong")),
+        "clearcoat": layer("clearcoat", 1.0, 0.0),
+        "sheen": layer("sheen_color", "white", None),
+        "own mirrors": layer("specular_color", "gold", None),
+        "glass": layer("transmission", 0.5, 0.0),
+        "section": (add_cut_box, remove_cut_box),
+        "skin": (add_flag, remove_flag),
     }
 
 
@@ -105,6 +148,7 @@ def switching(models: Path) -> Iterator[Step]:
     several = {"4 samples": (4, 1)}
     order = [
         "fog", "tone curve", "shadow", "environment", "ambient occlusion", "4 samples", "outline",
+        "metallic-roughness", "clearcoat", "sheen", "own mirrors", "glass", "section", "skin",
         "transparency", "wireframe",
     ]  # fmt: skip
     samples = 1

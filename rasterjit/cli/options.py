@@ -576,6 +576,10 @@ class Look(NamedTuple):
         from rasterjit.scene.wireframe import Wireframe
 
         if self.variant is not None:
+            if not scene.variants:
+                raise ValueError(
+                    f"--variant must be left out: no material has variants, got {self.variant!r}"
+                )
             try:
                 scene.variant = self.variant
             except ValueError as error:

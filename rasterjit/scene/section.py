@@ -88,7 +88,7 @@ class Plane:
         direction = triple("normal", self.normal)
         largest = max(map(abs, direction))
         if largest == 0.0:
-            raise ValueError(f"normal must not be zero, got {in_short(self.normal)}")
+            raise ValueError(f"normal must not be zero, got {direction}")
         # So that squares neither overflow nor vanish.
         x, y, z = (part / largest for part in direction)
         size = length((x, y, z))

@@ -65,9 +65,14 @@ def test_an_effect_is_switched_on_and_off_again(name):
     on(scene)
     if name == "shadow":
         scene.add(scene.nodes[0].mesh, rj.transforms.translate((0.3, 0.3, 0.5)))
-    assert len(effects_in(scene) - before) >= 1
+    if name == "skin":
+        # Meshes are posed before a frame is planned: explain has no row for it.
+        assert scene.find("flag").skin is not None
+    else:
+        assert len(effects_in(scene) - before) >= 1
     off(scene)
     assert effects_in(scene) == before
+    assert len(scene.nodes) == (2 if name == "shadow" else 1)
 
 
 def test_all_that_is_switched_on_is_switched_off(monkeypatch):

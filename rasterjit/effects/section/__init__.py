@@ -119,6 +119,10 @@ class SectionLines(Effect):
             return "only the wireframe is drawn"
         return f"{', '.join(dict.fromkeys(widths))} wide"
 
+    def refusal(self) -> str:
+        """Say what must be otherwise where they cannot be drawn."""
+        return "lines of scene.section's planes must be False"
+
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell that faces hide lines."""
         return True
