@@ -436,9 +436,28 @@ def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> li
     if layers is not None:
         from rasterjit.pipeline.lighting import layered
 
-        steps += layered.finishing_steps(layers, viewer)
+        steps += layered.finishing_steps(layers, viewer, look.surface.through)
     steps += seen_steps(effects, rows.OUT_RED)
-    return steps + effect_steps(effects, "sample", look)
+    return steps + covering_steps(look, effects)
+
+
+def covering_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
+    """Return the stages that lie over lit samples, and what is seen through samples of glass."""
+    through = look.surface.through
+    if through is None:
+        return effect_steps(effects, "sample", look)
+    from rasterjit.pipeline.surface import layers as moves
+
+    acts = acting(effects, "sample")
+    seen = [one for one in acts if one.effect.sees_through]
+    over = effect_steps([one for one in acts if not one.effect.sees_through], "sample", look)
+    dark = np.zeros((len(through.rows), 3), np.float32)
+    steps = [Step(moves.fill_rows, (dark, moves.MIST_RED))]
+    if over:
+        # What they show over black is what they show by themselves.
+        turned = Step(moves.exchange_rows, (rows.OUT_RED, moves.MIST_RED, 3))
+        steps += [turned, *over, turned, *over]
+    return steps + effect_steps(seen, "sample", look)
 
 
 def layered_ambient_steps(look: Look, shown: Step) -> list[Step]:

@@ -210,13 +210,15 @@ class Lines(Mesh):
 
     @material.setter
     def material(self, value: Material) -> None:
-        if not isinstance(value, Material):
-            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        self._set_material(value)
+
+    @staticmethod
+    def _check_material(name: str, value: Any) -> None:
+        Mesh._check_material(name, value)
         if value.shading != "unlit":
             raise ValueError(
-                f"material must be unlit, for lines have no normals; got {value.shading!r}"
+                f"{name} must be unlit, for lines have no normals; got {value.shading!r}"
             )
-        self._material = value
 
     @property
     def points(self) -> NDArray[np.float64]:

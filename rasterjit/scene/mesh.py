@@ -174,6 +174,8 @@ class Mesh(Guarded, Previewed):
     """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
     _is_in_world: bool = False
     """Whether a skin has put it into world space."""
+    _skinned: tuple[Mesh, NDArray[np.float64]] | None = None
+    """Of such a mesh: what it was made of, and the matrices, (J, 4, 4), of its joints."""
 
     _variants: tuple[tuple[str, Material], ...] = ()
     _default_material: Material | None = None
@@ -326,21 +328,31 @@ class Mesh(Guarded, Previewed):
 
     @property
     def material(self) -> Material:
-        """How the surface is shaded; another may be assigned."""
+        """How the surface is shaded; another may be assigned, and is of no variant then."""
         return self._material
 
     @material.setter
     def material(self, value: Material) -> None:
+        self._set_material(value)
+
+    def _set_material(self, value: Material) -> None:
+        """Store a checked material as the mesh's own."""
+        self._check_material("material", value)
+        self._material, self._default_material = value, None
+
+    @staticmethod
+    def _check_material(name: str, value: Any) -> None:
+        """Raise ``ValueError`` if a mesh of this kind cannot have a material."""
         if not isinstance(value, Material):
-            raise ValueError(f"material must be a Material, got {in_short(value)}")
-        self._material = value
+            raise ValueError(f"{name} must be a Material, got {in_short(value)}")
 
     @property
     def variants(self) -> Mapping[str, Material]:
         """
         Other materials, by the names of variants; another mapping may be assigned.
 
-        `Scene.variant` says which is shown; meshes without one of that name show their own.
+        `Scene.variant` says which is shown, when it is assigned; meshes without one of that name
+        show their own.
         """
         return MappingProxyType(dict(self._variants))
 
@@ -353,8 +365,7 @@ class Mesh(Guarded, Previewed):
         for name, material in value.items():
             if not isinstance(name, str) or not name:
                 raise ValueError(f"variants must have texts as names, got {in_short(name)}")
-            if not isinstance(material, Material):
-                raise ValueError(f"variants[{name!r}] must be a Material, got {in_short(material)}")
+            self._check_material(f"variants[{name!r}]", material)
         self._variants = tuple(value.items())
 
     @property

@@ -138,14 +138,16 @@ class Points(Mesh):
 
     @material.setter
     def material(self, value: Material) -> None:
-        if not isinstance(value, Material):
-            raise ValueError(f"material must be a Material, got {in_short(value)}")
+        self._set_material(value)
+
+    @staticmethod
+    def _check_material(name: str, value: Any) -> None:
+        Mesh._check_material(name, value)
         if value.shading not in POINT_SHADINGS:
             raise ValueError(
-                f"material must be shaded {', '.join(map(repr, POINT_SHADINGS))}, for a point has "
+                f"{name} must be shaded {', '.join(map(repr, POINT_SHADINGS))}, for a point has "
                 f"one normal; got {value.shading!r}"
             )
-        self._material = value
 
     @property
     def positions(self) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ This is the border to the kernels: all arrays that they read are cast and joined
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
@@ -331,9 +332,24 @@ def join_through(meshes: Sequence[Mesh]) -> Through:
         own = mesh.material
         mirrored = min(_head_on(own.ior) * max(own.specular_color), 1.0), own.specular_factor
         inside = *own.attenuation_color, 1.0 / own.attenuation_distance
-        rows.append((own.transmission * lets_through(mesh), own.thickness))
+        rows.append((own.transmission * lets_through(mesh), own.thickness * _joint_scale(mesh)))
         factors.append((own.ior, *mirrored, *inside))
     return Through(_repeat(rows, runs, np.float32), _repeat(factors, runs, np.float32))
+
+
+def _joint_scale(mesh: Mesh) -> float:
+    """
+    Return how much joints scale a posed mesh: the root mean square over three axes of each.
+
+    Those that no vertex follows have no part. What no joint has moved is not scaled.
+    """
+    if mesh._skinned is None:
+        return 1.0
+    rest, matrices = mesh._skinned
+    followed = np.unique(rest.joints[rest.weights > 0.0])
+    # Exact sums are the same everywhere.
+    total = math.fsum((matrices[followed, :3, :3] ** 2).ravel().tolist())
+    return math.sqrt(total / (3 * max(len(followed), 1)))
 
 
 def join_layers(meshes: Sequence[Mesh]) -> Layers:

@@ -151,7 +151,7 @@ def _posed_mesh(
     made._tangents = None if tangents is None else read_only(tangents)
     _store_positions(made, mesh, positions)
     if place is not None:
-        made._is_in_world = True
+        made._is_in_world, made._skinned = True, (mesh, matrices)
         center = _far_middle(made)
         if center is not None:
             _store_positions(made, mesh, positions - center)

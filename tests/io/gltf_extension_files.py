@@ -37,6 +37,13 @@ def texture_of(scene):
     return material_of(scene).base_color_texture
 
 
+def has(scene, **fields):
+    """Tell whether the material of the first node has these fields, as one that is lit."""
+    material = material_of(scene)
+    found = {name: getattr(material, name) for name in fields}
+    return material.shading == "pbr" and found == fields
+
+
 def plain(**root):
     """Return a file that shows a square, with something at the top of its header."""
     draft = Draft()
@@ -46,7 +53,8 @@ def plain(**root):
 
 
 def in_material(name, values, **material):
-    """Return a file whose material has an extension."""
+    """Return a file whose material, no metal, has an extension."""
+    material.setdefault("pbrMetallicRoughness", {"metallicFactor": 0.0})
     draft = Draft().use(name)
     number = draft.add("materials", **material, extensions={name: values})
     draft.show(draft.mesh(quad(), material=number))
@@ -168,6 +176,37 @@ def hidden():
     return draft
 
 
+def glass():
+    """Return a file of a body of coloured glass."""
+    name = "KHR_materials_volume"
+    draft = in_material(name, {"thicknessFactor": 0.5, "attenuationDistance": 0.25,
+                               "attenuationColor": [1.0, 0.5, 0.25]})  # fmt: skip
+    extensions = draft.header["materials"][0]["extensions"]
+    extensions["KHR_materials_transmission"] = {"transmissionFactor": 1.0}
+    return draft.use("KHR_materials_transmission")
+
+
+def with_variants():
+    """Return a file of a square that is red or, as a variant, blue."""
+    name = "KHR_materials_variants"
+    draft = at_the_top(name, {"variants": [{"name": "blue"}]})
+    draft.header["materials"][0]["pbrMetallicRoughness"] = {"baseColorFactor": [1, 0, 0, 1]}
+    blue = draft.add("materials", pbrMetallicRoughness={"baseColorFactor": [0, 0, 1, 1]})
+    (primitive,) = draft.header["meshes"][0]["primitives"]
+    primitive["extensions"] = {name: {"mappings": [{"material": blue, "variants": [0]}]}}
+    return draft
+
+
+def shows_its_variant(scene):
+    """Tell whether the square is red without a variant, and blue in the one that there is."""
+    shown = []
+    for name in (None, *scene.variants):
+        scene.variant = name
+        shown.append(material_of(scene).base_color)
+    scene.variant = None
+    return shown == [(1, 0, 0, 1), (0, 0, 1, 1)]
+
+
 def splats():
     """Return a file of splats."""
     name = "KHR_gaussian_splatting"
@@ -196,10 +235,33 @@ FILES = {
     # Drawn.
     "KHR_draco_mesh_compression": File(draco),
     "KHR_lights_punctual": File(lit, lambda scene: len(scene.lights) == 1),
+    "KHR_materials_clearcoat": File(
+        lambda: in_material("KHR_materials_clearcoat",
+                            {"clearcoatFactor": 0.75, "clearcoatRoughnessFactor": 0.25}),
+        lambda scene: has(scene, clearcoat=0.75, clearcoat_roughness=0.25)),
     "KHR_materials_emissive_strength": File(
         lambda: in_material("KHR_materials_emissive_strength", {"emissiveStrength": 4.0},
                             emissiveFactor=[1.0, 0.5, 0.0]),
         lambda scene: tuple(material_of(scene).emissive) == (4.0, 2.0, 0.0)),
+    "KHR_materials_ior": File(
+        lambda: in_material("KHR_materials_ior", {"ior": 1.25}),
+        lambda scene: has(scene, ior=1.25)),
+    "KHR_materials_sheen": File(
+        lambda: in_material("KHR_materials_sheen", {"sheenColorFactor": [1.0, 0.5, 0.25],
+                                                    "sheenRoughnessFactor": 0.5}),
+        lambda scene: has(scene, sheen_color=(1.0, 0.5, 0.25), sheen_roughness=0.5)),
+    "KHR_materials_specular": File(
+        lambda: in_material("KHR_materials_specular", {"specularFactor": 0.5,
+                                                       "specularColorFactor": [2.0, 1.0, 0.5]}),
+        lambda scene: has(scene, specular_factor=0.5, specular_color=(2.0, 1.0, 0.5))),
+    "KHR_materials_transmission": File(
+        lambda: in_material("KHR_materials_transmission", {"transmissionFactor": 0.5}),
+        lambda scene: has(scene, transmission=0.5)),
+    "KHR_materials_variants": File(with_variants, shows_its_variant),
+    "KHR_materials_volume": File(
+        glass,
+        lambda scene: has(scene, thickness=0.5, attenuation_distance=0.25,
+                          attenuation_color=(1.0, 0.5, 0.25))),
     "KHR_materials_unlit": File(
         lambda: in_material("KHR_materials_unlit", {}),
         lambda scene: material_of(scene).shading == "unlit"),

@@ -4,6 +4,7 @@ import importlib
 import random
 import re
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -186,6 +187,27 @@ def test_damage_ends_in_an_error_or_a_mesh():
             outcomes.add(re.sub(r"\d+", "N", str(error)))
     assert "a mesh" in outcomes
     assert f"{DRACO}: its stream ends too early" in outcomes
+    pointing = f"{DRACO}: its stream is damaged: its faces must point at its N vertices, but one "
+    assert f"{pointing}points at N" in outcomes
+
+
+def test_a_stream_whose_faces_point_past_its_vertices_is_left_out_by_name(tmp_path):
+    """Of a file whose other meshes are drawn."""
+    rng = random.Random(4)
+    said = f"mesh 0, which cannot be read: {DRACO}: its stream is damaged: its faces must point at"
+    found = 0
+    for _ in range(40):
+        place, byte = rng.randrange(40, 600), rng.randrange(256)
+        path = draft(
+            preserve_order=True, change=lambda s, n=place, b=byte: s[:n] + bytes([b]) + s[n + 1 :]
+        ).save(tmp_path / "a.glb")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            scene = rj.load(path)
+        if any(said in str(one.message) for one in caught):
+            found += 1
+            assert len(scene.nodes) == 1
+    assert found
 
 
 def test_names_in_a_stream_are_passed():

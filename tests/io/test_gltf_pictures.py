@@ -87,9 +87,9 @@ def test_without_the_transcoder_the_plain_picture_is_shown(tmp_path, monkeypatch
         rj.load(required)
 
 
-def changed(place, form, value):
+def changed(place, form, value, sample=samples.UASTC):
     """Return a picture with a number of its header changed."""
-    content = bytearray(samples.UASTC)
+    content = bytearray(sample)
     struct.pack_into(form, content, place, value)
     return bytes(content)
 
@@ -107,6 +107,10 @@ def changed(place, form, value):
         (changed(20, "<I", 0), "it must be 1..65536 texels wide and high, got 0×8"),
         (changed(20, "<I", 1 << 30), "it must be 1..65536 texels wide and high, got 1073741824×8"),
         (changed(36, "<I", 3), "not a valid Basis Universal KTX 2 file"),
+        (
+            changed(96, "<Q", 2_130_706_496, samples.UASTC_ZSTD_MIPS),
+            "its largest level of 8×8 texels must have at most 64 bytes unpacked, but says 21307",
+        ),
     ],
 )  # fmt: skip
 def test_damaged_ktx2_pictures_are_left_out_by_name(tmp_path, content, said):

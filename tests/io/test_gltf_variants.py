@@ -215,6 +215,20 @@ def test_what_are_no_variants_is_refused(given):
         rj.Mesh(np.eye(3), [[0, 1, 2]]).variants = given
 
 
+def test_lines_and_points_have_variants_of_materials_that_they_can_have():
+    lines, points = rj.Lines([(0, 0, 0), (1, 1, 0)], [(0, 1)]), rj.Points([(0, 0, 0)])
+    with pytest.raises(ValueError, match=r"^variants\['a'\] must be unlit, for lines have no norm"):
+        lines.variants = {"a": rj.Material("pbr")}
+    with pytest.raises(ValueError, match=r"^variants\['a'\] must be shaded 'unlit', 'phong'"):
+        points.variants = {"a": rj.Material("gouraud")}
+    lines.variants = points.variants = {"a": rj.Material("unlit", "red")}
+    scene = rj.Scene()
+    scene.add(lines)
+    scene.add(points)
+    scene.variant = "a"
+    assert lines.material == points.material == rj.Material("unlit", "red")
+
+
 @pytest.mark.parametrize("made", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
 def test_copies_have_variants_of_their_own(tmp_path, made):
     scene = rj.load(saved(shoe(), tmp_path / "shoe.glb"))
@@ -233,6 +247,22 @@ def test_variants_come_along_with_what_is_added(tmp_path):
     assert room.variants == NAMES
     room.variant = "Street"
     assert color_of(room)[0] == COLORS["Street"]
+
+
+def test_a_material_that_is_assigned_is_the_meshs_own(tmp_path):
+    """Whatever variant was shown: it comes back with none, and is what is saved."""
+    scene = rj.load(saved(shoe(), tmp_path / "a.glb"))
+    mesh, first = scene.nodes[0].mesh, scene.variants[0]
+    own = rj.Material("unlit", "white")
+    scene.variant = first
+    mesh.material = own
+    assert mesh.material is mesh.default_material is own
+    scene.variant = first
+    assert mesh.material is mesh.variants[first]
+    scene.variant = None
+    assert mesh.material is own
+    scene.save(tmp_path / "b.glb")
+    assert rj.load(tmp_path / "b.glb").nodes[0].mesh.material.shading == "unlit"
 
 
 def test_split_meshes_keep_their_variants():

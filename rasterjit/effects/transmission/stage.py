@@ -26,6 +26,7 @@ from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
 from rasterjit.pipeline.records import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
 from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.layers import MIST_RED
 from rasterjit.pipeline.surface.samples import (
     INTERVAL_FRAME_ROW,
     INTERVALS,
@@ -59,8 +60,9 @@ def hold_back(block: Block, count, amount: float32):
     Parameters
     ----------
     block : Block
-        Reads rows TRANSMITTED, METALLIC and MICROFACET; changes rows RED.., which all light that
-        comes back is multiplied by, writes rows TINT...
+        Reads rows TRANSMITTED and MICROFACET; changes rows RED.., which all light that comes back
+        is multiplied by, and METALLIC: as much of that is mirrored by metal as before. Writes rows
+        TINT...
     count : int
     amount : float32
         1; 0: nothing goes through.
@@ -69,8 +71,11 @@ def hold_back(block: Block, count, amount: float32):
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(count):
         # A metal lets nothing through; its base colour is that of what it mirrors.
-        share = s[TRANSMITTED, i] * (one - clamped(s[rows.METALLIC, i], zero, one))
+        metal = clamped(s[rows.METALLIC, i], zero, one)
+        share = s[TRANSMITTED, i] * (one - metal)
         share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
+        if share > zero:
+            s[rows.METALLIC, i] = metal / max(one - share, metal) if metal > zero else zero
         for k in range(3):
             base = s[rows.RED + k, i]
             s[TINT_RED + k, i] = share * base
@@ -206,6 +211,7 @@ def add_seen(block, i, column, row, texels, levels):
         seen = mixed_texels(texels, near, k)
         if share > np.float32(0.0):
             seen += share * (mixed_texels(texels, far, k) - seen)
+        seen = max(np.float32(0.0), seen - s[MIST_RED + k, i])
         s[rows.OUT_RED + k, i] += s[TINT_RED + k, i] * seen
 
 
@@ -221,8 +227,8 @@ def transmit(
     Parameters
     ----------
     block : Block
-        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS, TINT_RED.. and THICKNESS; adds to rows
-        OUT_RED...
+        Reads rows NORMAL_X.., POINT_X.., ROUGHNESS, TINT_RED.., MIST_RED.. and THICKNESS; adds to
+        rows OUT_RED...
     count : int
     texels : (N, 3) float32, linear RGB
         The picture behind, level by level, row by row.

@@ -71,6 +71,12 @@ def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
     except Exception as error:
         # The library's own errors share no base.
         raise ValueError(f"{DRACO}: its stream is damaged: {reason_of(error)}") from None
+    count = min((len(rows) for rows in found.values()), default=0)
+    if len(corners) and corners.max() >= count:
+        raise ValueError(
+            f"{DRACO}: its stream is damaged: its faces must point at its {count} vertices, but "
+            f"one points at {corners.max()}"
+        )
     return DracoMesh(corners, found)
 
 

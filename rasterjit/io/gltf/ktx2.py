@@ -25,6 +25,12 @@ SIGNATURE = b"\xabKTX 20\xbb\r\n\x1a\n"
 _SIZE = 20
 """Where the header has the width and the height."""
 
+_UNPACKED = 96
+"""Where the index has the bytes of the largest level, unpacked."""
+
+_BLOCK, _BLOCK_BYTES = 4, 16
+"""Texels along a side of a block, and bytes of one that is unpacked, at most."""
+
 
 def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget) -> NDArray[Any]:
     """
@@ -61,7 +67,19 @@ def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget) -> NDArray[Any]
         file = library.open(content)
         if file.faces != 1 or file.is_array or file.is_video:
             raise ValueError("it is no single picture")
+        _check_unpacked(content, *size)
         pixels = file.transcode("rgba8").data
     except Exception as error:
         raise ValueError(f"{BASIS}: {reason_of(error)}") from None
     return np.ascontiguousarray(pixels if file.has_alpha else pixels[:, :, :3])
+
+
+def _check_unpacked(content: bytes, width: int, height: int) -> None:
+    """Raise ``ValueError`` if the largest level is said to be larger, unpacked, than its blocks."""
+    (told,) = struct.unpack_from("<Q", content, _UNPACKED)
+    most = -(-width // _BLOCK) * -(-height // _BLOCK) * _BLOCK_BYTES
+    if told > most:
+        raise ValueError(
+            f"its largest level of {width}×{height} texels must have at most {most} bytes "
+            f"unpacked, but says {told}"
+        )

@@ -23,7 +23,7 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, stage
-from rasterjit.runtime.state import float32
+from rasterjit.runtime.state import float32, int64
 
 
 @disjoint_helper
@@ -44,12 +44,16 @@ def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
 
 
 @stage
-def lay_coats(block: Block, count, toward_viewer: float32[::1]):
-    """Lay the varnish over what samples show: reads its rows, with normals of length one."""
+def lay_coats(block: Block, count, toward_viewer: float32[::1], shown: int64, below: int64):
+    """
+    Lay the varnish over three rows of samples, from ``below`` on.
+
+    Reads its rows, with normals of length one, and what it shows itself from row ``shown`` on.
+    """
     s = block.samples
     for k in range(3):
         lay_coat(
             toward_viewer, *three_rows(s, rows.COAT_NORMAL_X, count),
             *three_rows(s, rows.POINT_X, count), part(s, rows.COAT, 0, count),
-            part(s, rows.COAT_OUT + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
+            part(s, shown + k, 0, count), part(s, below + k, 0, count),
         )  # fmt: skip

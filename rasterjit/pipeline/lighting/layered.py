@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.lighting import clearcoat, dielectrics, sheen
-from rasterjit.pipeline.records import Layers
+from rasterjit.pipeline.records import Layers, Through
 from rasterjit.pipeline.surface import layers as moves
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.runtime.driver import Step
@@ -135,6 +135,29 @@ def around_steps(
     return steps
 
 
-def finishing_steps(layers: Layers, viewer: NDArray[Any]) -> list[Step]:
-    """Return the stages behind all light, and behind what surfaces send out."""
-    return [] if layers.coats is None else [Step(clearcoat.lay_coats, (viewer,))]
+def finishing_steps(
+    layers: Layers, viewer: NDArray[Any], through: Through | None = None
+) -> list[Step]:
+    """
+    Return the stages behind all light, and behind what surfaces send out.
+
+    Parameters
+    ----------
+    layers : Layers
+    viewer : (4,) float32
+    through : Through or None
+        If light goes through the objects, it goes through what lies over them as well.
+    """
+    steps: list[Step] = []
+    if through is not None:
+        dark = np.zeros((len(layers.stand_ins), COLOR), np.float32)
+        steps.append(Step(moves.fill_rows, (dark, rows.BELOW_RED)))
+        if layers.sheens is not None:
+            turned = Step(moves.exchange_rows, (rows.OUT_RED, rows.TINT_RED, COLOR))
+            under = Step(sheen.show_around_on_fibres, (viewer, layers.albedo))
+            steps += [Step(moves.fill_rows, (dark, rows.LAYER_OUT)), turned, under, turned]
+    if layers.coats is not None:
+        steps.append(Step(clearcoat.lay_coats, (viewer, rows.COAT_OUT, rows.OUT_RED)))
+        if through is not None:
+            steps.append(Step(clearcoat.lay_coats, (viewer, rows.BELOW_RED, rows.TINT_RED)))
+    return steps

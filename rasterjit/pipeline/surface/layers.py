@@ -16,6 +16,13 @@ from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import float32, int64
 
+MIST_RED = rows.BEFORE_RED
+"""
+Rows, three: what the fog before a surface shows by itself; nothing is lit any more by then.
+
+What is behind is seen through all of the fog, that before the surface included.
+"""
+
 
 @stage
 def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
