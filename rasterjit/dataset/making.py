@@ -93,7 +93,8 @@ def mesh_suffixes() -> frozenset[str]:
     """Return the extensions of mesh files, with a dot."""
     from trimesh.exchange.load import mesh_formats
 
-    return frozenset((*(f".{name}" for name in mesh_formats()), *WITH_EXTRAS))
+    known = (*mesh_formats(), *GLTF_FORMATS)
+    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
 
 
 def make(

@@ -60,7 +60,8 @@ def fill_buffers(
 ) -> None:
     """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
     shapes, face_id = cache.shapes, coverage.face_id
-    result["face_id"] = face_id if cache.cut is None else cache.cut.face_numbers[face_id]
+    if "face_id" in plan.outputs:
+        result["face_id"] = face_id if cache.cut is None else cache.cut.face_numbers[face_id]
     if plan.facts.fills_nothing:
         return
     if "depth" in plan.outputs:

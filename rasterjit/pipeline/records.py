@@ -300,7 +300,9 @@ class Surface(NamedTuple):
     through: Through | None = None
     """How light goes through the objects | None -> through none in view."""
     limits: Any = None
-    """(8,) float32: see ``survey.precision.limits_of`` | None -> lit samples take float64."""
+    """(O, 9) float32: see ``survey.precision.limits_of_all`` | None -> lit samples take float64."""
+    mixes_precision: bool = False
+    """Whether any object in view may take float64 beside others in float32."""
     layers: Layers | None = None
     """Varnish, fibres, own mirrors | None -> none in view."""
 

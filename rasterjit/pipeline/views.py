@@ -166,6 +166,18 @@ def call_all(calls, limits, number):
     return has_room
 
 
+@helper
+def count_covered(face_id):
+    """Return on how many pixels there is a face."""
+    covered = np.int64(0)
+    for row in range(face_id.shape[0]):
+        some = np.int32(0)
+        for column in range(face_id.shape[1]):
+            some += np.int32(face_id[row, column] >= 0)
+        covered += some
+    return covered
+
+
 @kernel
 def draw_views(
     chosen: int64[:, ::1], loads: int64[:, ::1], finding: int64[:, ::1],
@@ -198,7 +210,7 @@ def draw_views(
     tile_depths : (tiles,) float32
         Scratch memory of theirs.
     face_id : (H, W) int32
-        The faces that they find.
+        The faces that they find; colours may be written over them.
     calls : (C, 7) int64
         What is called then, see ``CALL_ADDRESS``.
     limits : (L, 2) int64
@@ -211,15 +223,13 @@ def draw_views(
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
         cut = find_faces(finding, cutting, listing, tile_depths)
+        # What is called then may write over the faces.
+        covered = count_covered(face_id)
         if cut >= 0:
             cut = list_for_samples(finding, cutting, listing_samples, cut)
         if cut < 0 or not call_all(calls, limits, chosen[n, 1]):
             is_drawn[n] = 0
             continue
-        covered = np.int64(0)
-        for row in range(face_id.shape[0]):
-            for column in range(face_id.shape[1]):
-                covered += np.int64(face_id[row, column] >= 0)
         for k in range(COVERED):
             totals[n, k] = listing[1][k]
         totals[n, COVERED], totals[n, CUT] = covered, cut

@@ -54,10 +54,19 @@ from rasterjit.survey.contents import find_attribute
 Arrays = dict[str, NDArray[Any]]
 
 VIEWS_PER_GROUP = 32
-"""Most views that a thread draws in one go."""
+"""Most views that a thread draws in one go, if there is little to share out."""
+
+VIEWS_PER_LARGE_GROUP = 128
+"""Most if there is more: what is done once for a group takes as long as 4 views of 64 x 64."""
+
+GROUPS_PER_THREAD = 4
+"""Fewest large groups of each of several threads, so that none waits for long for the last."""
 
 WORK_PER_GROUP = 1 << 21
-"""Faces and pixels, about, after which a group ends: far less than a second's work."""
+"""Faces and pixels, about, after which a group of a stream ends, and is handed on."""
+
+WORK_PER_LARGE_GROUP = 1 << 22
+"""The same of a batch: far less than a second's work."""
 
 PIXEL_BYTES = 4
 """What the addresses of arrays are multiples of: a pixel is written as one word."""
@@ -152,10 +161,12 @@ def render_batch(
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
     check_cameras(cameras)
     eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
-    projections = Projections(options.size)
-    for number, camera in enumerate(eyes):
-        with naming(f"cameras[{number}]"):
-            projections.of(camera)
+    projections, number = Projections(options.size), 0
+    try:
+        for number in range(len(eyes)):
+            projections.of(eyes[number])
+    except ValueError as error:
+        raise ValueError(f"cameras[{number}]: {error}") from None
     places = check_transforms(transforms, len(eyes), scene)
     arrays = check_out(out, shapes_of(scene, len(eyes), options), places)
     places = from_posed(places, scene)
@@ -331,8 +342,8 @@ class Drawn(NamedTuple):
 def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
     """Draw all views."""
     cache, count = kept.cache, len(views.cameras)
-    by_work = WORK_PER_GROUP // work_of(views.options.size, views.scene)
-    most = max(1, min(VIEWS_PER_GROUP, by_work, -(-count // workers)))
+    by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
+    most = max(1, min(views_per_group(count, workers), by_work))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
     is_possible = together.is_possible(views.options)
@@ -346,6 +357,13 @@ def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: in
         totals += drawn.totals
         told.join(drawn.told)
     return Drawn(totals, told)
+
+
+def views_per_group(count: int, workers: int) -> int:
+    """Return the most views of a group, of so many that threads share."""
+    each = -(-count // workers)
+    parts = 1 if workers == 1 else GROUPS_PER_THREAD
+    return max(min(VIEWS_PER_GROUP, each), min(VIEWS_PER_LARGE_GROUP, -(-each // parts)))
 
 
 def work_of(size: tuple[int, int], scene: Scene) -> int:

@@ -152,7 +152,7 @@ class Desk:
         if self._has_lamps:
             lamps = lights[:, lights[0, :, PLACED] == 1.0]
             facts = self._plan.facts
-            rows = rows_of_lamps(lamps, facts.inventory.gloss, facts.exposed)
+            rows = rows_of_lamps(lamps, facts.exposed)
             fields[LAMP_ROWS] = words_of(rows)
         loads = []
         for name, target, size in self._targets:
@@ -382,7 +382,9 @@ class Desk:
             plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
-        color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
+        color = self._face_id.view(np.uint32)
+        if plan.keeps_faces:
+            color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
         self._calls.kept.append(shading)
         picture = Picture(self._face_id, linear, color)
         if plan.layers is None:

@@ -204,7 +204,7 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     if facts.limits is None or not facts.lamps:
         return lighting
     rows = lighting_of(facts.lamps, camera, 0).lights
-    return lighting._replace(lamps=rows_of_lamps(rows, facts.inventory.gloss, facts.exposed))
+    return lighting._replace(lamps=rows_of_lamps(rows, facts.exposed))
 
 
 class KernelRow(NamedTuple):

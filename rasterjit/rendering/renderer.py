@@ -205,6 +205,7 @@ def draw_frame(
     clock: StageClock | None = None,
     before_picture: Callable[[], None] | None = None,
     kept: Kept | None = None,
+    needs_seen: bool = True,
     **options: bool,
 ) -> tuple[Frame, Seen]:
     """
@@ -222,6 +223,8 @@ def draw_frame(
         Called before the faces of each picture are found; what it raises ends the frame.
     kept : Kept, optional
         What the frame before left. Then what is seen lies there, and only until the next frame.
+    needs_seen : bool
+        Whether the caller looks at what is seen; else its faces may have been written over.
     **options
         What is kept of the visible faces, besides what the plan asks for: see `find_visible`.
 
@@ -245,11 +248,15 @@ def draw_frame(
 
     with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
         # Project, clip, bin, draw.
-        seen = find(plan, views, kept=kept, **options)
+        shared = None if needs_seen else shade.shared_memory(plan, workers)
+        seen = find(plan, views, kept=kept, face_id=shared, **options)
+        if seen.coverage.covered is None:
+            # The statistics look at the faces later.
+            shared = None
         context = FrameContext(plan, cache, *seen[2:], workers)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
-            result = shade.shade_faces(behind.look_behind(context, find), kept)
+            result = shade.shade_faces(behind.look_behind(context, find), kept, shared)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         clock("shade, resolve")
@@ -272,7 +279,9 @@ def draw_frame(
                 seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
             )
             clock("diagnostics")
-        stats = stats_of(seen.coverage, clock.seconds)
+        stats = stats_of(
+            seen.coverage, clock.seconds, None if shared is None else seen.coverage.covered
+        )
         if "face_id" in plan.outputs:
             # The caller may write to it.
             _ = stats.pixels_covered
@@ -287,7 +296,7 @@ def find_visible(
     clock: Callable[[str], None],
     views: Views | None = None,
     kept: Kept | None = None,
-    **options: bool,
+    **options: Any,
 ) -> Seen:
     """
     Find the face at every pixel: transform, clip, set up, bin, draw.
@@ -395,8 +404,10 @@ def compare(
     return motion.Motion(*moments, sighting)
 
 
-def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
-    """Return the frame's statistics."""
+def stats_of(
+    coverage: drawing.Coverage, seconds: dict[str, float], covered: int | None = None
+) -> Stats:
+    """Return the frame's statistics; it is not counted how many pixels are covered, if known."""
     totals = coverage.totals
     return Stats(
         triangles_in=totals.faces_in,
@@ -408,7 +419,7 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
         drawn=totals.drawn,
         clipped=totals.clipped,
         seconds=seconds,
-        face_id=coverage.face_id,
+        face_id=coverage.face_id if covered is None else covered,
     )
 
 
@@ -701,6 +712,7 @@ class Renderer(Guarded):
         """Draw a frame."""
         options["before_picture"] = self.before_picture
         # Of frames that are drawn at once, one takes what is kept.
+        options["needs_seen"] = False
         if not self._keeping.acquire(blocking=False):
             return draw_frame(planned, self._workers, *arguments, **options)[0]
         try:

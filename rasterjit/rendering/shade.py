@@ -37,8 +37,32 @@ LEAST_LIT_VERTICES = 4096
 """Fewest vertices lit by one task."""
 
 
-def shade_faces(context: FrameContext, kept: Kept | None = None) -> dict[str, NDArray[Any]]:
-    """Make the colour outputs of a picture, if there are any, with what the one before left."""
+def shared_memory(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | None:
+    """
+    Return memory for the faces of a picture whose colours may be written over them; else ``None``.
+
+    So it is where nothing looks at a face again once it is shaded: half the memory is touched.
+    """
+    if plan.keeps_faces:
+        return None
+    width, height = plan.size if plan.region is None else plan.region[2:]
+    return workers.memory.empty((height, width), np.int32)
+
+
+def shade_faces(
+    context: FrameContext, kept: Kept | None = None, shared: NDArray[np.int32] | None = None
+) -> dict[str, NDArray[Any]]:
+    """
+    Make the colour outputs of a picture, if there are any.
+
+    Parameters
+    ----------
+    context : FrameContext
+    kept : Kept, optional
+        What the picture before left.
+    shared : (H, W) int32, optional
+        The picture's faces, to be written over: see `shared_memory`.
+    """
     plan, cache, geometry, placement, coverage, workers = context
     if not plan.facts.is_colored:
         return {}
@@ -46,7 +70,11 @@ def shade_faces(context: FrameContext, kept: Kept | None = None) -> dict[str, ND
     linear = (
         workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
     )
-    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    color = None
+    if shared is not None:
+        color = shared.view(np.uint8).reshape(height, width, 4)
+    elif "color" in plan.outputs:
+        color = workers.memory.empty((height, width, 4), np.uint8)
     # Prepare what shading reads.
     placement = placement_to_light(plan, placement)
     effects = prepare_effects(context._replace(placement=placement))
@@ -127,6 +155,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         through=tables.through if facts.transmits else None,
         in_float32=facts.interpolates_in_float32,
         limits=facts.limits,
+        mixes_precision=facts.mixes_precision,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )
 

@@ -74,19 +74,23 @@ def surface_steps(
     effects: Sequence[Active],
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
-    if lighting is not None and surface.limits is not None:
+    if lighting is not None and surface.limits is not None and not surface.mixes_precision:
         return planar_steps(geometry, placement, surface, lighting.lamps, effects)
+    is_mixed = lighting is not None and surface.limits is not None
     materials = surface.materials
     steps = []
+    own = surface.textures
+    if is_mixed:
+        steps += float32_steps(geometry, placement, surface, lighting.lamps, effects)
     is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
     if surface.in_float32 and lighting is not None:
         steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
-    own = surface.textures
     if own is not None and lighting is None and reads_places_alone(surface, own, geometry):
         steps.append(Step(texture_places.find_places, (own.uv, geometry)))
     # Points are found in float64, for fog over colours in float32 as well.
     elif lighting is not None or (is_interpolated(surface) and not is_shown):
-        steps.append(Step(weights.find_weights, (geometry, placement)))
+        if not (is_mixed and reads_weights(surface, effects)):
+            steps.append(Step(weights.find_weights, (geometry, placement)))
         if own is not None:
             steps += coordinate_steps(own, geometry)
     if is_shown:
@@ -101,6 +105,10 @@ def surface_steps(
     else:
         shown = surface.vertex_colors, materials
         steps.append(Step(attributes.show_vertex_colors, shown))
+    if is_mixed:
+        steps += [
+            *place_steps(placement, surface), Step(float32_planes.take_back_sure, ()),
+        ]  # fmt: skip
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
     if surface.lit_vertices is not None:
         lit = surface.lit_vertices, materials, rows.RED
@@ -127,23 +135,12 @@ def surface_steps(
             ]
     if lighting is None:
         return steps + emission_steps(surface, rows.RED, geometry, placement)
-    count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
     steps.append(Step(attributes.find_reflectance, (materials,)))
     if surface.microfacets is not None:
         facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
-    # Points and normals.
-    steps.append(Step(attributes.gather_positions, (placement.positions,)))
-    steps.append(Step(attributes.find_points, (placement,)))
-    if count_of[FLAT]:
-        steps.append(Step(attributes.find_middles, (placement, materials)))
-    smooth, normals = count_of[PHONG] + count_of[PBR], surface.normals
-    if normals is not None and smooth:
-        turned = normals, placement.normal_matrices, materials
-        steps.append(Step(attributes.find_smooth_normals, turned))
-    if normals is None or smooth < len(materials):
-        own = placement, materials, int(normals is not None)
-        steps.append(Step(attributes.find_face_normals, own))
+    if not is_mixed:
+        steps += place_steps(placement, surface)
     if surface.points is not None:
         steps.append(Step(point_shapes.find_point_shapes, (*surface.points, placement)))
     if surface.lit_vertices is not None and not acting(effects, "sample"):
@@ -158,31 +155,68 @@ def surface_steps(
     return steps
 
 
+def place_steps(placement: Placement, surface: Surface) -> list[Step]:
+    """Return the stages that find points and normals in float64."""
+    materials, normals = surface.materials, surface.normals
+    count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
+    smooth = count_of[PHONG] + count_of[PBR]
+    steps = [
+        Step(attributes.gather_positions, (placement.positions,)),
+        Step(attributes.find_points, (placement,)),
+    ]
+    if count_of[FLAT]:
+        steps.append(Step(attributes.find_middles, (placement, materials)))
+    if normals is not None and smooth:
+        turned = normals, placement.normal_matrices, materials
+        steps.append(Step(attributes.find_smooth_normals, turned))
+    if normals is None or smooth < len(materials):
+        own = placement, materials, int(normals is not None)
+        steps.append(Step(attributes.find_face_normals, own))
+    return steps
+
+
+def reads_weights(surface: Surface, effects: Sequence[Active]) -> bool:
+    """Return whether weights of all samples are read in float64, behind those in float32."""
+    is_faded = surface.alphas is not None and surface.vertex_colors is not None
+    return is_faded or bool(acting(effects, "rows") or acting(effects, "light"))
+
+
+def float32_steps(
+    geometry: Geometry, placement: Placement, surface: Surface, lamps: NDArray[np.float32],
+    effects: Sequence[Active],
+) -> list[Step]:  # fmt: skip
+    """Return the stages that find what objects are like in float32, and set that aside."""
+    colors, own = surface.vertex_colors, surface.textures
+    colors = np.empty((0, 4), np.float32) if colors is None else colors
+    shown = (
+        geometry, placement, surface.normals, surface.materials, colors, lamps, surface.limits,
+    )  # fmt: skip
+    weighed = [Step(weights.find_weights, (geometry, placement))]
+    steps = [Step(float32_planes.find_float32_surface, shown)]
+    are_read = reads_weights(surface, effects)
+    if geometry.viewport.reach != 0:
+        steps = [*weighed, *steps]
+        # What steps of textures are found from has made way for something else.
+        are_read = are_read and own is not None and has_levels(own)
+    if are_read:
+        steps += weighed
+    if len(lamps) or surface.mixes_precision:
+        steps.append(Step(float32_planes.set_aside_sure, ()))
+    return steps
+
+
 def planar_steps(
     geometry: Geometry, placement: Placement, surface: Surface, lamps: NDArray[np.float32],
     effects: Sequence[Active],
 ) -> list[Step]:  # fmt: skip
-    """Return the stages that find what surfaces with smooth normals are like, in float32."""
-    materials, colors, own = surface.materials, surface.vertex_colors, surface.textures
-    colors = np.empty((0, 4), np.float32) if colors is None else colors
-    shown = geometry, placement, surface.normals, materials, colors, lamps, surface.limits
-    is_faded = surface.alphas is not None and surface.vertex_colors is not None
-    are_read = own is not None or is_faded or acting(effects, "rows") or acting(effects, "light")
-    weighed = [Step(weights.find_weights, (geometry, placement))]
-    steps = [Step(float32_planes.find_float32_surface, shown)]
-    if geometry.viewport.reach != 0:
-        steps = [*weighed, *steps]
-        # What steps of textures are found from has made way for something else.
-        are_read = own is not None and has_levels(own)
-    if are_read:
-        steps += weighed
-    if own is not None:
-        steps += coordinate_steps(own, geometry)
+    """Return the stages that find what surfaces are like where all take float32."""
+    materials = surface.materials
+    steps = float32_steps(geometry, placement, surface, lamps, effects)
     if len(lamps):
+        if not (geometry.viewport.reach != 0 or reads_weights(surface, effects)):
+            steps.append(Step(weights.find_weights, (geometry, placement)))
         turned = surface.normals, placement.normal_matrices, materials
         steps += [
-            Step(float32_planes.set_aside_sure, ()),
-            *(() if are_read or geometry.viewport.reach != 0 else weighed),
             Step(attributes.gather_positions, (placement.positions,)),
             Step(attributes.find_points, (placement,)),
             Step(attributes.find_smooth_normals, turned),
@@ -190,17 +224,12 @@ def planar_steps(
         ]
     if surface.face_colors is not None:
         steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
-    has_textures = own is not None and shows(own, textures.BASE_COLOR)
-    if has_textures:
-        steps += texture_steps(surface)
     if surface.alphas is not None:
-        steps.append(alpha_step(surface, has_textures))
+        steps.append(alpha_step(surface, False))
     steps.append(Step(attributes.find_reflectance, (materials,)))
     if surface.microfacets is not None:
         facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
-    if surface.maps is not None and own is not None:
-        steps += map_steps(own, surface.maps, surface, geometry, placement)
     return steps
 
 

@@ -110,6 +110,8 @@ class Projections:
 
     def of(self, camera: Camera) -> Float64:
         """Return ``camera.projection_matrix(size)``, not to be changed."""
+        if type(camera) is MatrixCamera and camera.size is None:
+            return camera.clip_from_view
         if type(camera) is not PerspectiveCamera:
             return camera.projection_matrix(self._size)
         key = camera.fov_y, camera.near, camera.far, camera.min_aspect

@@ -490,7 +490,9 @@ class MatrixCamera(Projecting):
     @property
     def _is_perspective(self) -> bool:
         """Tell whether w depends on the view-space position."""
-        return bool(self.clip_from_view[3, :3].any())
+        # `any` of an array takes four times as long.
+        x, y, z, _ = self.clip_from_view[3].tolist()
+        return x != 0.0 or y != 0.0 or z != 0.0
 
 
 def usual_near(near: float | None, far: float) -> float:

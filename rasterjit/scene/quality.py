@@ -121,14 +121,15 @@ class Quality:
         on their grid.
     interpolation_precision : {"adaptive", "float64"}
         Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32 in
-        scenes of two kinds, whatever is in view. Where all objects are unlit, with no texture and
-        none blended, it finds the colours with 1, 64 or 256 ``samples``, and moves each by at most
-        a millionth of itself. Where all are ``"phong"`` or ``"pbr"``, it finds colours, normals and
+        two cases. In scenes of unlit objects alone, with no texture and none blended, in view or
+        not, it finds the colours with 1, 64 or 256 ``samples``, and moves each by at most a
+        millionth of itself. Of each ``"phong"`` or ``"pbr"`` object of triangles without textures,
+        scalars, layers or transmission, whatever stands beside it, it finds colours, normals and
         the points that light falls on and highlights are seen from, sample by sample where that
         moves a colour by at most a sixteenth of an 8-bit step, which a bound for each face tells:
-        faces close to a point or spot light, or very bright in its light, take float64. An
-        environment, an exposure above 1, very bright directional light and very sharp highlights
-        leave all to float64; with such lights textures and an exposure below 0 do, too. Texture
+        faces close to a point or spot light, or very bright in its light, take float64. A very
+        sharp highlight leaves its object to float64; an environment, an exposure above 1, very
+        bright directional light, and with lamps an exposure below 0, leave all to it. Texture
         coordinates, shadows and the outputs besides ``"color"`` and ``"linear"`` take float64
         always.
 

@@ -22,10 +22,13 @@ from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
-from rasterjit.survey.precision import gloss_of
+from rasterjit.survey.precision import gloss_of, limits_of_all
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
+
+PLAIN = frozenset(("phong", "pbr"))
+"""Ways of shading by the pixel with normals between those of vertices."""
 
 BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
 """Ways of shading that have a Blinn-Phong highlight."""
@@ -44,6 +47,10 @@ class Contents(NamedTuple):
     phong: int
     pbr: int
     objects: int
+    plain: int
+    """Lit by the pixel, with normals between those of vertices and nothing over a base colour."""
+    furnished: int
+    """All others."""
     laid: int
     """With texture coordinates."""
     unlaid: int
@@ -170,7 +177,8 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
-        self.gloss = gloss_of(list(numbers))
+        self._glosses = [gloss_of(mesh.material) if _is_plain(mesh) else None for mesh in numbers]
+        self._limits: dict[tuple[float, bool], NDArray[np.float32]] = {}
         self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
@@ -191,6 +199,15 @@ class Inventory:
     def _having(self, field: str) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it counts in a field of `Contents`."""
         return self._rows[self._numbers, Contents._fields.index(field)] > 0
+
+    def limits(self, brightness: float, has_lamps: bool) -> NDArray[np.float32]:
+        """Return what bounds errors in float32 of each object: see ``precision.limits_of_all``."""
+        key = brightness, has_lamps
+        if key not in self._limits:
+            own = limits_of_all(self._glosses, *key)
+            # Lights that change have changed for good.
+            self._limits = {key: np.ascontiguousarray(own[self._numbers])}
+        return self._limits[key]
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:
@@ -274,6 +291,8 @@ def _contents_of(mesh: Mesh) -> Contents:
     return Contents(
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
+        plain=_is_plain(mesh),
+        furnished=not _is_plain(mesh),
         laid=mesh.uv is not None,
         unlaid=bool(unlaid),
         highlights=shines,
@@ -309,6 +328,21 @@ def _contents_of(mesh: Mesh) -> Contents:
         skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
+    )
+
+
+def _is_plain(mesh: Mesh) -> bool:
+    """Tell whether an object is smooth, of triangles, with nothing over a base colour."""
+    material = mesh.material
+    return (
+        material.shading in PLAIN
+        and mesh.primitive == "triangles"
+        and mesh.vertex_field is None
+        and not textures_read(material)
+        and not material.has_clearcoat
+        and not material.has_sheen
+        and not material.has_own_specular
+        and not lets_through(mesh)
     )
 
 

@@ -28,7 +28,7 @@ from rasterjit.survey.lights import (
 )
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
-from rasterjit.survey.precision import EXPOSED, MOST_STOPS, brightness_of, lamps_among, limits_of
+from rasterjit.survey.precision import EXPOSED, MOST_STOPS, brightness_of, lamps_among
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -178,12 +178,6 @@ class Facts:
         )
 
     @cached_property
-    def is_smooth(self) -> bool:
-        """Whether every object is lit by the pixel with normals between those of vertices."""
-        contents = self.contents
-        return 0 < contents.objects == contents.phong + contents.pbr
-
-    @cached_property
     def is_surrounded(self) -> bool:
         """Whether light comes from an environment, seen or not."""
         return self.environment is not None and self.environment.lights
@@ -207,27 +201,41 @@ class Facts:
         return 1.0 if tones is None or tones.is_neutral else EXPOSED
 
     @cached_property
+    def own_limits(self) -> NDArray[np.float32]:
+        """What bounds errors of each object in float32, (O, 9); -1 where it takes float64."""
+        return self.inventory.limits(self.brightness, bool(self.lamps))
+
+    @cached_property
     def limits(self) -> NDArray[np.float32] | None:
         """
-        What bounds errors of lit samples in float32, `limits_of`; None where they take float64.
+        What bounds errors of each lit object in float32; None where all in view take float64.
 
-        Whatever is in view, as well.
+        Who takes which depends on the objects alone: what is in view decides only whether there
+        are stages of both kinds.
         """
-        contents = self.contents
         if (
             self.quality.interpolation_precision == "float64"
-            or not self.is_smooth
-            or contents.with_field > 0
-            or contents.primitives
-            or contents.has_layers
-            or contents.transmitting > 0
+            or self.seen.plain == 0
             or self.is_surrounded
             or self.is_exposed
             or self.is_dimmed
-            or (self.lamps and contents.has_textures)
+            or not (self.own_limits[:, 0] >= 0.0).any()
         ):
             return None
-        return limits_of(self.inventory.gloss, self.brightness, bool(self.lamps))
+        return self.own_limits
+
+    @cached_property
+    def mixes_precision(self) -> bool:
+        """
+        Whether some objects in view may take float64 where others take float32.
+
+        Views in which there are objects of the same properties share stages: of objects that are
+        too bright or too glossy, those out of view count as well.
+        """
+        if self.limits is None:
+            return False
+        is_exact = self.limits[:, 0] < 0.0
+        return self.seen.furnished > 0 or int(is_exact.sum()) > self.contents.furnished
 
     @cached_property
     def needs_gouraud(self) -> bool:
@@ -471,7 +479,7 @@ def float64_reason(facts: Facts) -> str | None:
             quality.interpolation_precision == "float64",
             "quality.interpolation_precision is 'float64'",
         ),
-        *smooth_reasons(facts),
+        *(smooth_reasons(facts) if facts.is_lit else []),
         (
             quality.samples != 1 and facts.picture_samples is None,
             f"quality.samples is {quality.samples!r}",
@@ -486,18 +494,29 @@ def float64_reason(facts: Facts) -> str | None:
 
 
 def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
-    """Return what keeps a scene whose objects all have smooth normals from float32, and if so."""
-    contents = facts.contents
-    if not facts.is_smooth:
+    """Return what keeps objects in view that have smooth normals from float32, and if so."""
+    seen = facts.seen
+    if seen.phong + seen.pbr == 0:
         return []
     return [
-        (contents.with_field > 0, "an object has scalars of its vertices"),
-        (contents.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
-        (contents.transmitting > 0, "a material has a transmission"),
         (facts.is_surrounded, "the scene has an environment"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
         (facts.is_dimmed, "lamps shine, and the exposure is below 0"),
-        (bool(facts.lamps) and contents.has_textures, "lamps shine, and an object has a texture"),
+        (seen.plain > 0, "lights are too bright, or highlights too sharp"),
+        *furnished_reasons(facts),
+    ]
+
+
+def furnished_reasons(facts: Facts) -> list[tuple[bool, str]]:
+    """Return what an object in view may have that takes float64, and if so."""
+    seen = facts.seen
+    return [
+        (seen.has_textures, "an object has a texture"),
+        (seen.with_field > 0, "an object has scalars of its vertices"),
+        (seen.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
+        (seen.transmitting > 0, "a material has a transmission"),
+        (bool(seen.primitives), "an object is of points or lines"),
+        (seen.phong + seen.pbr < seen.objects, "an object is not shaded 'phong' or 'pbr'"),
         (True, "lights are too bright, or highlights too sharp"),
     ]
 

@@ -24,6 +24,7 @@ from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
     Facts,
     float64_reason,
+    furnished_reasons,
     settings_asked,
     unlit_reason,
 )
@@ -68,6 +69,9 @@ class Shading(MaterialRow):
         why = float64_reason(facts)
         found = "colours" if facts.limits is None else "colours, normals and points"
         colors = f"{found} in float32" if why is None else f"colours in float64: {why}"
+        if facts.mixes_precision:
+            others = next(reason for is_so, reason in furnished_reasons(facts) if is_so)
+            colors += f", others in float64: {others}"
         return f"{shadings}{settings_asked(facts, 'shading')}; {colors}"
 
 

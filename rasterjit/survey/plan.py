@@ -26,7 +26,9 @@ GEOMETRY = ("depth_format", "precision", "interpolation")
 """Settings of the way from vertices to weights that a plan names where they are not standard."""
 
 
-FOLLOWING = ("planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions")
+FOLLOWING = (
+    "planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions", "keeps_faces",
+)  # fmt: skip
 """What plans of whole frames say by their effects and facts alone."""
 
 
@@ -184,6 +186,15 @@ class RenderPlan:
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
         return self.facts.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
+
+    @cached_property
+    def keeps_faces(self) -> bool:
+        """Whether anything looks at the face of a pixel again when that is shaded."""
+        facts = self.facts
+        after = self.layers is not None or facts.diagnose or facts.shades_points
+        later = self.at("overlay") or self.at("background")
+        is_colored = self.pictures == 1 and self.outputs == ("color",) and facts.draws_faces
+        return not is_colored or after or bool(later)
 
     @property
     def is_affine(self) -> bool:

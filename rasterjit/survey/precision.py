@@ -1,5 +1,8 @@
 """
-Whether lit samples may take float32, and what bounds the errors of their normals and points.
+Which lit objects may take float32, and what bounds the errors of their normals and points.
+
+That depends on the material of an object, on the lights and the exposure, but not on what stands
+beside it: its bits are the same in whatever company.
 
 In light from directions
 ------------------------
@@ -56,12 +59,13 @@ from rasterjit.pipeline.surface.lamps import (
     ENDING,
     LAMP_COLUMNS,
     LIGHT,
+    LIMITS,
     RAMP,
     ROUNDING,
     SLOPE,
 )
 from rasterjit.scene.light import DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.material import Material
 
 RELATIVE_SLOPE = 255.0 / 2.4
 NORMAL_SHARE, POINT_SHARE = 3.0 / 64.0, 1.0 / 64.0
@@ -88,26 +92,21 @@ LARGEST_LIMIT = 0.125
 
 
 class Gloss(NamedTuple):
-    """The sharpest highlights of some objects."""
+    """The highlights of an object."""
 
     specular: float
     shininess: float
     alpha: float
-    """Least width of the facets of metallic-roughness materials; infinite without any."""
+    """Width of the facets of metallic-roughness materials; infinite for others."""
 
 
-def gloss_of(meshes: Sequence[Mesh]) -> Gloss:
-    """Return the sharpest highlights of meshes."""
-    specular, shininess, alpha = 0.0, 1.0, math.inf
-    for material in {mesh.material for mesh in meshes}:
-        if material.shading == "pbr":
-            is_laid = material.metallic_roughness_texture is not None
-            roughness = 0.0 if is_laid else material.roughness
-            alpha = min(alpha, max(roughness * roughness, LEAST_ALPHA))
-        elif material.specular > 0.0:
-            specular = max(specular, material.specular)
-            shininess = max(shininess, material.shininess)
-    return Gloss(specular, shininess, alpha)
+def gloss_of(material: Material) -> Gloss:
+    """Return the highlights of a material without textures."""
+    if material.shading == "pbr":
+        return Gloss(0.0, 1.0, max(material.roughness * material.roughness, LEAST_ALPHA))
+    if material.specular > 0.0:
+        return Gloss(material.specular, material.shininess, math.inf)
+    return Gloss(0.0, 1.0, math.inf)
 
 
 def brightness_of(lights: Sequence[Light]) -> float:
@@ -133,7 +132,7 @@ def peak_of(gloss: Gloss) -> float:
     return 1.0 + max(gloss.specular, facets)
 
 
-def rows_of_lamps(rows: NDArray[np.float32], gloss: Gloss, exposed: float) -> NDArray[np.float32]:
+def rows_of_lamps(rows: NDArray[np.float32], exposed: float) -> NDArray[np.float32]:
     """
     Return what bounds are worked out from, (..., P, 7) float32: see ``surface.lamps``.
 
@@ -141,7 +140,6 @@ def rows_of_lamps(rows: NDArray[np.float32], gloss: Gloss, exposed: float) -> ND
     ----------
     rows : (..., P, 13) float32
         The lamps as ``Lighting.lights`` has them.
-    gloss : Gloss
     exposed : float
         What light is multiplied by at most before it is shown.
     """
@@ -152,7 +150,7 @@ def rows_of_lamps(rows: NDArray[np.float32], gloss: Gloss, exposed: float) -> ND
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
     lamps[..., :3] = rows[..., :3]
     lamps[..., LIGHT] = light
-    lamps[..., RAMP] = CODES_PER_RAMP * np.sqrt(light * peak_of(gloss)) * scale
+    lamps[..., RAMP] = CODES_PER_RAMP * np.sqrt(light) * scale
     lamps[..., CONE] = lamps[..., RAMP] * sine
     lamps[..., ENDING] = rows[..., 12]
     return lamps
@@ -160,14 +158,14 @@ def rows_of_lamps(rows: NDArray[np.float32], gloss: Gloss, exposed: float) -> ND
 
 def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.float32] | None:
     """
-    Return what lengths of normals and points are compared with, (8,) float32.
+    Return what lengths of normals and points are compared with, (9,) float32.
 
     A normal is to be as long as the first times that of the first vertex, plus the second times
     the longer way from there to another vertex's; the square of a point's distance as large as the
     third times that of the longer way to another vertex. The fourth and fifth are what the light of
     lamps adds to the first and second; the sixth is most of that light. What an error of a point
-    does to a code: the seventh, times light, near the end of a range, and the eighth. None if
-    float32 is good for nothing.
+    does to a code: the seventh, times light, near the end of a range, and the eighth; the ninth is
+    what a cone's is multiplied by. None if float32 is good for nothing.
     """
     light = brightness * EXPOSED
     shares = NORMAL_SHARE, POINT_SHARE
@@ -187,8 +185,21 @@ def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.fl
     largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 2.0)
     if 5.0 * bent > largest[0] or moved > largest[1]:
         return None
-    limits = [5.0 * bent, 17.0 * bent, moved * moved, 0.0, 0.0, 0.0, 0.0, 0.0]
+    limits = [5.0 * bent, 17.0 * bent, moved * moved, *[0.0] * 6]
     if has_lamps:
         limits[3:6] = 5.0 * more, 17.0 * more, most - bent / more
-        limits[6:] = SLOPE * peak_of(gloss), 2.0 * CODES_PER_SHARE + shine
+        peak = peak_of(gloss)
+        limits[6:] = SLOPE * peak, 2.0 * CODES_PER_SHARE + shine, math.sqrt(peak)
     return np.array(limits, np.float32)
+
+
+def limits_of_all(
+    glosses: Sequence[Gloss | None], brightness: float, has_lamps: bool
+) -> NDArray[np.float32]:
+    """Return `limits_of` each of some objects, (O, 9) float32; -1 where they take float64."""
+    none = np.full(LIMITS, -1.0, np.float32)
+    rows = {None: none}
+    for gloss in {*glosses} - {None}:
+        own = limits_of(gloss, brightness, has_lamps)
+        rows[gloss] = none if own is None else own
+    return np.array([rows[gloss] for gloss in glosses], np.float32).reshape(-1, LIMITS)

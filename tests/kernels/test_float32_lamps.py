@@ -217,10 +217,10 @@ def test_what_shadows_read_is_as_it_was(samples):
     assert (one.linear != other.linear).any()
 
 
-def test_textures_in_the_light_of_lamps_take_float64():
+@pytest.mark.parametrize("lights", [(SUN,), (SUN, POINT)])
+def test_textures_take_float64(lights):
     image = np.random.default_rng(3).integers(0, 256, (32, 32, 3), np.uint8)
-    scene = hills(12, colored=False)
-    mesh = scene.nodes[0].mesh
+    mesh = hills(12, colored=False).nodes[0].mesh
     material = rj.Material("phong", base_color_texture=rj.Texture(image))
     shown = rj.Scene()
     shown.add(
@@ -229,17 +229,14 @@ def test_textures_in_the_light_of_lamps_take_float64():
             material=material,
         )
     )  # fmt: skip
-    shown.lights = [SUN]
-    assert rj.explain(shown, EYES["above"], size=SIZE).facts.limits is not None
-    shown.lights = [SUN, POINT]
+    shown.lights = list(lights)
     facts = rj.explain(shown, EYES["above"], size=SIZE).facts
-    reason = "lamps shine, and an object has a texture"
-    assert (facts.limits, float64_reason(facts)) == (None, reason)
+    assert (facts.limits, float64_reason(facts)) == (None, "an object has a texture")
 
 
 def test_the_bound_holds_at_every_point_of_a_face():
     random = np.random.default_rng(7)
-    gloss = gloss_of([hills().nodes[0].mesh])
+    gloss = gloss_of(hills().nodes[0].mesh.material)
     limits = limits_of(gloss, 0.0, True)
     sure, f = 0, np.float32
     eye = rj.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))
@@ -257,7 +254,7 @@ def test_the_bound_holds_at_every_point_of_a_face():
             rj.SpotLight(place, random.normal(size=3), intensity=2.0, outer_angle=40.0),
         ])  # fmt: skip
         rows = lighting_of([lamp], eye, 0).lights
-        row = rows_of_lamps(rows, gloss, 1.0)[0]
+        row = rows_of_lamps(rows, 1.0)[0]
         assert row[LIGHT] == 2.0
         ways = [tuple(map(f, way)) for way in (u, v)]
         away = f(np.linalg.norm(first))

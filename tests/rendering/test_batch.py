@@ -15,7 +15,7 @@ import pytest
 from batches import ALL, CAMERA, MODELS, SIZE, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
-from rasterjit.rendering.batch import _new_array, in_threads
+from rasterjit.rendering.batch import _new_array, in_threads, views_per_group
 
 
 @pytest.fixture
@@ -316,3 +316,19 @@ def test_an_error_in_one_thread_ends_the_others():
         list(in_threads(Draws, groups, 2))
     assert len(drawn) < 50
     assert drawn.count(None) == 2
+
+
+@pytest.mark.parametrize(
+    ("count", "workers", "most"),
+    [
+        (1, 1, 1),
+        (40, 1, 40),
+        (1000, 1, 128),
+        (40, 2, 20),
+        (128, 2, 32),
+        (400, 2, 50),
+        (9999, 2, 128),
+    ],
+)
+def test_large_groups_where_each_thread_has_several(count, workers, most):
+    assert views_per_group(count, workers) == most

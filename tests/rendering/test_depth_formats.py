@@ -450,7 +450,7 @@ def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypa
     def draw(*arguments):
         tile_depths, _, frame, scratch, _, holes = arguments[3:]
         kinds.append((tile_depths.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
-        kernels[0](*arguments)
+        return kernels[0](*arguments)
 
     def transform(vertices, positions, *others):
         kinds.append((positions.dtype, others[0][1].dtype, others[1].dtype, others[-1][0].dtype))

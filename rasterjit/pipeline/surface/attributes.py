@@ -116,9 +116,16 @@ def fill_row(values, value):
 
 @helper
 def owner_end(block, k):
-    """Return one past the last of the segments from ``k`` on that belong to the same object."""
-    owner = block.segments[k, OWNER]
-    while k < block.counts[SEGMENTS] and block.segments[k, OWNER] == owner:
+    """
+    Return one past the last of the segments from ``k`` on that belong to the same object.
+
+    They follow each other without a gap: `set_aside_sure` may have hidden what lies between.
+    """
+    owner, stop = block.segments[k, OWNER], block.segments[k, START]
+    while k < block.counts[SEGMENTS]:
+        if block.segments[k, OWNER] != owner or block.segments[k, START] != stop:
+            return k
+        stop = block.segments[k, STOP]
         k += 1
     return k
 

@@ -13,8 +13,9 @@ vertices are gathered there, a face for each lane. Both take the same steps, and
 depends on its face and its pixel alone.
 
 In the light of lamps a face that is not sure (``lamps``) is doubtful as a whole, and samples are
-not found in float64 one by one: `set_aside_sure` lets the stages of float64 find a block that has
-doubtful ones, and `take_back_sure` takes what these found there alone.
+not found in float64 one by one: `set_aside_sure` hides the segments without any from the stages of
+float64, and `take_back_sure` takes what these found of doubtful samples alone. Objects that take
+float64 whatever they show, such as those with textures, are left to these stages at once.
 """
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ from rasterjit.pipeline.surface.samples import (
     KIND,
     KNOWS_PLANES,
     OWNER,
+    PLACE_OWNER,
     PLANES,
     ROW,
     ROW_OF,
@@ -74,6 +76,7 @@ from rasterjit.pipeline.surface.samples import (
     SPAN,
     START,
     STOP,
+    VECTOR,
     A,
     B,
     Block,
@@ -105,10 +108,19 @@ EDGES, RIGHT, DOWN, COLUMN_THERE, ROW_THERE = 0, 3, 6, 9, 10
 """Elements of ``edges``: edge functions at a pixel, their steps, that pixel."""
 
 LIGHT, OFF, EXACT = 0, 1, 2
-"""Rows of ``shares``: light of lamps on a face, what that moves, and 1 for doubtful samples."""
+"""Rows of ``shares``: light of lamps on a face, what that moves, and what is found in float64."""
 
-KEPT = 0
-"""First of six rows of ``colors``: normals and points in float32."""
+SURE, DOUBTFUL, FOREIGN = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+"""What `EXACT` holds: nothing is found in float64, normals and points are, all is."""
+
+KEPT, KEPT_ROWS = 0, 9
+"""First of the rows of ``colors`` for colours, normals and points in float32, and their number."""
+
+SET_ASIDE, HOW_EXACT, HOW_MANY = 0, 8, 9
+"""Rows of ``numbers``: the eight columns of segments, what is found of each; how many there are."""
+
+ALL_SURE, SOME_DOUBTFUL, ALL_FOREIGN = 0, 1, 2
+"""What `HOW_EXACT` holds."""
 
 LEAST_RATIO, LARGEST_RATIO = np.float32(2.0**-60), np.float32(2.0**60)
 """Ratios of w between these keep sums of weights far from the ends of float32."""
@@ -707,33 +719,41 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
     return np.int32(0) if lamps.shape[0] > 0 else unsure
 
 
+@helper
+def bounds_of(own):
+    """Return the limits of an object."""
+    return own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7], own[8]
+
+
 @stage
 def find_float32_surface(
     block: Block, count, geometry: Geometry, placement: Placement, normals: float32[:, ::1],
     materials: float32[:, ::1], colors: float32[:, ::1], lamps: float32[:, ::1],
-    limits: float32[::1],
+    limits: float32[:, ::1],
 ):  # fmt: skip
     """
     Write base colours, normals and points of samples in float32.
 
-    After `find_weights` where samples may lie beside their faces. All objects have smooth normals.
+    After `find_weights` where samples may lie beside their faces.
     ``colors`` are those of the vertices, (V, 4) or (0, 4); ``lamps``, (P, 7), see ``lamps``;
-    ``limits``, (8,), see ``survey.precision.limits_of``.
+    ``limits``, (O, 9), see ``survey.precision.limits_of_all``: nothing is written of objects that
+    take float64.
     """
     has_wide = may_be_wide(geometry.viewport)
     if block.counts[KNOWS_PLANES] == 0:
         for n in range(PLANES):
             block.faces[0, n] = np.int32(-1)
         block.counts[KNOWS_PLANES] = 1
-    bounds = (
-        limits[0], limits[1], limits[2], limits[3], limits[4], limits[5], limits[6], limits[7],
-    )  # fmt: skip
-    look = normals, colors, lamps, bounds
     if lamps.shape[0] > 0:
-        fill_row(part(block.shares, EXACT, 0, count), np.float32(0.0))
+        fill_row(part(block.shares, EXACT, 0, count), SURE)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
+        own, s, e = limits[owner], np.int64(segment[START]), np.int64(segment[STOP])
+        if own[0] < np.float32(0.0):
+            fill_row(part(block.shares, EXACT, s, e), FOREIGN)
+            continue
+        look = normals, colors, lamps, bounds_of(own)
         owned = (
             owner, rounded(matrix_of(placement.normal_matrices, owner)),
             rounded(matrix_of(placement.relative_from_model, owner)),
@@ -748,6 +768,9 @@ def find_float32_surface(
             unsure = lay_patches(segment, owned, block, geometry, placement, look, has_wide)
         if unsure != 0:
             lay_runs(segment, owned, block, geometry, placement, look, has_wide)
+        if lamps.shape[0] == 0:
+            # Those in doubt are found already.
+            fill_row(part(block.shares, EXACT, s, e), SURE)
 
 
 @disjoint_helper
@@ -761,36 +784,109 @@ def keep(values, kept):
 def restore(values, kept, exact):
     """Write what was kept where it is to be."""
     for n in range(values.shape[0]):
-        values[n] = values[n] if exact[n] > np.float32(0.0) else kept[n]
+        own, before = values[n], kept[n]
+        values[n] = own if exact[n] > SURE else before
+
+
+@disjoint_helper
+def any_doubtful(exact):
+    """Return not 0 if any sample is."""
+    found = np.int32(0)
+    for n in range(exact.shape[0]):
+        found |= np.int32(exact[n] > SURE)
+    return found
+
+
+@helper
+def how_exact(s, e, block):
+    """Return what is found in float64 of a segment."""
+    if block.shares[EXACT, np.uintp(s)] == FOREIGN:
+        return np.int32(ALL_FOREIGN)
+    doubts = any_doubtful(part(block.shares, EXACT, s, e))
+    return np.int32(SOME_DOUBTFUL if doubts != 0 else ALL_SURE)
+
+
+@helper
+def row_kept(k):
+    """Return which row of samples is kept: colours, then normals and points."""
+    return row.RED + k if k < 3 else row.NORMAL_X + k - 3
+
+
+@helper
+def run_of(k, total, numbers):
+    """Return one past the last of the segments from ``k`` on that are as exact, and its samples."""
+    first, start = numbers[HOW_EXACT, k], np.int64(numbers[SET_ASIDE + START, k])
+    while k < total and numbers[HOW_EXACT, k] == first:
+        k += np.uintp(1)
+    return k, start, np.int64(numbers[SET_ASIDE + STOP, k - np.uintp(1)])
+
+
+@helper
+def end_kept(exact, s, e):
+    """
+    Return the end of what is kept of a run of segments.
+
+    Stages that find others write behind the end of these, but not further than a vector.
+    """
+    return min(e, s + VECTOR) if exact == ALL_SURE else e
 
 
 @stage
 def set_aside_sure(block: Block, count):
     """
-    Set normals and points aside, if any are to be found in float64, where lamps shine.
+    Set aside what is found in float32, and hide segments of which all is.
 
-    Else hide the segments: stages up to `take_back_sure` find none.
+    Stages up to `take_back_sure` find the others alone.
     """
-    found = np.int32(0)
-    for n in range(np.uintp(count)):
-        found |= np.int32(block.shares[EXACT, n] > np.float32(0.0))
-    if found == 0:
-        block.counts[SEGMENTS] = -block.counts[SEGMENTS]
+    segments, numbers, samples = block.segments, block.numbers, block.samples
+    left, total = np.int64(0), np.uintp(block.counts[SEGMENTS])
+    numbers[HOW_MANY, 0] = np.int32(total)
+    for k in range(total):
+        for c in range(8):
+            numbers[SET_ASIDE + c, k] = segments[k, c]
+        exact = how_exact(np.int64(segments[k, START]), np.int64(segments[k, STOP]), block)
+        numbers[HOW_EXACT, k] = exact
+        if exact != ALL_SURE:
+            if np.int64(k) != left:
+                for c in range(8):
+                    segments[left, c] = segments[k, c]
+            left += 1
+    block.counts[SEGMENTS] = left
+    if left == 0:
         return
-    for k in range(6):
-        keep(
-            part(block.samples, row.NORMAL_X + k, 0, count), part(block.colors, KEPT + k, 0, count)
-        )
+    k = np.uintp(0)
+    while k < total:
+        exact, (k, s, e) = numbers[HOW_EXACT, k], run_of(k, total, numbers)
+        if exact != ALL_FOREIGN:
+            e = end_kept(exact, s, e)
+            for n in range(KEPT_ROWS):
+                keep(part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e))
 
 
 @stage
 def take_back_sure(block: Block, count):
-    """Put normals and points back where float32 is good enough."""
-    if block.counts[SEGMENTS] < 0:
-        block.counts[SEGMENTS] = -block.counts[SEGMENTS]
-        return
-    for k in range(6):
-        restore(
-            part(block.samples, row.NORMAL_X + k, 0, count),
-            part(block.colors, KEPT + k, 0, count), part(block.shares, EXACT, 0, count),
-        )  # fmt: skip
+    """Put back what was set aside, where float32 is good enough; bring all segments back."""
+    segments, numbers, samples = block.segments, block.numbers, block.samples
+    total, has_changed = np.uintp(numbers[HOW_MANY, 0]), block.counts[SEGMENTS] > 0
+    block.counts[SEGMENTS] = np.int64(total)
+    k = np.uintp(0)
+    while k < total:
+        start, exact, (k, s, e) = k, numbers[HOW_EXACT, k], run_of(k, total, numbers)
+        for i in range(start, k):
+            for c in range(8):
+                segments[i, c] = numbers[SET_ASIDE + c, i]
+            if exact == ALL_SURE:
+                # Textures are looked up by it.
+                fill_row(
+                    part(block.places, PLACE_OWNER, segments[i, START], segments[i, STOP]),
+                    np.float64(segments[i, OWNER]),
+                )  # fmt: skip
+        if exact == ALL_FOREIGN or not has_changed:
+            continue
+        e = end_kept(exact, s, e)
+        for n in range(KEPT_ROWS):
+            values, kept = part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e)
+            if exact == ALL_SURE or n < 3:
+                keep(kept, values)
+            else:
+                restore(values, kept, part(block.shares, EXACT, s, e))

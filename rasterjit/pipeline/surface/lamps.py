@@ -29,14 +29,15 @@ LIGHT, ENDING, RAMP, CONE, LAMP_COLUMNS = 3, 4, 5, 6, 7
 Columns of lamps, behind where each lies relative to the eye.
 
 Its light at a distance of one unit; one over the range squared, 0 for no end. At a distance of one,
-codes by which the light of its cone moves over the cosine with the axis, and over the angle.
+codes by which the light of its cone moves over the cosine with the axis, and over the angle: on
+white, without a highlight.
 """
 
 LIGHT_ERROR = np.float32(8.0)
 """Roundings of a direction that light is worked out with, and of a cosine with it."""
 
-MORE_NORMAL, MORE_BENT, MOST_LIGHT, RANGE_SLOPE, OTHER_SLOPE = 3, 4, 5, 6, 7
-"""Elements of limits: see ``survey.precision.limits_of``."""
+MORE_NORMAL, MORE_BENT, MOST_LIGHT, RANGE_SLOPE, OTHER_SLOPE, CONE_SHARE, LIMITS = range(3, 10)
+"""Elements of limits, and how many there are: see ``survey.precision.limits_of``."""
 
 MOST = np.float32(LAMP_SHARE / ROUNDING)
 """Codes that lamps may move, in roundings."""
@@ -88,7 +89,7 @@ def lamp_on_face(lamp, first, facing, away, way, limits):
         The first vertex, relative to the eye, and the unit normal.
     away, way : float32
         Distance of the first vertex from the eye, and the longer way to another vertex.
-    limits : (8,) float32
+    limits : (9,) float32
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     x, y, z = lamp[0] - first[0], lamp[1] - first[1], lamp[2] - first[2]
@@ -104,7 +105,8 @@ def lamp_on_face(lamp, first, facing, away, way, limits):
     slope = np.float32(SLOPE) * light + limits[OTHER_SLOPE]
     slope += np.float32(4.0) * gone * ending
     off = (np.float32(3.0) * away + np.float32(23.0) * way) * over
-    moved = (slope + lamp[CONE] * over) * off + (slope + lamp[RAMP] * over) * LIGHT_ERROR
+    share = limits[CONE_SHARE] * over
+    moved = (slope + lamp[CONE] * share) * off + (slope + lamp[RAMP] * share) * LIGHT_ERROR
     is_in_range = near * near * lamp[ENDING] < ABOVE
     return light if is_in_range else zero, moved if is_in_range else zero
 

@@ -154,6 +154,7 @@ def list_samples(
         The same as it is shown: RGBA bytes from the lowest up.
     linear : (R, W, 4) float32, or (R, 0, 4)
     color : (R, W) uint32, or (R, 0)
+        May lie where the faces do: of these, none is looked at once something was written there.
 
     Returns
     -------
@@ -165,7 +166,7 @@ def list_samples(
     lowest, end_face = face_starts[owner], face_starts[owner + 1]
     rows, columns = face_id.shape
     n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
-    is_open = False
+    is_open, reached = False, np.int64(-1)
     while row < rows and n < SAMPLES:
         numbers, frame_row = face_id[row], first_row + row % height
         while at < columns and n < SAMPLES:
@@ -205,16 +206,16 @@ def list_samples(
                     np.int32(frame_row),
                 )  # fmt: skip
                 r = list_patches(wanted[at:end], n, r, whole)
-            if last < 0 or intervals[last, INTERVAL_STOP] != n or at == 0 or numbers[at - 1] < 0:
+            if reached != at:
                 last += 1
                 intervals[last, INTERVAL_ROW], intervals[last, INTERVAL_COLUMN] = row, at
                 intervals[last, INTERVAL_START], intervals[last, INTERVAL_FRAME_ROW] = n, frame_row
             n += end - at
             segments[k - 1, STOP], segments[k - 1, END_PATCH] = n, r
             intervals[last, INTERVAL_STOP] = n
-            at = end
+            at = reached = end
         if at >= columns:
-            row, at = row + 1, np.int64(0)
+            row, at, reached = row + 1, np.int64(0), np.int64(-1)
     counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND] = row, at, owner
     counts[SEGMENTS], counts[PATCHES], counts[INTERVALS] = k, r, last + 1
     if n == 0:

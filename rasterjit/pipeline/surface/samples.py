@@ -112,7 +112,8 @@ VECTOR = 16
 
 BLOCK_ROWS = 81
 """Rows of samples: those above."""
-PLACE_ROWS = 14
+PLACE_ROWS, PLACE_OWNER = 14, 2
+"""Rows of ``places``; that of a sample's object, by which textures are looked up."""
 
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,

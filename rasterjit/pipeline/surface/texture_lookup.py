@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import OWNER as OF
-from rasterjit.pipeline.surface.samples import SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface.samples import PLACE_OWNER, SEGMENTS, START, STOP, Block
 from rasterjit.pipeline.surface.textures import (
     ANISOTROPY,
     CLAMP,
@@ -41,7 +41,7 @@ from rasterjit.runtime.state import float32, int64
 
 U, V = 0, 1
 """Rows of places: texture coordinates."""
-OWNER = 2
+OWNER = PLACE_OWNER
 """Row: the object."""
 STEPS = 3
 """Four rows: what the next sample to the right adds to u and v, and the next down; for levels."""

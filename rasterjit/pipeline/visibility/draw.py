@@ -138,6 +138,8 @@ class Coverage(NamedTuple):
     """(V+E,), that of the vertices."""
     points: PointsSeen | None = None
     """The points of the picture; ``None`` if no object is of points."""
+    covered: int | None = None
+    """How many pixels show a face; ``None`` if they were not counted."""
 
 
 def transform(
@@ -424,6 +426,7 @@ def find_visible(
     alpha_tests: AlphaTests | None = None,
     keep_faces: bool = True,
     depth: NDArray[np.float32] | None = None,
+    face_id: NDArray[np.int32] | None = None,
     depth_type: Any = np.float32,
     precision: Any = np.float64,
     is_affine: bool = False,
@@ -459,6 +462,8 @@ def find_visible(
         Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
     depth : (H, W) float32, optional
         Where the depth is written.
+    face_id : (H, W) int32, optional
+        Where the face at each pixel is written, if it outlives the drawing.
     depth_type : dtype
         What depths are rounded to before they are compared: float32, float64, or int32, which cuts
         off what is behind the point.
@@ -538,19 +543,22 @@ def find_visible(
     if depth is None:
         width = viewport.width * (keep_depth or has_points)
         depth = workers.memory.empty((viewport.height, width), depth_type)
-    width = viewport.width * (keep_faces or has_points)
-    face_id = workers.memory.empty((viewport.height, width), np.int32)
+    if face_id is None:
+        width = viewport.width * (keep_faces or has_points)
+        face_id = workers.memory.empty((viewport.height, width), np.int32)
     points = None
     if primitives is not None and "points" in primitives.kinds:
         view = vertices.clip_from_relative, depth_coefficients, viewport
         points = painting.points_of(primitives, objects.face_starts, vertices.vertex_starts, *view)
+    covered = None
     if find_faces:
         frame = depth, face_id
-        draw(
+        covered = draw(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
             kept,
         )  # fmt: skip
         if has_points:
+            covered = None
             cloud = painting.Cloud(
                 vertices.positions, vertices.relative_from_model,
                 painting.only(points.rows, painted), points.sight, depth_coefficients,
@@ -573,8 +581,9 @@ def find_visible(
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
     return Coverage(
-        depth, face_id, screen, clip_positions, totals, lists, alpha_tests, points=points
-    )
+        depth, face_id, screen, clip_positions, totals, lists, alpha_tests, points=points,
+        covered=covered if face_id.shape[1] else None,
+    )  # fmt: skip
 
 
 def kernels_of(
@@ -772,8 +781,8 @@ def draw(
     workers: Workers,
     alpha_tests: AlphaTests | None = None,
     kept: Kept | None = None,
-) -> None:
-    """Draw all tiles, each by one thread."""
+) -> int:
+    """Draw all tiles, each by one thread; return on how many pixels there is something."""
     kept = kept or Kept(workers.memory, lasts=False)
     tiles = kept.made("tiles", _count, len(starts) - 1)
     per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
@@ -787,7 +796,8 @@ def draw(
         drawers.append(nearest.tile_drawer(binned, faces, screen, kind, alpha_tests, memory))
     taken = np.array([0, per_task], np.int64) if tasks > 1 else nearest.ALL
     own = tiles, taken, starts, tile_depths, viewport, frame
-    workers.call(nearest.draw_tiles, [(*own, *drawer[:3]) for drawer in drawers[:threads]])
+    calls = [(*own, *drawer[:3]) for drawer in drawers[:threads]]
+    return int(sum(workers.call(nearest.draw_tiles, calls)))
 
 
 def whole_faces(faces: NDArray[np.int32]) -> Faces:

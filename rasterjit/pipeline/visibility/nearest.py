@@ -804,16 +804,22 @@ def draw_tiles(
         nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
     scratch, drawing, holes
         Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
+
+    Returns
+    -------
+    int
+        On how many pixels there is something; 0 where ``face_id`` is not wanted.
     """
     depth, face_id = frame
     depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     n, stop = np.int64(0), np.int64(0 if taken.shape[0] else tiles.shape[0])
+    covered = np.int64(0)
     while True:
         if n == stop:
             n, stop = next_taken(taken, tiles.shape[0])
             if n == stop:
-                return
+                return covered
         number = np.int64(tiles[n])
         n += 1
         window = tile_window(number, columns, viewport)
@@ -832,5 +838,9 @@ def draw_tiles(
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(frame_depth.shape[0]):
                 frame_depth[column] = depths[row, column]
+            some = np.int32(0)
             for column in range(frame_numbers.shape[0]):
-                frame_numbers[column] = numbers[row, column]
+                face = numbers[row, column]
+                frame_numbers[column] = face
+                some += np.int32(face != NOTHING)
+            covered += some
