@@ -93,6 +93,8 @@ def mesh_suffixes() -> frozenset[str]:
     """Return the extensions of mesh files, with a dot."""
     from trimesh.exchange.load import mesh_formats
 
+    from rasterjit.io.gltf.scene import GLTF_FORMATS
+
     known = (*mesh_formats(), *GLTF_FORMATS)
     return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
 
