@@ -228,13 +228,16 @@ def are_covered(corners, points):
     return (np.all(np.array(sides) > 0.0, axis=0) | np.all(np.array(sides) < 0.0, axis=0)).any(1)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 3, 8, 9, 15, 16])
 def test_caps_of_crumpled_solids_fill_what_is_inside(seed, recwarn):
     # A third of the faces runs through others, and the second plane cuts a cap of many parts.
     rng = np.random.default_rng(seed)
     shape = trimesh.creation.icosphere(3)
     vertices = shape.vertices + 0.5 * rng.normal(size=shape.vertices.shape)
-    planes = [rj.Plane((0, 0, 0.1), (0, 0, 1)), rj.Plane(rng.normal(size=3) * 0.1, (0.3, 1, 0.2))]
+    planes = [
+        rj.Plane((0, 0, 0.1), (0, 0, 1)),
+        rj.Plane(rng.normal(size=3) * 0.1, rng.normal(size=3)),
+    ]
     scene = scene_with((vertices, np.array(shape.faces), np.eye(4)), planes=planes)
     caps = caps_of(scene)[0]
     assert len(caps) == 2
