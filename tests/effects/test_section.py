@@ -7,6 +7,7 @@ import itertools
 import pickle
 import subprocess
 import sys
+import warnings
 from fractions import Fraction
 
 import numpy as np
@@ -217,6 +218,36 @@ def winding(corners, points):
         + np.einsum("nfk,nfk->nf", b, c) * la + np.einsum("nfk,nfk->nf", c, a) * lb
     )  # fmt: skip
     return np.rint(2.0 * np.arctan2(numerator, denominator).sum(axis=1) / (4.0 * np.pi))
+
+
+def are_covered(corners, points):
+    """Tell which points, (N, 2), lie in a triangle, (T, 3, 2), of either side."""
+    a, b, c = (corners[np.newaxis, :, k] - points[:, np.newaxis] for k in range(3))
+    sides = [one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+             for one, other in ((a, b), (b, c), (c, a))]  # fmt: skip
+    return (np.all(np.array(sides) > 0.0, axis=0) | np.all(np.array(sides) < 0.0, axis=0)).any(1)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 8, 9, 15, 16])
+def test_caps_of_crumpled_solids_fill_what_is_inside(seed, recwarn):
+    # A third of the faces runs through others, and the second plane cuts a cap of many parts.
+    rng = np.random.default_rng(seed)
+    shape = trimesh.creation.icosphere(3)
+    vertices = shape.vertices + 0.5 * rng.normal(size=shape.vertices.shape)
+    planes = [
+        rj.Plane((0, 0, 0.1), (0, 0, 1)),
+        rj.Plane(rng.normal(size=3) * 0.1, rng.normal(size=3)),
+    ]
+    scene = scene_with((vertices, np.array(shape.faces), np.eye(4)), planes=planes)
+    caps = caps_of(scene)[0]
+    assert len(caps) == 2
+    assert not recwarn.list
+    points = np.c_[rng.uniform(-2.0, 2.0, (400, 2)), np.full(400, 0.1)]
+    is_left = (points - planes[1].point) @ planes[1].normal < 0.0
+    is_inside = is_left & (winding(vertices[shape.faces], points) != 0)
+    assert 40 < np.count_nonzero(is_inside) < 360
+    found = are_covered(world_of(caps[0])[:, :, :2], points[:, :2])
+    np.testing.assert_array_equal(found, is_inside)
 
 
 def seen_through(scene, eyes, ways):
@@ -751,6 +782,54 @@ def test_a_plane_that_moves_or_goes_is_followed():
         frame = renderer.render(scene, looking(), outputs=("color", "face_id"))
     np.testing.assert_array_equal(frame.color, whole.color)
     np.testing.assert_array_equal(frame.face_id, whole.face_id)
+
+
+def told(kind, output, given, rows):
+    """Return a mesh, points or lines with what an output asks for."""
+    if kind == "points":
+        shape = rj.Points(np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.5]]), **given(2))
+    elif kind == "lines":
+        shape = rj.Lines(np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.5]]), [[0, 1]], **given(2))
+    else:
+        shape = rj.Mesh([[0, 0, 2], [1, 0, 2], [0, 1, 2], [1, 1, 3]], FLAP, **given(rows))
+    return output, shape
+
+
+FLAP = [[0, 1, 2], [1, 3, 2]]
+
+
+@pytest.mark.parametrize(
+    ("output", "shape"),
+    [
+        told("mesh", "uv", lambda n: {"uv": np.full((n, 2), 0.5)}, 4),
+        told("mesh", "scalar", lambda n: {"scalars": np.arange(float(n))}, 4),
+        told("mesh", "scalar", lambda n: {"scalars": np.arange(float(n))}, 2),
+        told("mesh", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 3))}}, 4),
+        told("mesh", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 3))}}, 2),
+        told("points", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 1))}}, 2),
+        told("lines", "scalar", lambda n: {"scalars": np.arange(float(n))}, 2),
+    ],
+)
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_outputs_of_what_a_plane_takes_away_remain(output, shape, is_alone):
+    # As a plane moves through a scene, each frame has the outputs of the one before.
+    scene = rj.Scene()
+    if not is_alone:
+        scene.add(ball())
+    node = scene.add(shape)
+    outputs = ("color", "object_id", "face_id", output)
+    before = shown(scene, outputs=outputs)
+    assert (before.object_id == scene.nodes.index(node)).any()
+    scene.section = rj.Plane((0, 0, 1.9), (0, 0, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.ViewWarning)
+        frame = shown(scene, outputs=outputs)
+    assert (frame.object_id != scene.nodes.index(node)).all()
+    name = {"uv": "uv", "scalar": "scalar"}.get(output, output)
+    was, now = before.arrays()[name], frame.arrays()[name]
+    assert (now.shape, now.dtype) == (was.shape, was.dtype)
+    nothing = now[frame.face_id == -1]
+    assert np.array_equal(nothing, np.broadcast_to(was[0, 0], nothing.shape), equal_nan=True)
 
 
 def test_keys_go_through_planes_across_the_axes():
