@@ -251,11 +251,13 @@ def test_an_environment_takes_the_place_of_the_headlight(sphere, camera):
 
 def test_a_black_environment_changes_no_bit(sphere, monkeypatch):
     lights = [rj.DirectionalLight((-1, -2, -1)), rj.AmbientLight(intensity=0.2)]
-    without = draw(row_of(sphere, lights=lights), WIDE)
+    # Without an environment, plain objects take float32.
+    alike = {"quality": rj.Quality(interpolation_precision="float64")}
+    without = draw(row_of(sphere, lights=lights), WIDE, **alike)
     black = rj.Environment(np.zeros((4, 8, 3)), background=False)
     scene = row_of(sphere, lights=lights, environment=black)
     monkeypatch.setattr(rj.Environment, "lights", True)
-    frame = draw(scene, WIDE)
+    frame = draw(scene, WIDE, **alike)
     assert used(frame)["environment light"].used
     assert same(frame, without)
 
