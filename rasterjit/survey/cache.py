@@ -329,14 +329,14 @@ def prepare(
         Whether the scene has one, which some materials depend on.
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
-    if known is None or not _are_same(known.shapes.meshes, meshes):
+    if known is None or not are_same(known.shapes.meshes, meshes):
         check_drawn(nodes)
         shapes, all_tables = Shapes(meshes), {}
     else:
         shapes, all_tables = known.shapes, known.all_tables
     materials = [mesh.material for mesh in shapes.distinct]
     look = look_of(quality, has_environment)
-    if look not in all_tables or not _are_same(all_tables[look].materials, materials):
+    if look not in all_tables or not are_same(all_tables[look].materials, materials):
         all_tables[look] = MaterialTables(shapes, materials, quality, has_environment)
     places = None if known is None else _moved(known, matrices)
     if places is None:
@@ -351,7 +351,7 @@ def prepare(
 
 def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:
     """Return where objects stand, given what is known of them before; None where that is little."""
-    if _are_same(known.matrices, matrices):
+    if are_same(known.matrices, matrices):
         return known.places
     if len(known.matrices) != len(matrices):
         return None
@@ -362,6 +362,6 @@ def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places
     return placement.move_objects(known.places, matrices, moved)
 
 
-def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:
+def are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:
     """Tell whether two sequences hold the same objects in the same order."""
     return len(known) == len(wanted) and all(map(operator.is_, known, wanted))

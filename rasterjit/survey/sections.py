@@ -31,7 +31,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import ATTRIBUTE, Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
@@ -50,11 +50,9 @@ from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import warn_caller
+from rasterjit.survey.cache import Shapes, are_same
 from rasterjit.survey.contents import base_color_of
 from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
-
-if TYPE_CHECKING:
-    from rasterjit.survey.cache import Shapes
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -236,26 +234,24 @@ def cut(scene: Scene) -> Scene:
     found = []
     for node in scene.nodes:
         key = node._mesh, node._world_from_model, scene.section, node._mesh._material, node.name
-        if node._cut is None or not all(map(operator.is_, node._cut[0], key)):
-            node._cut = key, _cut_object(node, planes)
-        found.append(node._cut[1])
+        # Other threads may cut it by other planes meanwhile.
+        known = node._cut
+        if known is None or not all(map(operator.is_, known[0], key)):
+            known = node._cut = key, _cut_object(node, planes)
+        found.append(known[1])
     # The first node keeps what all are together.
     first = scene.nodes[0]
-    if first._cut_scene is None or not _are_same(first._cut_scene[0], found):
-        first._cut_scene = found, _assembled(scene, found, planes)
+    joined = first._cut_scene
+    if joined is None or not are_same(joined[0], found):
+        joined = first._cut_scene = found, _assembled(scene, found, planes)
     kept = [
         node
         for node in scene.labelled
         if all((_distances(plane, _anchor(node)) <= 0.0).all() for plane in planes)
     ]
     result = _copy_of(scene if len(kept) == len(scene.labelled) else with_labelled(scene, kept))
-    result._whole, result.nodes = scene, first._cut_scene[1]
+    result._whole, result.nodes = scene, joined[1]
     return result
-
-
-def _are_same(known: Sequence[Any], found: Sequence[Any]) -> bool:
-    """Tell whether two sequences hold the same objects."""
-    return len(known) == len(found) and all(map(operator.is_, known, found))
 
 
 def cut_alike(scene: Scene, now: Scene) -> Scene:
@@ -324,10 +320,15 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
                 number = starts[-1] + len(planes) * owner + plane
                 count = len(node.mesh.faces)
                 add(node, owner, np.full(count, number), np.zeros((count, 3, 3)))
-    if not nodes:
-        # Scenes have an object: a face without area, which is nowhere to be seen.
-        node = Node(_nothing(scene.nodes[0].mesh), name=scene.nodes[0].name)
-        add(node, 0, np.zeros(1, np.int64), NO_WEIGHTS)
+    known = {name for node in nodes for name in _told_by(node.mesh)}
+    for owner, parts in enumerate(found):
+        whole = scene.nodes[owner]
+        told = _told_by(whole.mesh)
+        # Scenes have an object, and outputs that a mesh is asked for remain.
+        if parts.node is None and (not nodes or told - known):
+            known |= told
+            node = Node(_nothing(whole.mesh), name=whole.name)
+            add(node, owner, starts[owner : owner + 1], NO_WEIGHTS)
     is_piece = [np.repeat([False, True], [whole, len(inner)]) for whole, inner in weights]
     joined = np.zeros((0, 3, 3), np.float32)
     if any(len(inner) for _, inner in weights):
@@ -370,11 +371,28 @@ def _old_vertices(mesh: Any, whole: Mesh) -> Int64 | None:
     return np.where(used < len(whole.vertices), used, -1)
 
 
+def _told_by(mesh: Mesh) -> set[str]:
+    """Return the outputs that follow from what a mesh was given."""
+    given = {"uv": mesh.uv, "scalar": mesh.field}
+    names = {f"{ATTRIBUTE}{name}" for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
+    return names | {name for name, values in given.items() if values is not None}
+
+
 def _nothing(mesh: Mesh) -> Mesh:
-    """Return a mesh of which nothing is seen, made like another."""
-    used = mesh.used_vertices()
-    point = mesh.vertices[np.argmax(used)] if used.any() else np.zeros(3)
-    return Mesh(np.tile(point, (3, 1)), [[0, 1, 2]], material=Material("unlit"))
+    """Return a face without area, nowhere to be seen, with what outputs tell of another mesh."""
+    is_there = mesh.used_vertices() & np.isfinite(mesh.vertices).all(axis=1)
+    first = int(np.argmax(is_there))
+    corners = [first] * 3
+    vertices = mesh.vertices[corners] if is_there.any() else np.zeros((3, 3))
+    attributes = {name: values[corners] for name, values in mesh.vertex_attributes.items()}
+    attributes |= {name: values[:1] for name, values in mesh.face_attributes.items()}
+    result = Mesh(
+        vertices, [[0, 1, 2]], uv=None if mesh.uv is None else mesh.uv[corners],
+        attributes=attributes, material=Material("unlit"),
+    )  # fmt: skip
+    if mesh.field is not None:
+        result._field = mesh.field.of_rows(np.array([0] if mesh.field.of_faces else corners))
+    return result
 
 
 def _distances(plane: Plane, points: Float64) -> Float64:

@@ -7,6 +7,7 @@ import itertools
 import pickle
 import subprocess
 import sys
+import warnings
 from fractions import Fraction
 
 import numpy as np
@@ -751,6 +752,54 @@ def test_a_plane_that_moves_or_goes_is_followed():
         frame = renderer.render(scene, looking(), outputs=("color", "face_id"))
     np.testing.assert_array_equal(frame.color, whole.color)
     np.testing.assert_array_equal(frame.face_id, whole.face_id)
+
+
+def told(kind, output, given, rows):
+    """Return a mesh, points or lines with what an output asks for."""
+    if kind == "points":
+        shape = rj.Points(np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.5]]), **given(2))
+    elif kind == "lines":
+        shape = rj.Lines(np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 2.5]]), [[0, 1]], **given(2))
+    else:
+        shape = rj.Mesh([[0, 0, 2], [1, 0, 2], [0, 1, 2], [1, 1, 3]], FLAP, **given(rows))
+    return output, shape
+
+
+FLAP = [[0, 1, 2], [1, 3, 2]]
+
+
+@pytest.mark.parametrize(
+    ("output", "shape"),
+    [
+        told("mesh", "uv", lambda n: {"uv": np.full((n, 2), 0.5)}, 4),
+        told("mesh", "scalar", lambda n: {"scalars": np.arange(float(n))}, 4),
+        told("mesh", "scalar", lambda n: {"scalars": np.arange(float(n))}, 2),
+        told("mesh", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 3))}}, 4),
+        told("mesh", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 3))}}, 2),
+        told("points", "attribute:heat", lambda n: {"attributes": {"heat": np.ones((n, 1))}}, 2),
+        told("lines", "scalar", lambda n: {"scalars": np.arange(float(n))}, 2),
+    ],
+)
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_outputs_of_what_a_plane_takes_away_remain(output, shape, is_alone):
+    # As a plane moves through a scene, each frame has the outputs of the one before.
+    scene = rj.Scene()
+    if not is_alone:
+        scene.add(ball())
+    node = scene.add(shape)
+    outputs = ("color", "object_id", "face_id", output)
+    before = shown(scene, outputs=outputs)
+    assert (before.object_id == scene.nodes.index(node)).any()
+    scene.section = rj.Plane((0, 0, 1.9), (0, 0, 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rj.ViewWarning)
+        frame = shown(scene, outputs=outputs)
+    assert (frame.object_id != scene.nodes.index(node)).all()
+    name = {"uv": "uv", "scalar": "scalar"}.get(output, output)
+    was, now = before.arrays()[name], frame.arrays()[name]
+    assert (now.shape, now.dtype) == (was.shape, was.dtype)
+    nothing = now[frame.face_id == -1]
+    assert np.array_equal(nothing, np.broadcast_to(was[0, 0], nothing.shape), equal_nan=True)
 
 
 def test_keys_go_through_planes_across_the_axes():
