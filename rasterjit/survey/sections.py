@@ -567,6 +567,18 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
     return _CLOSED[mesh]
 
 
+def _why_open(mesh: Mesh) -> str:
+    """Say what keeps faces from closing: edges of single faces, or faces that turn another way."""
+    _, places = _closed(mesh)
+    ends = places[mesh.faces]
+    edges = np.stack([ends.ravel(), np.roll(ends, -1, axis=1).ravel()], axis=1)
+    edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    if mesh.invalid_vertices or (counts % 2).any():
+        return "its mesh is not closed"
+    return "its mesh's faces are not all wound one way"
+
+
 def _sewn(points: Float64, places: Int64, loose: Int64) -> Int64:
     """Return places, (V,), where those of loose vertices that nearly touch are one."""
     some = points[loose]
@@ -683,6 +695,9 @@ class _Cutter:
         numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
         weights = np.concatenate([eye, self.weights[crossed_pieces]])
         counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
+        touches = not self.is_closed and (
+            len(corners) or self._parts_along(plane, faces, kept, signs)
+        )
         corners, parents, weights = self._split(plane, corners, signs[corners], weights)
         self.corners = np.concatenate([self.corners[kept_pieces], corners])
         self.numbers = np.concatenate([self.numbers[kept_pieces], numbers[parents]])
@@ -691,17 +706,33 @@ class _Cutter:
         if not self.is_closed:
             # One shape has many poses.
             shape = getattr(self.mesh, "_rest", None) or self.mesh
-            if len(corners) and self.planes[plane].cap and shape not in _TOLD:
+            if touches and self.planes[plane].cap and shape not in _TOLD:
                 _TOLD.add(shape)
                 warn_caller(
-                    f"{self.node.name!r} is cut by a section, but its mesh is not closed: it is "
-                    "drawn without a cap"
+                    f"{self.node.name!r} is cut by a section, but {_why_open(shape)}: it is drawn "
+                    "without a cap"
                 )
             return
         tails, heads, sums = self._sides(plane)
         if len(tails):
             # A cap goes around the other way.
             self._fill(plane, heads, tails, sums)
+
+    def _parts_along(
+        self, plane: int, faces: Int64, kept: NDArray[np.bool_], signs: Float64
+    ) -> bool:
+        """Tell whether a plane parts faces along their edges: some stay and others go."""
+        at = signs[faces]
+        ahead = (at > 0.0).any(axis=1) & ~(at < 0.0).any(axis=1)
+        if not ahead.any():
+            return False
+        keys = []
+        for some in (faces[kept], faces[ahead]):
+            tails, heads = some.ravel(), np.roll(some, -1, axis=1).ravel()
+            flat = (signs[tails] == 0.0) & (signs[heads] == 0.0)
+            ends = np.sort(self.places[np.stack([tails[flat], heads[flat]], axis=1)], axis=1)
+            keys.append(ends[:, 0] << 32 | ends[:, 1])
+        return bool(np.isin(*keys).any())
 
     def _sorted(
         self, plane: int, corners: Int64, signs: Float64
@@ -851,6 +882,12 @@ class _Cutter:
         corners = self.corners[self.numbers == -1 - plane]
         if not len(corners) or not self.planes[plane].cap:
             return None
+        a, b, c = np.moveaxis(self.world[corners], 1, 0)
+        normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
+        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
+        if turned * math.fsum(_triple(normal, b - a, c - a)) < 0.0:
+            # Caps face what is cut away, whichever way the mesh is wound.
+            corners = corners[:, ::-1]
         used, renumbered = self._used([corners])
         recipe = Recipe(tuple(self.steps), used)
         result: Any = CutMesh.__new__(CutMesh)
