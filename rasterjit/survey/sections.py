@@ -122,6 +122,9 @@ class Cut(NamedTuple):
     where there are no pieces."""
     edges: tuple[NDArray[np.int32], ...]
     """(E, 2) of each plane: where it cuts faces, vertex numbers of the new scene."""
+    sides: tuple[NDArray[np.int32], ...]
+    """(E, 3) of each plane: a vertex that makes a face of each edge, its new object, and 1 if the
+    face turns outward so, else -1. The vertex is -1 where none tells what hides the edge."""
     nodes: tuple[Node, ...]
     """Of the old scene."""
     vertices: tuple[Int64 | None, ...]
@@ -185,6 +188,8 @@ class Parts(NamedTuple):
     """(P, 3, 3): of the corners of the last faces, which are pieces."""
     edges: tuple[NDArray[np.int32], ...]
     """(E, 2) of each plane."""
+    sides: tuple[NDArray[np.int32], ...] = ()
+    """(E, 2) of each plane: as `Cut.sides`, without the object; empty where there are no edges."""
 
 
 class Recipe(NamedTuple):
@@ -299,6 +304,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
     every: list[list[NDArray[np.int32]]] = [[] for _ in planes]
+    sides: list[list[NDArray[np.int32]]] = [[] for _ in planes]
 
     def add(node: Node, owner: int, faces: Int64, inner: Float64) -> None:
         nodes.append(node)
@@ -313,6 +319,10 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
         add(parts.node, owner, own + starts[owner], parts.weights)
         for plane, lines in enumerate(parts.edges):
             every[plane].append(lines + np.int32(vertices))
+        for plane, (third, turn) in enumerate(rows.T for rows in parts.sides):
+            moved = np.where(third < 0, -1, third + vertices)
+            own = np.full(len(third), len(nodes) - 1)
+            sides[plane].append(np.stack([moved, own, turn], axis=1).astype(np.int32))
         vertices += len(parts.node.mesh.vertices)
     for owner, parts in enumerate(found):
         for plane, node in enumerate(parts.caps):
@@ -348,6 +358,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
         np.append(np.concatenate(is_piece), False),
         joined,
         tuple(np.ascontiguousarray(rows, np.int32) for rows in edges),
+        tuple(np.concatenate([np.zeros((0, 3), np.int32), *rows]) for rows in sides),
         tuple(scene.nodes),
         tuple(
             _old_vertices(node.mesh, scene.nodes[owner].mesh)
@@ -659,6 +670,7 @@ class _Cutter:
         faces = np.concatenate([self.mesh.faces[self.whole], self.corners[is_face]])
         numbers = np.concatenate([self.whole, self.numbers[is_face]])
         node, recipe, edges = None, None, [np.zeros((0, 2), np.int32)] * len(self.planes)
+        sides: list[NDArray[np.int32]] = []
         if len(faces):
             lines = [
                 self._outline(number) if plane.lines else np.zeros((0, 2), np.int64)
@@ -670,10 +682,15 @@ class _Cutter:
             mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
             node = _moved(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
+            is_used = np.isin(np.arange(len(self.distances)), used)
+            for number, ends in enumerate(lines):
+                third, turn = self._beside(number, ends)
+                third = np.where((third >= 0) & is_used[third], renumbered[third], -1)
+                sides.append(np.stack([third, turn], axis=1).astype(np.int32))
         elif not len(self.corners):
             return Parts(None, (), None, None, NO_WEIGHTS, tuple(edges))
         caps = tuple(self._cap(number) for number in range(len(self.planes)))
-        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges))
+        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides))
 
     def _used(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
         """Return the vertices of faces or lines, and the new number of each vertex."""
@@ -860,6 +877,41 @@ class _Cutter:
         """Return the lines along which a plane cuts what is left, (E, 2), vertices."""
         tails, heads, _ = self._sides(plane, -1 - plane)
         return np.stack([tails, heads], axis=1)
+
+    def _beside(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
+        """
+        Return a vertex that makes a face of each line of a cut, and which way that turns.
+
+        Takes the lines, (E, 2). The vertex is -1 where a solid need not hide the line from behind:
+        it is not closed, light comes through it, or another plane lets one look into it.
+        """
+        none = np.full(len(ends), -1), np.ones(len(ends), np.int64)
+        lets_in = any(
+            not other.cap or (other.cap_color is not None and other.cap_color[3] < 1.0)
+            for number, other in enumerate(self.planes)
+            if number != plane
+        )
+        is_solid = self.is_closed and self.mesh.material.alpha_mode == "opaque"
+        if not len(ends) or not is_solid or lets_in:
+            return none
+        faces = self.mesh.faces[self.whole].astype(np.int64)
+        faces = np.concatenate([faces, self.corners[self.numbers >= 0]])
+        zero = self.distances[:, plane] == 0.0
+        rows = np.concatenate([np.roll(faces, -k, axis=1) for k in range(3)])
+        rows = rows[zero[rows[:, 0]] & zero[rows[:, 1]] & ~zero[rows[:, 2]]]
+        if not len(rows):
+            return none
+        tails, heads = self.places[rows[:, 0]], self.places[rows[:, 1]]
+        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        order = np.argsort(keys, kind="stable")
+        tails, keys, thirds = tails[order], keys[order], rows[order, 2]
+        own = self.places[ends]
+        wanted = own.min(axis=1) << 32 | own.max(axis=1)
+        found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+        # Where several faces meet, none tells alone.
+        is_known = (keys[found] == wanted) & (np.searchsorted(keys, wanted, "right") == found + 1)
+        turn = np.where(tails[found] == own[:, 0], 1, -1) * int(self._outward)
+        return np.where(is_known, thirds[found], -1), turn
 
     def _fill(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
         """Add what outlines in a plane wind around to the pieces, as caps."""

@@ -742,6 +742,33 @@ def test_lines_are_hidden_by_what_is_nearer():
     assert not (frame.color[..., :3] == (255, 0, 0)).all(axis=2).any()
 
 
+def red_pixels(frame):
+    return (frame.color[..., :3] == (255, 0, 0)).all(axis=2)
+
+
+def test_lines_behind_the_silhouette_of_their_solid_are_hidden():
+    # Cut at its widest place and seen from behind, a bit from above: its lower rim is hidden.
+    scene = rj.Scene()
+    shape = trimesh.creation.torus(1.0, 0.4, 48, 24)
+    scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
+    scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1)
+    camera = rj.OrthographicCamera((0.0, 1.0, -5.0), (0.0, 0.0, 0.0), height=3.2)
+    red = red_pixels(shown(scene, camera, size=(160, 160), background="white"))
+    assert red[:30].sum() > 50
+    # The rim around the hole ends at row 110.
+    assert not red[131:].any()
+
+
+def test_lines_are_seen_from_inside_of_their_solid():
+    scene = rj.Scene()
+    shape = trimesh.creation.box((2.0, 2.0, 2.0))
+    scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
+    scene.section = rj.Plane((0, 0, 0.5), (0, 0, 1), cap=False, lines=True, line_color="red")
+    camera = rj.PerspectiveCamera((0.0, 0.0, -0.8), (0.0, 0.0, 1.0), fov_y=100.0, near=0.01, far=9)
+    red = red_pixels(shown(scene, camera, size=(100, 100), background="white"))
+    assert red.sum() > 300
+
+
 def test_wireframes_show_no_edge_inside_of_a_cap():
     scene = rj.Scene()
     shape = trimesh.creation.box((1.0, 1.0, 1.0))
