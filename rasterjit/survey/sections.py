@@ -220,6 +220,9 @@ class Recipe(NamedTuple):
 _CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
 """Whether meshes are closed, and the places of their vertices."""
 
+_OUTWARD: weakref.WeakKeyDictionary[Mesh, float] = weakref.WeakKeyDictionary()
+"""Which way faces of meshes turn that have the solid behind them: 1, or -1 if inside out."""
+
 _TOLD: weakref.WeakSet[Mesh] = weakref.WeakSet()
 """Open meshes that were warned of."""
 
@@ -655,12 +658,15 @@ class _Cutter:
     def _outward(self) -> float:
         """Which way faces turn in the world that have the solid behind them: 1 or -1."""
         turned = float(place_objects([self.node.world_from_model]).mirrored[0])
-        vertices = self.mesh.vertices / 2.0
-        vertices = vertices - vertices[self.mesh.faces[0, 0]]
-        # So that products neither overflow nor vanish.
-        vertices /= np.abs(vertices).max() or 1.0
-        volume = math.fsum(_triple(*(vertices[self.mesh.faces[:, k]] for k in range(3))))
-        return turned * math.copysign(1.0, volume)
+        mesh = self.mesh
+        if mesh not in _OUTWARD:
+            vertices = mesh.vertices / 2.0
+            vertices = vertices - vertices[mesh.faces[0, 0]]
+            # So that products neither overflow nor vanish.
+            vertices /= np.abs(vertices).max() or 1.0
+            volume = math.fsum(_triple(*(vertices[mesh.faces[:, k]] for k in range(3))))
+            _OUTWARD[mesh] = math.copysign(1.0, volume)
+        return turned * _OUTWARD[mesh]
 
     def parts(self) -> Parts:
         """Return what is left."""
@@ -682,7 +688,8 @@ class _Cutter:
             mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
             node = _moved(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
-            is_used = np.isin(np.arange(len(self.distances)), used)
+            is_used = np.zeros(len(self.distances), bool)
+            is_used[used] = True
             for number, ends in enumerate(lines):
                 third, turn = self._beside(number, ends)
                 third = np.where((third >= 0) & is_used[third], renumbered[third], -1)
@@ -897,6 +904,7 @@ class _Cutter:
         faces = self.mesh.faces[self.whole].astype(np.int64)
         faces = np.concatenate([faces, self.corners[self.numbers >= 0]])
         zero = self.distances[:, plane] == 0.0
+        faces = faces[np.count_nonzero(zero[faces], axis=1) == 2]
         rows = np.concatenate([np.roll(faces, -k, axis=1) for k in range(3)])
         rows = rows[zero[rows[:, 0]] & zero[rows[:, 1]] & ~zero[rows[:, 2]]]
         if not len(rows):

@@ -746,11 +746,14 @@ def red_pixels(frame):
     return (frame.color[..., :3] == (255, 0, 0)).all(axis=2)
 
 
-def test_lines_behind_the_silhouette_of_their_solid_are_hidden():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("order", [1, -1])
+def test_lines_behind_the_silhouette_of_their_solid_are_hidden(side, order):
     # Cut at its widest place and seen from behind, a bit from above: its lower rim is hidden.
     scene = rj.Scene()
     shape = trimesh.creation.torus(1.0, 0.4, 48, 24)
-    scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
+    mesh = rj.Mesh(shape.vertices, shape.faces[:, ::order], material=rj.Material("unlit", "white"))
+    scene.add(mesh, np.diag([side, 1.0, 1.0, 1.0]))
     scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1)
     camera = rj.OrthographicCamera((0.0, 1.0, -5.0), (0.0, 0.0, 0.0), height=3.2)
     red = red_pixels(shown(scene, camera, size=(160, 160), background="white"))
