@@ -4,7 +4,8 @@ Sections: say what a section does, and draw the lines along which it cuts.
 A frame has it where the scene asks for it. The cut itself is geometry, made before anything is
 planned (`rasterjit.survey.sections`), and costs a frame what its objects cost: nothing here.
 Section lines are drawn over the finished picture, where colour is shown in 8 bits: as edges of a
-wireframe, hidden by what is nearer, each pixel widened to a disc as those of outlines are.
+wireframe, hidden by what is nearer and by the solid that is cut, each pixel widened to a disc as
+those of outlines are.
 """
 
 from __future__ import annotations
