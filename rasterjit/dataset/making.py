@@ -93,7 +93,10 @@ def mesh_suffixes() -> frozenset[str]:
     """Return the extensions of mesh files, with a dot."""
     from trimesh.exchange.load import mesh_formats
 
-    return frozenset((*(f".{name}" for name in mesh_formats()), *WITH_EXTRAS))
+    from rasterjit.io.gltf.scene import GLTF_FORMATS
+
+    known = (*mesh_formats(), *GLTF_FORMATS)
+    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
 
 
 def make(

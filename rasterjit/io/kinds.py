@@ -17,7 +17,7 @@ _KINDS: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
     (b"BZh", 0, "packed by bzip2", ("bz2",)),
     (b"7z\xbc\xaf\x27\x1c", 0, "a 7z archive", ()),
     (b"PK\x03\x04", 0, "a ZIP archive", ("zip", "3mf", "3dxml", "zae")),
-    (b"glTF", 0, "a GLB file", ("glb",)),
+    (b"glTF", 0, "a GLB file", ("glb", "vrm")),
     (b"ply\n", 0, "a PLY file", ("ply",)),
     (b"ply\r", 0, "a PLY file", ("ply",)),
     (b"OFF\n", 0, "an OFF file", ("off",)),

@@ -331,6 +331,11 @@ def unit_sums(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     is_off = np.abs(sums - 1.0) > WEIGHT_ROUNDING
     if not is_off.any():
         return np.array(weights)
+    if np.isinf(sums).any():
+        # Scaled by the largest first, they add up to no more than there are.
+        largest = weights.max(axis=1)
+        weights = weights / np.where(np.isinf(sums), largest, 1.0)[:, np.newaxis]
+        sums = sum_rows(weights)
     return np.where(is_off[:, np.newaxis], weights / sums[:, np.newaxis], weights)
 
 

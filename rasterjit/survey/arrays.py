@@ -347,8 +347,10 @@ def _joint_scale(mesh: Mesh) -> float:
         return 1.0
     rest, matrices = mesh._skinned
     followed = np.unique(rest.joints[rest.weights > 0.0])
-    # Exact sums are the same everywhere.
-    total = math.fsum((matrices[followed, :3, :3] ** 2).ravel().tolist())
+    total = 0.0
+    # In an order that no library chooses.
+    for part in (matrices[followed, :3, :3] ** 2).ravel().tolist():
+        total += part
     return math.sqrt(total / (3 * max(len(followed), 1)))
 
 

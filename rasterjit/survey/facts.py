@@ -235,7 +235,7 @@ class Facts:
         if self.limits is None:
             return False
         is_exact = self.limits[:, 0] < 0.0
-        return self.seen.furnished > 0 or int(is_exact.sum()) > self.contents.furnished
+        return self.seen.furnished > 0 or np.count_nonzero(is_exact) > self.contents.furnished
 
     @cached_property
     def needs_gouraud(self) -> bool:

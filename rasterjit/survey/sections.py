@@ -18,7 +18,8 @@ goes one way more than the other, are outlines; what they wind around is filled
 (`pipeline.geometry.section_caps`), and cut by the next planes as faces are. Outlines that cross,
 as those of shells that run through each other, are split there, and a triangle without area fills
 in what rounding leaves between them and the edge of the face. So the outlines of closed meshes
-always close, whatever passes through vertices and edges.
+close, whatever passes through vertices and edges. Only where thousands of faces run through each
+other may splitting come to no end: such a cut has no cap, which is warned of.
 """
 
 from __future__ import annotations

@@ -16,7 +16,9 @@ NEUTRAL = [effect for effect in EFFECTS if type(effect).neutral is not Effect.ne
 
 
 def drawn(scene):
-    options = {"size": SIZE, "outputs": ("color", "linear"), "threads": 1}
+    # Beneath an environment all is found in float64, and some objects in float32 without one.
+    exact = rj.Quality(interpolation_precision="float64")
+    options = {"size": SIZE, "outputs": ("color", "linear"), "threads": 1, "quality": exact}
     return rj.render(scene, switched_off.CAMERA, **options)
 
 

@@ -159,7 +159,15 @@ GONE = {
 }  # fmt: skip
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
+FLOAT32 = {
+    "float32_planes.find_float32_surface", "float32_planes.set_aside_sure",
+    "float32_planes.take_back_sure",
+}  # fmt: skip
+"""What finds objects in float32, where no environment lights them."""
+
 INSTEAD = {
+    "environment": FLOAT32,
+    "environment light": FLOAT32,
     "textures": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},

@@ -220,6 +220,36 @@ def winding(corners, points):
     return np.rint(2.0 * np.arctan2(numerator, denominator).sum(axis=1) / (4.0 * np.pi))
 
 
+def are_covered(corners, points):
+    """Tell which points, (N, 2), lie in a triangle, (T, 3, 2), of either side."""
+    a, b, c = (corners[np.newaxis, :, k] - points[:, np.newaxis] for k in range(3))
+    sides = [one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+             for one, other in ((a, b), (b, c), (c, a))]  # fmt: skip
+    return (np.all(np.array(sides) > 0.0, axis=0) | np.all(np.array(sides) < 0.0, axis=0)).any(1)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 8, 9, 15, 16])
+def test_caps_of_crumpled_solids_fill_what_is_inside(seed, recwarn):
+    # A third of the faces runs through others, and the second plane cuts a cap of many parts.
+    rng = np.random.default_rng(seed)
+    shape = trimesh.creation.icosphere(3)
+    vertices = shape.vertices + 0.5 * rng.normal(size=shape.vertices.shape)
+    planes = [
+        rj.Plane((0, 0, 0.1), (0, 0, 1)),
+        rj.Plane(rng.normal(size=3) * 0.1, rng.normal(size=3)),
+    ]
+    scene = scene_with((vertices, np.array(shape.faces), np.eye(4)), planes=planes)
+    caps = caps_of(scene)[0]
+    assert len(caps) == 2
+    assert not recwarn.list
+    points = np.c_[rng.uniform(-2.0, 2.0, (400, 2)), np.full(400, 0.1)]
+    is_left = (points - planes[1].point) @ planes[1].normal < 0.0
+    is_inside = is_left & (winding(vertices[shape.faces], points) != 0)
+    assert 40 < np.count_nonzero(is_inside) < 360
+    found = are_covered(world_of(caps[0])[:, :, :2], points[:, :2])
+    np.testing.assert_array_equal(found, is_inside)
+
+
 def seen_through(scene, eyes, ways):
     """
     Return what rays see, slowly: object, face (-1 - plane of caps), and how far, (N,) each.

@@ -587,3 +587,15 @@ def test_gltf_is_read_without_trimesh(tmp_path):
         "assert 'trimesh' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_an_avatar_is_a_glb_file(tmp_path):
+    path = textured().save(tmp_path / "a.glb").rename(tmp_path / "avatar.vrm")
+    assert len(rj.load(path).nodes) == 1
+
+
+def test_a_file_that_needs_a_later_reader_is_refused(tmp_path):
+    model = textured()
+    document(model)["asset"]["minVersion"] = "2.5"
+    with pytest.raises(rj.MeshFileError, match=r"needs a reader of glTF 2\.5, not 2\.0"):
+        rj.load(model.save(tmp_path / "a.glb"))

@@ -289,3 +289,11 @@ def test_parts_that_are_none_are_refused(parts, said):
     with pytest.raises(ValueError, match=said):
         node.set_trs(**parts)
     assert np.array_equal(node.transform, np.eye(4))
+
+
+def test_weights_whose_sum_overflows_are_scaled_too():
+    mesh = rj.Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]],
+        joints=[[0, 1]] * 3, weights=[[1e308, 1e308], [3.0, 1.0], [1.0, 0.0]],
+    )  # fmt: skip
+    assert mesh.weights.tolist() == [[0.5, 0.5], [0.75, 0.25], [1.0, 0.0]]

@@ -150,7 +150,8 @@ class FogEffect(Effect):
         if fog.flat is not None:
             # Find the points of what was lit at the middles of faces.
             steps.append(Step(attributes.gather_positions, (placement.positions,)))
-            steps.append(Step(attributes.find_points, (placement,)))
+            materials = look.surface.materials
+            steps.append(Step(attributes.find_points_of_flat, (placement, materials)))
         if fog.mode == fog_stage.LINEAR:
             own = fog.end, fog.per_range, fog.color, viewer
             return [*steps, Step(fog_stage.cover_linearly, own)]

@@ -100,9 +100,13 @@ class GltfFile:
             raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
         if not isinstance(self.header, dict):
             raise ValueError("the JSON is not an object")
-        version = str(object_of(self.header, "asset").get("version", "2.0"))
+        asset = object_of(self.header, "asset")
+        version = str(asset.get("version", "2.0"))
         if version.split(".")[0] != "2":
             raise ValueError(f"it is of glTF {version[:LONGEST_SHOWN]}, not 2.0")
+        least = str(asset.get("minVersion", "2.0"))
+        if least != "2.0":
+            raise ValueError(f"it needs a reader of glTF {least[:LONGEST_SHOWN]}, not 2.0")
         self.required = frozenset(map(str, list_of(self.header, "extensionsRequired")))
 
     def entry(self, section: str, number: Any) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def _joints(
     is_off = np.abs(sums - 1.0) > rounding
     if (is_off & ~is_lost).any():
         left_out.note(
-            f"sums of weights of {label} that are not 1, to which they are scaled",
+            f"sums of weights of {label}, which are not 1: weights are scaled",
             int(np.count_nonzero(is_off & ~is_lost)),
         )
     is_wrong = (numbers < 0.0) | (numbers != np.floor(numbers))

@@ -51,7 +51,8 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
-GLTF_FORMATS = ("gltf", "glb")
+GLTF_FORMATS = ("gltf", "glb", "vrm")
+"""Extensions of their files; a .vrm is a GLB file of an avatar."""
 
 
 def load_gltf(

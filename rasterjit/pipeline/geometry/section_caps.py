@@ -34,7 +34,7 @@ def find_contacts(
     points: int64[:, ::1], edges: int64[:, ::1], active: int64[::1], found: int64[:, ::1]
 ):
     """
-    Find where edges meet elsewhere than at an end of both.
+    Find where edges meet, to within a step of the grid, elsewhere than at an end of both.
 
     Parameters
     ----------
@@ -68,7 +68,8 @@ def find_contacts(
             at_a, at_b = turn(points, c, d, a), turn(points, c, d, b)
             at_c, at_d = turn(points, a, b, c), turn(points, a, b, d)
             # Ascending numbers are ascending places, so a point on the line of an edge is within it
-            # if its number is.
+            # if its number is. One within a step of the grid counts, too: edges that nearly lie in
+            # one line, split where they cross alone, would make new crossings for ever.
             for end in range(4):
                 edge, point, beside = other, a, at_a
                 if end == 1:
@@ -77,7 +78,11 @@ def find_contacts(
                     edge, point, beside = one, c, at_c
                 elif end == 3:
                     edge, point, beside = one, d, at_d
-                if beside == 0 and edges[edge, 0] < point and point < edges[edge, 1]:
+                low, high = edges[edge, 0], edges[edge, 1]
+                x, start, stop = points[point, 0], points[low, 0], points[high, 0]
+                length = max(abs(stop - start), points[high, 1] - points[low, 1])
+                is_near = abs(beside) <= length and min(start, stop) <= x and x <= max(start, stop)
+                if is_near and low < point and point < high:
                     if count < found.shape[0]:
                         found[count, 0] = edge
                         found[count, 1] = point

@@ -608,6 +608,35 @@ def find_points(block: Block, count, placement: Placement):
 
 
 @stage
+def find_points_of_flat(block: Block, count, placement: Placement, materials: float32[:, ::1]):
+    """Write where samples of flat objects lie, as `find_points` does, once they are lit."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    p, matrices = placement.positions, placement.relative_from_model
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != FLAT:
+            continue
+        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        matrix = matrix_of(matrices, owner)
+        if segment[KIND] == MIXED:
+            mix_points(
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
+                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
+                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            first = place_vertex(a, owner, placement)
+            points_along_span(
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                (first, way(p, a, b), way(p, a, c), matrix),
+            )  # fmt: skip
+
+
+@stage
 def find_middles(block: Block, count, placement: Placement, materials: float32[:, ::1]):
     """Write the middles of the faces of flat objects instead. After `gather_positions`."""
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
