@@ -46,6 +46,9 @@ DEBUG = "rasterjit.debug"
 FILE = "rasterjit.file"
 """Key of the file that was read in click's context."""
 
+WARNS_BY_LINES = "rasterjit.warns_by_lines"
+"""Key in click's context: whether warnings are printed as lines."""
+
 SCENE = re.compile(r"scene\b")
 """How errors begin that are about what a file held."""
 
@@ -443,4 +446,25 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
         warn(in_options(str(warning.message)), quiet)
     look.apply(scene)
     effects.apply(scene)
+    _warn_by_lines(quiet)
     return scene
+
+
+def _warn_by_lines(quiet: bool) -> None:
+    """Print what drawing warns of as lines, until the command ends."""
+    context, known = click.get_current_context(), warnings.showwarning
+    if context.meta.get(WARNS_BY_LINES):
+        return
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any) -> None:
+        if issubclass(category, UserWarning):
+            warn(in_options(str(message)), quiet)
+        else:
+            known(message, category, *rest)
+
+    def restore() -> None:
+        warnings.showwarning = known
+
+    context.meta[WARNS_BY_LINES] = True
+    warnings.showwarning = show
+    context.call_on_close(restore)

@@ -28,9 +28,9 @@ class Plane:
 
     ``scene.section = Plane(point, normal)``, or a list of planes, cuts all meshes, points and lines
     of a scene; what lies in front of *any* of the planes is cut away. Faces are cut exactly where
-    the plane crosses them. The cut of a closed mesh is filled by a cap in a colour of its own; that
-    of an open one is not, which is warned of once. What lies in the plane itself stays if the solid
-    is behind it.
+    the plane crosses them. The cut of a closed mesh, whose faces are all wound one way, is filled
+    by a cap in a colour of its own; that of any other is not, which is warned of once. What lies in
+    the plane itself stays if the solid is behind it.
 
     All outputs tell what is seen through the cut. A cap belongs to its object: ``object_id``,
     ``instance_id`` and ``material_id`` are those of the object, ``face_id`` is the number of all
@@ -41,7 +41,9 @@ class Plane:
     vertices (``"gouraud"``) is lit at those of the cut as well.
 
     Cameras that fit the scene, `Scene.bounds` and ``nocs`` are those of the whole scene, so that
-    the view holds while a plane moves. ``motion`` follows the points of the surface: an earlier
+    the view holds while a plane moves. Where a plane moves, all vertices and faces of the meshes
+    that it meets are gone through anew, for each frame, which may cost more than to draw them;
+    an unchanged section is cut once. ``motion`` follows the points of the surface: an earlier
     scene is cut where this one is.
 
     Parameters
@@ -54,7 +56,9 @@ class Plane:
         Whether the cut of closed meshes is filled.
     cap_color : colour, optional
         Of the caps, opaque, or see-through where its alpha is below 1. Default: half the light of
-        the object's own colour.
+        the object's own colour, which is one for the whole cap: the material's, times the mean of
+        the colours of vertices or faces, or of those that the colour map gives to scalars.
+        Textures do not count.
     lines : bool
         Whether the outline of the cut is drawn over 8-bit colour, open meshes' too.
     line_color : colour
@@ -71,7 +75,7 @@ class Plane:
     Examples
     --------
     >>> import rasterjit as rj
-    >>> scene = rj.load("models/teapot.obj")
+    >>> scene = rj.load("models/torus_knot.obj")
     >>> scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True)
     """
 

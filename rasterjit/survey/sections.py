@@ -123,6 +123,9 @@ class Cut(NamedTuple):
     where there are no pieces."""
     edges: tuple[NDArray[np.int32], ...]
     """(E, 2) of each plane: where it cuts faces, vertex numbers of the new scene."""
+    sides: tuple[NDArray[np.int32], ...]
+    """(E, 3) of each plane: a vertex that makes a face of each edge, its new object, and 1 if the
+    face turns outward so, else -1. The vertex is -1 where none tells what hides the edge."""
     nodes: tuple[Node, ...]
     """Of the old scene."""
     vertices: tuple[Int64 | None, ...]
@@ -186,6 +189,8 @@ class Parts(NamedTuple):
     """(P, 3, 3): of the corners of the last faces, which are pieces."""
     edges: tuple[NDArray[np.int32], ...]
     """(E, 2) of each plane."""
+    sides: tuple[NDArray[np.int32], ...] = ()
+    """(E, 2) of each plane: as `Cut.sides`, without the object; empty where there are no edges."""
 
 
 class Recipe(NamedTuple):
@@ -215,6 +220,9 @@ class Recipe(NamedTuple):
 
 _CLOSED: weakref.WeakKeyDictionary[Mesh, tuple[bool, Int64]] = weakref.WeakKeyDictionary()
 """Whether meshes are closed, and the places of their vertices."""
+
+_OUTWARD: weakref.WeakKeyDictionary[Mesh, float] = weakref.WeakKeyDictionary()
+"""Which way faces of meshes turn that have the solid behind them: 1, or -1 if inside out."""
 
 _TOLD: weakref.WeakSet[Mesh] = weakref.WeakSet()
 """Open meshes that were warned of."""
@@ -300,6 +308,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     nodes, owners, numbers, weights, edges, vertices = CutNodes(), [], [], [], [], 0
     every: list[list[NDArray[np.int32]]] = [[] for _ in planes]
+    sides: list[list[NDArray[np.int32]]] = [[] for _ in planes]
 
     def add(node: Node, owner: int, faces: Int64, inner: Float64) -> None:
         nodes.append(node)
@@ -314,6 +323,10 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
         add(parts.node, owner, own + starts[owner], parts.weights)
         for plane, lines in enumerate(parts.edges):
             every[plane].append(lines + np.int32(vertices))
+        for plane, (third, turn) in enumerate(rows.T for rows in parts.sides):
+            moved = np.where(third < 0, -1, third + vertices)
+            own = np.full(len(third), len(nodes) - 1)
+            sides[plane].append(np.stack([moved, own, turn], axis=1).astype(np.int32))
         vertices += len(parts.node.mesh.vertices)
     for owner, parts in enumerate(found):
         for plane, node in enumerate(parts.caps):
@@ -349,6 +362,7 @@ def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) ->
         np.append(np.concatenate(is_piece), False),
         joined,
         tuple(np.ascontiguousarray(rows, np.int32) for rows in edges),
+        tuple(np.concatenate([np.zeros((0, 3), np.int32), *rows]) for rows in sides),
         tuple(scene.nodes),
         tuple(
             _old_vertices(node.mesh, scene.nodes[owner].mesh)
@@ -568,6 +582,18 @@ def _closed(mesh: Mesh) -> tuple[bool, Int64]:
     return _CLOSED[mesh]
 
 
+def _why_open(mesh: Mesh) -> str:
+    """Say what keeps faces from closing: edges of single faces, or faces that turn another way."""
+    _, places = _closed(mesh)
+    ends = places[mesh.faces]
+    edges = np.stack([ends.ravel(), np.roll(ends, -1, axis=1).ravel()], axis=1)
+    edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    if mesh.invalid_vertices or (counts % 2).any():
+        return "its mesh is not closed"
+    return "its mesh's faces are not all wound one way"
+
+
 def _sewn(points: Float64, places: Int64, loose: Int64) -> Int64:
     """Return places, (V,), where those of loose vertices that nearly touch are one."""
     some = points[loose]
@@ -633,12 +659,15 @@ class _Cutter:
     def _outward(self) -> float:
         """Which way faces turn in the world that have the solid behind them: 1 or -1."""
         turned = float(place_objects([self.node.world_from_model]).mirrored[0])
-        vertices = self.mesh.vertices / 2.0
-        vertices = vertices - vertices[self.mesh.faces[0, 0]]
-        # So that products neither overflow nor vanish.
-        vertices /= np.abs(vertices).max() or 1.0
-        volume = math.fsum(_triple(*(vertices[self.mesh.faces[:, k]] for k in range(3))))
-        return turned * math.copysign(1.0, volume)
+        mesh = self.mesh
+        if mesh not in _OUTWARD:
+            vertices = mesh.vertices / 2.0
+            vertices = vertices - vertices[mesh.faces[0, 0]]
+            # So that products neither overflow nor vanish.
+            vertices /= np.abs(vertices).max() or 1.0
+            volume = math.fsum(_triple(*(vertices[mesh.faces[:, k]] for k in range(3))))
+            _OUTWARD[mesh] = math.copysign(1.0, volume)
+        return turned * _OUTWARD[mesh]
 
     def parts(self) -> Parts:
         """Return what is left."""
@@ -648,6 +677,7 @@ class _Cutter:
         faces = np.concatenate([self.mesh.faces[self.whole], self.corners[is_face]])
         numbers = np.concatenate([self.whole, self.numbers[is_face]])
         node, recipe, edges = None, None, [np.zeros((0, 2), np.int32)] * len(self.planes)
+        sides: list[NDArray[np.int32]] = []
         if len(faces):
             lines = [
                 self._outline(number) if plane.lines else np.zeros((0, 2), np.int64)
@@ -659,10 +689,16 @@ class _Cutter:
             mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
             node = _moved(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
+            is_used = np.zeros(len(self.distances), bool)
+            is_used[used] = True
+            for number, ends in enumerate(lines):
+                third, turn = self._beside(number, ends)
+                third = np.where((third >= 0) & is_used[third], renumbered[third], -1)
+                sides.append(np.stack([third, turn], axis=1).astype(np.int32))
         elif not len(self.corners):
             return Parts(None, (), None, None, NO_WEIGHTS, tuple(edges))
         caps = tuple(self._cap(number) for number in range(len(self.planes)))
-        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges))
+        return Parts(node, caps, recipe, numbers, self.weights[is_face], tuple(edges), tuple(sides))
 
     def _used(self, faces: Sequence[NDArray[Any]]) -> tuple[Int64, NDArray[np.int32]]:
         """Return the vertices of faces or lines, and the new number of each vertex."""
@@ -684,6 +720,9 @@ class _Cutter:
         numbers = np.concatenate([cut_numbers, self.numbers[crossed_pieces]])
         weights = np.concatenate([eye, self.weights[crossed_pieces]])
         counts = np.concatenate([np.ones(len(cut_faces), np.int64), self.counts[crossed_pieces]])
+        touches = not self.is_closed and (
+            len(corners) or self._parts_along(plane, faces, kept, signs)
+        )
         corners, parents, weights = self._split(plane, corners, signs[corners], weights)
         self.corners = np.concatenate([self.corners[kept_pieces], corners])
         self.numbers = np.concatenate([self.numbers[kept_pieces], numbers[parents]])
@@ -692,17 +731,33 @@ class _Cutter:
         if not self.is_closed:
             # One shape has many poses.
             shape = getattr(self.mesh, "_rest", None) or self.mesh
-            if len(corners) and self.planes[plane].cap and shape not in _TOLD:
+            if touches and self.planes[plane].cap and shape not in _TOLD:
                 _TOLD.add(shape)
                 warn_caller(
-                    f"{self.node.name!r} is cut by a section, but its mesh is not closed: it is "
-                    "drawn without a cap"
+                    f"{self.node.name!r} is cut by a section, but {_why_open(shape)}: it is drawn "
+                    "without a cap"
                 )
             return
         tails, heads, sums = self._sides(plane)
         if len(tails):
             # A cap goes around the other way.
             self._fill(plane, heads, tails, sums)
+
+    def _parts_along(
+        self, plane: int, faces: Int64, kept: NDArray[np.bool_], signs: Float64
+    ) -> bool:
+        """Tell whether a plane parts faces along their edges: some stay and others go."""
+        at = signs[faces]
+        ahead = (at > 0.0).any(axis=1) & ~(at < 0.0).any(axis=1)
+        if not ahead.any():
+            return False
+        keys = []
+        for some in (faces[kept], faces[ahead]):
+            tails, heads = some.ravel(), np.roll(some, -1, axis=1).ravel()
+            flat = (signs[tails] == 0.0) & (signs[heads] == 0.0)
+            ends = np.sort(self.places[np.stack([tails[flat], heads[flat]], axis=1)], axis=1)
+            keys.append(ends[:, 0] << 32 | ends[:, 1])
+        return bool(np.isin(*keys).any())
 
     def _sorted(
         self, plane: int, corners: Int64, signs: Float64
@@ -831,6 +886,42 @@ class _Cutter:
         tails, heads, _ = self._sides(plane, -1 - plane)
         return np.stack([tails, heads], axis=1)
 
+    def _beside(self, plane: int, ends: Int64) -> tuple[Int64, Int64]:
+        """
+        Return a vertex that makes a face of each line of a cut, and which way that turns.
+
+        Takes the lines, (E, 2). The vertex is -1 where a solid need not hide the line from behind:
+        it is not closed, light comes through it, or another plane lets one look into it.
+        """
+        none = np.full(len(ends), -1), np.ones(len(ends), np.int64)
+        lets_in = any(
+            not other.cap or (other.cap_color is not None and other.cap_color[3] < 1.0)
+            for number, other in enumerate(self.planes)
+            if number != plane
+        )
+        is_solid = self.is_closed and self.mesh.material.alpha_mode == "opaque"
+        if not len(ends) or not is_solid or lets_in:
+            return none
+        faces = self.mesh.faces[self.whole].astype(np.int64)
+        faces = np.concatenate([faces, self.corners[self.numbers >= 0]])
+        zero = self.distances[:, plane] == 0.0
+        faces = faces[np.count_nonzero(zero[faces], axis=1) == 2]
+        rows = np.concatenate([np.roll(faces, -k, axis=1) for k in range(3)])
+        rows = rows[zero[rows[:, 0]] & zero[rows[:, 1]] & ~zero[rows[:, 2]]]
+        if not len(rows):
+            return none
+        tails, heads = self.places[rows[:, 0]], self.places[rows[:, 1]]
+        keys = np.minimum(tails, heads) << 32 | np.maximum(tails, heads)
+        order = np.argsort(keys, kind="stable")
+        tails, keys, thirds = tails[order], keys[order], rows[order, 2]
+        own = self.places[ends]
+        wanted = own.min(axis=1) << 32 | own.max(axis=1)
+        found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+        # Where several faces meet, none tells alone.
+        is_known = (keys[found] == wanted) & (np.searchsorted(keys, wanted, "right") == found + 1)
+        turn = np.where(tails[found] == own[:, 0], 1, -1) * int(self._outward)
+        return np.where(is_known, thirds[found], -1), turn
+
     def _fill(self, plane: int, tails: Int64, heads: Int64, sums: Int64) -> None:
         """Add what outlines in a plane wind around to the pieces, as caps."""
         outlines = _Outlines(self, plane)
@@ -852,6 +943,12 @@ class _Cutter:
         corners = self.corners[self.numbers == -1 - plane]
         if not len(corners) or not self.planes[plane].cap:
             return None
+        a, b, c = np.moveaxis(self.world[corners], 1, 0)
+        normal = np.broadcast_to(np.array(self.planes[plane].normal), a.shape)
+        turned = float(place_objects([self.node.world_from_model]).mirrored[0])
+        if turned * math.fsum(_triple(normal, b - a, c - a)) < 0.0:
+            # Caps face what is cut away, whichever way the mesh is wound.
+            corners = corners[:, ::-1]
         used, renumbered = self._used([corners])
         recipe = Recipe(tuple(self.steps), used)
         result: Any = CutMesh.__new__(CutMesh)

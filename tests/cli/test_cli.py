@@ -3,6 +3,7 @@ import json
 import struct
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -1067,6 +1068,22 @@ def test_quiet_silences_warnings_and_otherwise_they_are_one_line_each(tmp_path):
     assert loud.stderr.startswith("warning: ")
     assert loud.stderr.count("\n") == 1
     assert quiet.output == ""
+
+
+@pytest.mark.filterwarnings("always::UserWarning")
+def test_an_open_mesh_that_is_cut_is_warned_of_in_one_line(tmp_path):
+    mesh = tmp_path / "open.obj"
+    mesh.write_text("v 0 0 0\nv 2 0 0\nv 0 2 0\nf 1 2 3\n")
+    arguments = ("render", mesh, "-o", tmp_path / "a.png", "--size", "48x36", "--section", "x=1")
+    known = warnings.showwarning
+    loud, quiet = run(*arguments), run(*arguments, "--quiet")
+    assert loud.exit_code == quiet.exit_code == 0
+    assert loud.stderr.splitlines() == [
+        "warning: 'open.obj' is cut by a section, but its mesh is not closed: it is drawn without "
+        "a cap"
+    ]
+    assert quiet.output == ""
+    assert warnings.showwarning is known
 
 
 def test_an_empty_view_is_warned_of(tmp_path):

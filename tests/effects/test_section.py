@@ -651,6 +651,45 @@ def test_open_meshes_have_no_cap_and_are_named_once():
     assert (frame.face_id >= 0).any()
 
 
+def test_open_meshes_cut_along_their_edges_are_named_too(recwarn):
+    # Two walls of two floors, without a top or a bottom; the plane lies between the floors.
+    steps = np.array([[x, y, z] for z in (-1, 0, 1) for x, y in ((-1, 0), (1, 0), (1, 1))], float)
+    faces = [
+        [3 * floor + corner for corner in triple]
+        for floor in (0, 1)
+        for triple in ((0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4))
+    ]
+    plane = rj.Plane((0, 0, 0), (0, 0, 1))
+    scene = scene_with((steps, faces, np.eye(4)), planes=plane)
+    assert len(cut(scene).nodes[0].mesh.faces) == 4
+    assert "its mesh is not closed" in str(recwarn.pop(UserWarning).message)
+    # Nothing is cut where what goes does not touch what stays.
+    apart = np.concatenate([steps[:6], steps[3:]])
+    faces = [*faces[:4], *(np.array(faces[4:]) + 3).tolist()]
+    apart[6:, 1] += 5.0
+    scene = scene_with((apart, faces, np.eye(4)), planes=plane)
+    assert len(cut(scene).nodes[0].mesh.faces) == 4
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_caps_of_meshes_wound_inside_out_have_the_normal_and_light_of_others(mirrored):
+    vertices, faces = solid("torus")
+    plane = rj.Plane((0.1, 0, 0), (0.2, 0.1, 1.0), cap_color="red")
+    camera = rj.PerspectiveCamera((0.5, 1.0, 4.0), (0.0, 0.0, 0.0))
+    frames = []
+    for order in (1, -1):
+        scene = scene_with((vertices, faces[:, ::order], turned(2, mirrored)), planes=plane)
+        frames.append(shown(scene, camera, outputs=("color", "normal", "face_id")))
+    right, inside_out = frames
+    is_cap = right.face_id == len(faces)
+    assert is_cap.sum() > 50
+    np.testing.assert_array_equal(is_cap, inside_out.face_id == len(faces))
+    np.testing.assert_allclose(inside_out.normal[is_cap], right.normal[is_cap], atol=1e-6)
+    np.testing.assert_array_equal(inside_out.color[is_cap], right.color[is_cap])
+    assert (right.normal[is_cap] @ plane.normal > 0.99).all()
+
+
 def test_faces_that_turn_another_way_make_a_mesh_open(recwarn):
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     faces = np.array(box.faces)
@@ -659,7 +698,10 @@ def test_faces_that_turn_another_way_make_a_mesh_open(recwarn):
     scene.add(rj.Mesh(box.vertices, faces, material=rj.Material("flat")), name="twisted")
     scene.section = rj.Plane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
     assert len(cut(scene).nodes) == 1
-    assert "'twisted'" in str(recwarn.pop(UserWarning).message)
+    message = str(recwarn.pop(UserWarning).message)
+    assert message.startswith(
+        "'twisted' is cut by a section, but its mesh's faces are not all wound"
+    )
     # All of them inside out are closed.
     scene = scene_with((box.vertices, box.faces[:, ::-1], np.eye(4)), planes=scene.section)
     assert len(cut(scene).nodes) == 2
@@ -728,6 +770,36 @@ def test_lines_are_hidden_by_what_is_nearer():
     camera = rj.PerspectiveCamera((0.0, -1.4, 4.0), (0.0, -1.6, 0.0), fov_y=20.0, near=0.5, far=20)
     frame = shown(scene, camera, background="white")
     assert not (frame.color[..., :3] == (255, 0, 0)).all(axis=2).any()
+
+
+def red_pixels(frame):
+    return (frame.color[..., :3] == (255, 0, 0)).all(axis=2)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("order", [1, -1])
+def test_lines_behind_the_silhouette_of_their_solid_are_hidden(side, order):
+    # Cut at its widest place and seen from behind, a bit from above: its lower rim is hidden.
+    scene = rj.Scene()
+    shape = trimesh.creation.torus(1.0, 0.4, 48, 24)
+    mesh = rj.Mesh(shape.vertices, shape.faces[:, ::order], material=rj.Material("unlit", "white"))
+    scene.add(mesh, np.diag([side, 1.0, 1.0, 1.0]))
+    scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1)
+    camera = rj.OrthographicCamera((0.0, 1.0, -5.0), (0.0, 0.0, 0.0), height=3.2)
+    red = red_pixels(shown(scene, camera, size=(160, 160), background="white"))
+    assert red[:30].sum() > 50
+    # The rim around the hole ends at row 110.
+    assert not red[131:].any()
+
+
+def test_lines_are_seen_from_inside_of_their_solid():
+    scene = rj.Scene()
+    shape = trimesh.creation.box((2.0, 2.0, 2.0))
+    scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
+    scene.section = rj.Plane((0, 0, 0.5), (0, 0, 1), cap=False, lines=True, line_color="red")
+    camera = rj.PerspectiveCamera((0.0, 0.0, -0.8), (0.0, 0.0, 1.0), fov_y=100.0, near=0.01, far=9)
+    red = red_pixels(shown(scene, camera, size=(100, 100), background="white"))
+    assert red.sum() > 300
 
 
 def test_wireframes_show_no_edge_inside_of_a_cap():

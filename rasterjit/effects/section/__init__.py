@@ -4,7 +4,8 @@ Sections: say what a section does, and draw the lines along which it cuts.
 A frame has it where the scene asks for it. The cut itself is geometry, made before anything is
 planned (`rasterjit.survey.sections`), and costs a frame what its objects cost: nothing here.
 Section lines are drawn over the finished picture, where colour is shown in 8 bits: as edges of a
-wireframe, hidden by what is nearer, each pixel widened to a disc as those of outlines are.
+wireframe, hidden by what is nearer and by the solid that is cut, each pixel widened to a disc as
+those of outlines are.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.outline import disc_rows
 from rasterjit.effects.outline.stage import draw_marks
 from rasterjit.effects.wireframe import draw_edges
+from rasterjit.pipeline.geometry.setup import NEAR
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.scene import Scene
@@ -167,10 +169,14 @@ class SectionLines(Effect):
         height = len(target)
         per_task = rows_per_task(target.shape, workers)
         bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
-        edges_of = [] if cache.cut is None else cache.cut.edges
-        for plane, edges in zip(planes, edges_of, strict=False):
+        cut = cache.cut
+        for number, plane in enumerate(planes if cut is not None else ()):
+            edges = cut.edges[number]
             if not plane.lines or not len(edges):
                 continue
+            if plan.cull != "front":
+                is_behind = _behind_their_solids(plane, edges, cut.sides[number], context)
+                edges = np.ascontiguousarray(edges[~is_behind])
             drawn = np.zeros(color.shape, np.uint8)
             draw_edges(edges, geometry, coefficients, MARK, drawn, hidden_by, workers)
             marks, reach = drawn[:, :, 0].copy(), disc_rows(plane.line_width)
@@ -185,6 +191,32 @@ class SectionLines(Effect):
             workers.run(draw_band, bands)
 
     places: ClassVar = {"overlay": draw_over}
+
+
+def _behind_their_solids(
+    plane: Plane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
+) -> NDArray[np.bool_]:
+    """
+    Tell which edges of a cut are hidden by the solid that is cut, (E,): both its face there and the
+    cut are turned away. Depth alone does not tell along its silhouette.
+    """
+    geometry, placement = context.geometry, context.placement
+    result = np.zeros(len(edges), bool)
+    x, y, z, share = placement.toward_viewer.tolist()
+    for owner in np.unique(sides[sides[:, 0] >= 0, 1]).tolist():
+        rows = np.flatnonzero((sides[:, 1] == owner) & (sides[:, 0] >= 0))
+        corners = np.column_stack([edges[rows], sides[rows, 0]])
+        matrix = placement.relative_from_model[owner]
+        points = placement.positions[corners] @ matrix[:, :3].T + matrix[:, 3]
+        a, b, c = np.moveaxis(points, 1, 0)
+        toward = np.array([x, y, z]) - share * a
+        facing = sides[rows, 2] * (np.cross(b - a, c - a) * toward).sum(axis=1)
+        hidden = rows[(facing < 0.0) & ((toward * plane.normal).sum(axis=1) < 0.0)]
+        first, last = placement.face_starts[owner : owner + 2].tolist()
+        # Whoever is inside of it sees them.
+        if len(hidden) and not (geometry.codes[geometry.faces[first:last]] & NEAR).any():
+            result[hidden] = True
+    return result
 
 
 SECTION = Sections()
