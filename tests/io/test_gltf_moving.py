@@ -539,6 +539,8 @@ def nan_values(model):
         (channel(sampler=4), "sampler must be below 1, got 4"),
         (channel(target=3), "target must be an object"),
         (sampler(interpolation="BEZIER"), "interpolation must be one of"),
+        (sampler(interpolation="BEZIER", output=0), "interpolation must be one of"),
+        (sampler(interpolation=["LINEAR"]), "interpolation must be one of"),
         (sampler(output=0), "output must be 3 rows of 4"),
         (sampler(input=0), "input must be numbers"),
         (sampler(input=77), "no accessor 77"),

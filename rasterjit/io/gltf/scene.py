@@ -390,6 +390,8 @@ def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[An
         found = list_of(entry, key)
         for number in found:
             if whole_of({key: number}, key) >= len(nodes):
+                if not nodes:
+                    raise ValueError(f"{key} names {shown(number)}, but the file has no nodes")
                 raise ValueError(f"{key} must be below {len(nodes)}, got {shown(number)}")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
