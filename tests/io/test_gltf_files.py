@@ -470,7 +470,8 @@ def test_nodes_hang_together_as_in_the_file(tmp_path):
         {"name": "eye"},
     ]
     document(model)["scenes"] = [{"nodes": [1]}]
-    scene = rj.load(model.save(tmp_path / "a.glb"))
+    with pytest.warns(LoadWarning, match="scene 1 beside the one shown"):
+        scene = rj.load(model.save(tmp_path / "a.glb"))
     assert [node.name for node in scene.nodes] == ["base", "base part 2", "hand", "hand part 2"]
     hand, wanted = scene.find("hand"), np.eye(4)
     assert [hand.parent.name, hand.parent.parent.name] == ["3", "elbow"]
@@ -570,6 +571,17 @@ def test_a_glb_that_is_none_and_nodes_that_are_not_there_are_refused_by_name(tmp
         MeshFileError, match=r"its scene: nodes names \d, but the file has no nodes"
     ):
         rj.load(tmp_path / "a.gltf")
+
+
+def test_scenes_that_are_not_shown_are_named(tmp_path):
+    document = json.loads(arm().save(tmp_path / "a.gltf").read_text())
+    (first,) = document["scenes"]
+    document["scenes"] = [{**first, "name": "night"}, first, first]
+    for number, said in ((0, "scene 1, scene 2"), (1, "scene 'night', scene 2")):
+        document["scene"] = number
+        (tmp_path / "a.gltf").write_text(json.dumps(document))
+        with pytest.warns(LoadWarning, match=rf"left out {said} beside the one shown \(2\); the"):
+            rj.load(tmp_path / "a.gltf")
 
 
 def test_a_reason_is_said_once_with_the_first_that_have_it(tmp_path):

@@ -50,6 +50,7 @@ from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
+from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb")
 
@@ -140,11 +141,16 @@ class _GltfScene:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_what_is_not_read(self) -> None:
-        """Note the extensions that are not shown, by name."""
+        """Note the extensions, and the scenes, that are not shown, by name."""
         header = self._file.header
         for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
             if name not in UNDERSTOOD:
                 self._left_out.note(f"extension {name[:80]}")
+        default = header.get("scene", 0)
+        for number, scene in enumerate(list_of(header, "scenes")):
+            if number != default and scene != {}:
+                name = scene.get("name", number) if isinstance(scene, dict) else number
+                self._left_out.note(f"scene {in_short(name)}", reason=" beside the one shown")
 
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
