@@ -97,7 +97,10 @@ class Resources:
         place = Path(os.path.realpath(written))
         for one in (written, place):
             if not one.is_relative_to(self._root):
-                raise RefusedFileError(f"the file {shown} lies outside {str(self._root)!r}")
+                raise RefusedFileError(
+                    f"the file {shown} lies outside {str(self._root)!r}; resource_root names "
+                    "another folder"
+                )
         return place
 
 

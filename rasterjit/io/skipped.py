@@ -26,6 +26,9 @@ class MissingFileError(ValueError):
 LONGEST_REASON = 200
 """Characters of a reason that a message shows."""
 
+MOST_NAMED = 3
+"""Things that a message names that are left out for the same reason."""
+
 
 def reason_of(error: Exception) -> str:
     """Return in one line why something cannot be read, whatever was raised about it."""
@@ -68,16 +71,30 @@ class LeftOut:
     """Count what is left out by kind, to warn about everything at once."""
 
     def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
+        self._counts: dict[str, Counter[str]] = {}
 
-    def note(self, what: str, count: int = 1) -> None:
-        """Add ``count`` things of a kind, such as ``"further camera"``."""
-        self._counts[what] += count
+    def note(self, what: str, count: int = 1, reason: str = "") -> None:
+        """
+        Add ``count`` things of a kind, such as ``"further camera"``.
+
+        Of those that are left out for one reason, such as ``": it is missing"``, a few are named.
+        """
+        self._counts.setdefault(reason or what, Counter())[what] += count
 
     def __str__(self) -> str:
-        return ", ".join(f"{what} ({count})" for what, count in self._counts.items())
+        return ", ".join(_told(reason, counts) for reason, counts in self._counts.items())
 
     def warn(self, source: str) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
             warn_caller(f"{source}: left out {self}; the rest is there", LoadWarning)
+
+
+def _told(reason: str, counts: Counter[str]) -> str:
+    """Return in one line what is left out for a reason, and how much of it."""
+    names = list(counts)
+    said = ", ".join(names[:MOST_NAMED])
+    if len(names) > MOST_NAMED:
+        said += f" and {len(names) - MOST_NAMED} more"
+    because = "" if reason in counts else reason
+    return f"{said}{because} ({counts.total()})"

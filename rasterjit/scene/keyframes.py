@@ -244,11 +244,17 @@ class Animation(Guarded):
         return max(float(channel.times[-1]) for channel in self._channels)
 
     def _with_nodes(self, copies: dict[int, Node]) -> Animation:
-        """Return the same animation of copied nodes, by the ids of those they are copies of."""
+        """
+        Return the same animation of copied nodes, by the ids of those they are copies of.
+
+        Of nodes that were not copied it moves the same as before.
+        """
         other = object.__new__(type(self))
         other.__dict__.update(
             self.__dict__,
-            _channels=tuple(one._with_node(copies[id(one.node)]) for one in self._channels),
+            _channels=tuple(
+                one._with_node(copies.get(id(one.node), one.node)) for one in self._channels
+            ),
         )
         return other
 

@@ -142,7 +142,9 @@ class Scene(Guarded, Previewed):
         """Return what is deeply copied or pickled; nodes are alone, and what joins them beside."""
         links = [
             (node, node.parent, node.transform, node._trs)
-            for top in self._all_tops()
+            for top in self._all_tops(
+                channel.node for one in self.animations for channel in one.channels
+            )
             for node in with_all_below(top)
             if node.parent
         ]
@@ -276,7 +278,8 @@ class Scene(Guarded, Previewed):
 
         Objects behind it in ``nodes`` move up: an object number is the index in ``nodes`` as it is,
         and instances of a mesh are counted anew; names stay. The node keeps what hangs below it,
-        and its ``transform``, and may be added again, here or elsewhere.
+        and its ``transform``, and may be added again, here or elsewhere. ``animations`` stay, too:
+        what they move of nodes that are not in the scene is neither played nor saved.
 
         Parameters
         ----------
@@ -394,7 +397,8 @@ class Scene(Guarded, Previewed):
             is as at these.
         animation : str, int, Animation or a sequence of them, optional
             Which of ``animations``, by its name, its number or itself; of several, what the later
-            ones move they move in place of the earlier ones. Default: the first.
+            ones move they move in place of the earlier ones. Default: the first; of these, and of
+            those of one name, the first that moves a node of the scene.
 
         Returns
         -------
@@ -406,7 +410,8 @@ class Scene(Guarded, Previewed):
         Raises
         ------
         ValueError
-            If the time is not finite, or there is no such animation.
+            If the time is not finite, there is no such animation, or it moves no node of the scene,
+            as after `remove`.
 
         Examples
         --------
@@ -439,14 +444,15 @@ class Scene(Guarded, Previewed):
                 )
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
+        own = set(map(id, self._all_tops()))
         if animation is None:
-            return [self._animation(0)]
+            return [_first_moving(self.animations, own)]
         if isinstance(animation, list | tuple):
-            return [self._animation(one) for one in animation]
-        return [self._animation(animation)]
+            return [_first_moving(self._animations_of(one), own) for one in animation]
+        return [_first_moving(self._animations_of(animation), own)]
 
-    def _animation(self, which: Any) -> Animation:
-        """Return an animation by its name or number, or itself, or raise ``ValueError``."""
+    def _animations_of(self, which: Any) -> list[Animation]:
+        """Return the animations of a name or number, or one itself, or raise ``ValueError``."""
         names = [one.name for one in self.animations]
         if isinstance(which, str):
             found = [one for one in self.animations if one.name == which]
@@ -455,12 +461,26 @@ class Scene(Guarded, Previewed):
                 raise ValueError(
                     f"animation must be one of {listed}, got {which!r}{question(which, names)}"
                 )
-            return found[0]
+            return found
         if isinstance(which, Animation):
             if not any(one is which for one in self.animations):
                 raise ValueError(f"animation must be one of the scene's, got {which!r}")
-            return which
-        return self.animations[index_below("animation", which, len(names))]
+            return [which]
+        return [self.animations[index_below("animation", which, len(names))]]
+
+    def _own_animations(self) -> list[Animation]:
+        """Return the animations without what they move of nodes that are not in the scene."""
+        if not self.animations:
+            return []
+        own = set(map(id, self._all_tops()))
+        found = []
+        for one in self.animations:
+            channels = [channel for channel in one.channels if id(topmost(channel.node)) in own]
+            if len(channels) == len(one.channels):
+                found.append(one)
+            elif channels:
+                found.append(Animation(one.name, channels))
+        return found
 
     def posed(self) -> Scene:
         """
@@ -492,13 +512,9 @@ class Scene(Guarded, Previewed):
             top._scene = weakref.ref(other)
         return other
 
-    def _all_tops(self) -> list[Node]:
-        """Return the topmost nodes of all trees, of joints and animated nodes besides too."""
-        found = {id(top): top for top in map(topmost, (*self.nodes, *self._groups))}
-        for animation in self.animations:
-            for channel in animation.channels:
-                top = topmost(channel.node)
-                found[id(top)] = top
+    def _all_tops(self, others: Iterable[Node] = ()) -> list[Node]:
+        """Return the topmost nodes of all trees, of joints besides and of other nodes too."""
+        found = {id(top): top for top in map(topmost, (*self.nodes, *self._groups, *others))}
         if Posable.was_made:
             waiting = list(found.values())
             for top in waiting:
@@ -798,8 +814,18 @@ def _copied(
             copied._skin = copied._weights = copied._mesh = None
     _set_skins(copies)
     order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
-    animations = [one._with_nodes(copies) for one in scene.animations]
+    animations = [one._with_nodes(copies) for one in scene._own_animations()]
     return group, [node for node in order if node.mesh is not None], animations
+
+
+def _first_moving(animations: Sequence[Animation], own: set[int]) -> Animation:
+    """Return the first that moves a node of trees, by the ids of their tops, or raise."""
+    for one in animations:
+        if any(id(topmost(channel.node)) in own for channel in one.channels):
+            return one
+    raise ValueError(
+        f"animation must move a node of the scene, got {animations[0]!r}, whose nodes are not in it"
+    )
 
 
 def _set_skins(copies: dict[int, Node]) -> None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from moving_models import arm
 from PIL import Image
 from sample_models import QUAD_FACES, Model, encode_png, quad
 
@@ -20,7 +21,7 @@ from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.scene import parent_from_node
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LoadWarning, MeshFileError
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 
 GREY = np.full((2, 2, 3), 128, np.uint8)
 
@@ -469,7 +470,8 @@ def test_nodes_hang_together_as_in_the_file(tmp_path):
         {"name": "eye"},
     ]
     document(model)["scenes"] = [{"nodes": [1]}]
-    scene = rj.load(model.save(tmp_path / "a.glb"))
+    with pytest.warns(LoadWarning, match="scene 1 beside the one shown"):
+        scene = rj.load(model.save(tmp_path / "a.glb"))
     assert [node.name for node in scene.nodes] == ["base", "base part 2", "hand", "hand part 2"]
     hand, wanted = scene.find("hand"), np.eye(4)
     assert [hand.parent.name, hand.parent.parent.name] == ["3", "elbow"]
@@ -555,6 +557,59 @@ def test_damaged_json_is_refused_with_this_reason(tmp_path):
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}, "nodes": [')
     with pytest.raises(MeshFileError, match="its JSON is damaged or ends too early"):
         rj.load(tmp_path / "a.gltf")
+
+
+def test_a_glb_that_is_none_and_nodes_that_are_not_there_are_refused_by_name(tmp_path):
+    path = textured().save(tmp_path / "a.glb")
+    path.write_bytes(b"XXXX" + path.read_bytes()[4:])
+    with pytest.raises(MeshFileError, match="it is no GLB, which begins with b'glTF', got b'XXXX'"):
+        rj.load(path)
+    document = json.loads(arm().save(tmp_path / "a.gltf").read_text())
+    del document["nodes"]
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    with pytest.raises(
+        MeshFileError, match=r"its scene: nodes names \d, but the file has no nodes"
+    ):
+        rj.load(tmp_path / "a.gltf")
+
+
+def test_scenes_that_are_not_shown_are_named(tmp_path):
+    document = json.loads(arm().save(tmp_path / "a.gltf").read_text())
+    (first,) = document["scenes"]
+    document["scenes"] = [{**first, "name": "night"}, first, first]
+    for number, said in ((0, "scene 1, scene 2"), (1, "scene 'night', scene 2")):
+        document["scene"] = number
+        (tmp_path / "a.gltf").write_text(json.dumps(document))
+        with pytest.warns(LoadWarning, match=rf"left out {said} beside the one shown \(2\); the"):
+            rj.load(tmp_path / "a.gltf")
+
+
+def test_a_reason_is_said_once_with_the_first_that_have_it(tmp_path):
+    left_out = LeftOut()
+    for name in "abcde":
+        left_out.note(name, reason=": it is missing")
+        left_out.note("camera")
+    left_out.note("f", 2, reason=": it is damaged")
+    assert (
+        str(left_out) == "a, b, c and 2 more: it is missing (5), camera (5), f: it is damaged (2)"
+    )
+    document = json.loads(arm().save(tmp_path / "a.gltf").read_text())
+    (mesh,) = document["meshes"]
+    document["meshes"] = [{**mesh, "name": f"part {number}"} for number in range(40)]
+    document["nodes"] = [{"mesh": number} for number in range(40)]
+    document["scenes"] = [{"nodes": list(range(40))}]
+    document["buffers"][0]["uri"] = "../x.bin"
+    (tmp_path / "sub").mkdir()
+    path = tmp_path / "sub" / "a.gltf"
+    path.write_text(json.dumps(document))
+    with pytest.raises(MeshFileError) as raised:
+        rj.load(path)
+    said = str(raised.value)
+    assert (
+        "(mesh 'part 0', mesh 'part 1', mesh 'part 2' and 37 more, which cannot be read: " in said
+    )
+    for once in ("'../x.bin' lies outside", "resource_root names another folder (40)"):
+        assert said.count(once) == 1, said
 
 
 def test_a_file_error_is_a_value_error():

@@ -10,6 +10,7 @@ from moving_models import JOINTS, STRIP, STRIP_FACES, WEIGHTS, Gltf, animate, ar
 
 import rasterjit as rj
 from rasterjit.io.skipped import LoadWarning, SaveWarning
+from rasterjit.scene.node import topmost
 
 TOLERANCE = 1e-12
 
@@ -538,6 +539,8 @@ def nan_values(model):
         (channel(sampler=4), "sampler must be below 1, got 4"),
         (channel(target=3), "target must be an object"),
         (sampler(interpolation="BEZIER"), "interpolation must be one of"),
+        (sampler(interpolation="BEZIER", output=0), "interpolation must be one of"),
+        (sampler(interpolation=["LINEAR"]), "interpolation must be one of"),
         (sampler(output=0), "output must be 3 rows of 4"),
         (sampler(input=0), "input must be numbers"),
         (sampler(input=77), "no accessor 77"),
@@ -617,3 +620,53 @@ def test_a_file_of_joints_alone_shows_nothing(tmp_path):
     model.document["skins"] = [{"joints": [0]}]
     with pytest.raises(rj.MeshFileError, match="holds no faces"):
         load(model, tmp_path)
+
+
+def test_animations_of_what_was_removed_are_neither_played_nor_saved(tmp_path):
+    scene = rj.Scene()
+    figure = scene.add(rj.load("models/figure.glb"))
+    other = scene.add(rj.load("models/figure.glb"))
+    names = [one.name for one in scene.animations]
+    count = len(names) // 2
+    assert names[:count] == names[count:]
+    scene.remove(figure)
+    left = len(scene.every_node())
+    # What is asked for by name, or not at all, is that of the one that is there.
+    for asked in (None, "walk", count, ["walk"]):
+        found, still = scene.at(0.3, asked), scene.at(0.0, asked)
+        assert len(found.every_node()) == left
+        pairs = zip(found.every_node(), still.every_node(), strict=True)
+        assert any((one.transform != two.transform).any() for one, two in pairs), asked
+    for asked in (0, scene.animations[0], ["walk", 0]):
+        with pytest.raises(ValueError, match=r"animation must move a node of the scene.*'walk'"):
+            scene.at(0.3, asked)
+    scene.save(tmp_path / "a.glb")
+    again = rj.load(tmp_path / "a.glb")
+    assert len(again.every_node()) == left
+    assert [(one.name, len(one.channels)) for one in again.animations] == [
+        (one.name, len(one.channels)) for one in scene.animations[count:]
+    ]
+    whole = rj.Scene()
+    whole.add(scene)
+    assert [one.name for one in whole.animations] == names[count:]
+    # Added again, it moves again, in copies too.
+    copied = pickle.loads(pickle.dumps(scene))
+    for one, top in ((scene, figure), (copied, topmost(copied.animations[0].channels[0].node))):
+        one.add(top)
+        assert len(one.every_node()) == len(one.at(0.3, 0).every_node()) == 2 * left
+    scene.remove(other)
+    assert scene.at(0.3, "walk").every_node()[0].name == figure.name
+
+
+def test_an_animation_keeps_what_is_left_of_it_when_a_node_is_removed(tmp_path):
+    scene = rj.Scene()
+    nodes = [scene.add(rj.Mesh(np.eye(3), [(0, 1, 2)]), name=name) for name in ("one", "two")]
+    keys = [(0, 0, 0), (1, 0, 0)]
+    both = [rj.Channel(node, "translation", [0, 1], keys) for node in nodes]
+    scene.animations.append(rj.Animation("both", both))
+    scene.remove(nodes[0])
+    assert scene.at(1.0).find("two").transform[0, 3] == 1.0
+    scene.save(tmp_path / "a.glb")
+    (animation,) = rj.load(tmp_path / "a.glb").animations
+    assert [one.node.name for one in animation.channels] == ["two"]
+    assert len(scene.animations[0].channels) == 2

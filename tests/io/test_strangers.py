@@ -345,6 +345,18 @@ def test_a_library_of_a_dae_in_another_file_is_named(tmp_path):
     assert "instance_geometry of a library in another file, 'other.dae#h' (1)" in said
 
 
+def test_animations_of_a_dae_are_named(tmp_path):
+    pytest.importorskip("collada")
+    picture(tmp_path / "wood.png")
+    path = dae(tmp_path, "wood.png", '<instance_controller url="#c"/>')
+    moves = '<animation id="a"><animation id="inner"/></animation><animation id="b"/>'
+    library = f"<library_animations>{moves}</library_animations><scene>"
+    path.write_text(path.read_text().replace("<scene>", library))
+    _, said = loaded(path)
+    assert "animation (2)" in said
+    assert "skinned or morphed geometry (1)" in said
+
+
 def test_brushes_of_xaml_that_are_not_one_colour_are_named(tmp_path):
     pytest.importorskip("lxml")
     model = """<GeometryModel3D><GeometryModel3D.Geometry><MeshGeometry3D

@@ -376,7 +376,7 @@ class MeshReader:
                 arrays = self._arrays(primitive, label, TRIANGLES if decoded else None)
         except (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError) as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__
-            self._left_out.note(f"{label}, which cannot be read: {reason}")
+            self._left_out.note(label, reason=f", which cannot be read: {reason}")
             return None
         if arrays is None:
             return None

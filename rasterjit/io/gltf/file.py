@@ -30,7 +30,7 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
-from rasterjit.io.resources import Resources
+from rasterjit.io.resources import RefusedFileError, Resources
 
 GLB_MAGIC = b"glTF"
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -92,11 +92,17 @@ class GltfFile:
         self._unpacked: dict[int, bytes] = {}
         """Buffer views that were compressed, by their numbers."""
         self._decoded: Mapping[int, NDArray[Any]] = {}
-        text, self._chunk = _split_chunks(resources.read_itself(path))
+        content = resources.read_itself(path)
+        text, self._chunk = _split_chunks(content)
         self.budget.take("its JSON", len(text) * _JSON_BYTES)
         try:
             self.header: dict[str, Any] = json.loads(text)
         except ValueError as error:
+            if path.suffix.lower() == ".glb" and not content.startswith(GLB_MAGIC):
+                begin = content[: len(GLB_MAGIC)]
+                raise ValueError(
+                    f"it is no GLB, which begins with {GLB_MAGIC!r}, got {begin!r}"
+                ) from None
             raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
         if not isinstance(self.header, dict):
             raise ValueError("the JSON is not an object")
@@ -141,6 +147,8 @@ class GltfFile:
         accessor = self.entry("accessors", number)
         try:
             return self._accessed(number, accessor)
+        except RefusedFileError:
+            raise
         except (ValueError, LookupError) as error:
             raise ValueError(f"accessor {number}: {error}") from error
 

@@ -20,11 +20,11 @@ from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.placing import parent_from_node, trs_of
 from rasterjit.io.gltf.values import finite_numbers_of, list_of, needed, object_of, shown, whole_of
 from rasterjit.io.skipped import LeftOut, reason_of
-from rasterjit.scene.keyframes import PATHS, WIDTHS, Animation, Channel
+from rasterjit.scene.keyframes import INTERPOLATIONS, PATHS, WIDTHS, Animation, Channel
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.skin import Skin
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import in_short, one_of
 
 POINTER = "KHR_animation_pointer"
 
@@ -236,7 +236,7 @@ class MovingReader:
                     moved.add((id(channel.node), channel.path))
                     found.append(channel)
             except ERRORS as error:
-                self._left_out.note(f"channel {place} of {label}: {reason_of(error)}")
+                self._left_out.note(f"channel {place} of {label}", reason=f": {reason_of(error)}")
         if not found:
             self._left_out.note(f"{label}, which has no channel of use")
             return None
@@ -259,7 +259,7 @@ class MovingReader:
         if place >= len(samplers):
             raise ValueError(f"sampler must be below {len(samplers)}, got {place}")
         sampler = object_of({"sampler": samplers[place]}, "sampler")
-        kind = str(sampler.get("interpolation", "LINEAR"))
+        kind = one_of("interpolation", sampler.get("interpolation", "LINEAR"), INTERPOLATIONS)
         times, values = (
             self._file.array(needed(sampler, key)).astype(np.float64) for key in ("input", "output")
         )
@@ -287,7 +287,7 @@ class MovingReader:
                     f"keys of {width} morph targets, got {values.size}"
                 )
         shaped = values.reshape(count, *parts, width)
-        return [Channel(node, path, times[:, 0], shaped, kind) for node in moved]  # type: ignore[arg-type]
+        return [Channel(node, path, times[:, 0], shaped, kind) for node in moved]
 
 
 def _list_of(header: dict[str, Any], key: str, left_out: LeftOut | None) -> list[Any]:

@@ -50,6 +50,7 @@ from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
+from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb", "vrm")
 """Extensions of their files; a .vrm is a GLB file of an avatar."""
@@ -141,11 +142,16 @@ class _GltfScene:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_what_is_not_read(self) -> None:
-        """Note the extensions that are not shown, by name."""
+        """Note the extensions, and the scenes, that are not shown, by name."""
         header = self._file.header
         for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
             if name not in UNDERSTOOD:
                 self._left_out.note(f"extension {name[:80]}")
+        default = header.get("scene", 0)
+        for number, scene in enumerate(list_of(header, "scenes")):
+            if number != default and scene != {}:
+                name = scene.get("name", number) if isinstance(scene, dict) else number
+                self._left_out.note(f"scene {in_short(name)}", reason=" beside the one shown")
 
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
@@ -391,6 +397,8 @@ def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[An
         found = list_of(entry, key)
         for number in found:
             if whole_of({key: number}, key) >= len(nodes):
+                if not nodes:
+                    raise ValueError(f"{key} names {shown(number)}, but the file has no nodes")
                 raise ValueError(f"{key} must be below {len(nodes)}, got {shown(number)}")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error

@@ -145,8 +145,9 @@ class _Writer:
         self._known: dict[Any, int] = {}
         if not scene.nodes:
             raise ValueError("scene must hold at least one mesh to be saved, got an empty scene")
+        self._animations = scene._own_animations()
         roots = self._add_nodes(scene)
-        self._add_animations(scene)
+        self._add_animations()
         for light in scene.lights:
             roots += self._light(light)
         roots += self._camera(scene.camera)
@@ -233,7 +234,7 @@ class _Writer:
     def _add_nodes(self, scene: Scene) -> list[int]:
         """Add all nodes, parents before their children, and return the topmost."""
         drawn, order = set(map(id, scene.nodes)), []
-        moved = {id(one.node) for every in scene.animations for one in every.channels}
+        moved = {id(one.node) for every in self._animations for one in every.channels}
         self._numbers = numbers = {}
         every_node = [node for top in scene._all_tops() for node in with_all_below(top)]
         skinned: list[tuple[dict[str, Any], Skin]] = []
@@ -302,9 +303,9 @@ class _Writer:
         }  # fmt: skip
         return self._append("accessors", entry)
 
-    def _add_animations(self, scene: Scene) -> None:
+    def _add_animations(self) -> None:
         """Add how the nodes move."""
-        for animation in scene.animations:
+        for animation in self._animations:
             channels: list[dict[str, Any]] = []
             samplers: list[dict[str, Any]] = []
             for one in animation.channels:

@@ -67,7 +67,7 @@ class _Converter:
         if posed is not scene:
             self.left_out.note("skins and morph targets, but for the pose as it is")
             scene = posed
-        if scene.animations:
+        if scene._own_animations():
             self.left_out.note("animations")
         made, geometries, names = trimesh.Scene(), {}, {}
         drawn = set(map(id, scene.nodes))

@@ -49,8 +49,12 @@ def note_what_is_not_read(path: Path, extension: str, left_out: LeftOut) -> None
 
 
 def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
-    """Note what a COLLADA file has elsewhere, and numbers at which trimesh drops faces."""
+    """Note what of a COLLADA file moves or is elsewhere, and numbers that drop faces."""
     _note_other_files(root, left_out)
+    for library in root:
+        for element in library if _name(library) == "library_animations" else ():
+            if _name(element) == "animation":
+                left_out.note("animation")
     for element in root.iter():
         if _name(element) == "float_array" and not _are_finite(element.text or ""):
             left_out.note("faces at vertices that are no finite numbers, if any")
