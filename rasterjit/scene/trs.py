@@ -90,7 +90,7 @@ def _quaternion(value: ArrayLike) -> Quaternion:
     x, y, z, w = finite_array("rotation", value, (4,)).tolist()
     squared = ((x * x + y * y) + z * z) + w * w
     if not 0.0 < squared < math.inf:
-        raise ValueError(f"rotation must be a quaternion of length 1, got {(x, y, z, w)}")
+        raise ValueError(f"rotation must be a quaternion of any length but 0, got {(x, y, z, w)}")
     return x, y, z, w
 
 

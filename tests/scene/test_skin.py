@@ -281,7 +281,7 @@ def test_what_is_flat_is_taken_apart_too(axes):
         ({"translation": (1, 2)}, "translation must have shape"),
         ({"scale": (1, np.nan, 1)}, "scale must be finite"),
         ({"rotation": (0, 0, 1)}, "rotation must have shape"),
-        ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1"),
+        ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of any length but 0"),
     ],
 )
 def test_parts_that_are_none_are_refused(parts, said):
