@@ -193,6 +193,12 @@ class SectionLines(Effect):
     places: ClassVar = {"overlay": draw_over}
 
 
+def _dots(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return dot products of vectors, (..., 3), summed in one order."""
+    product = a * b
+    return (product[..., 0] + product[..., 1]) + product[..., 2]
+
+
 def _behind_their_solids(
     plane: Plane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
 ) -> NDArray[np.bool_]:
@@ -207,11 +213,12 @@ def _behind_their_solids(
         rows = np.flatnonzero((sides[:, 1] == owner) & (sides[:, 0] >= 0))
         corners = np.column_stack([edges[rows], sides[rows, 0]])
         matrix = placement.relative_from_model[owner]
-        points = placement.positions[corners] @ matrix[:, :3].T + matrix[:, 3]
+        own = placement.positions[corners]
+        points = np.stack([_dots(own, line[:3]) + line[3] for line in matrix], axis=-1)
         a, b, c = np.moveaxis(points, 1, 0)
         toward = np.array([x, y, z]) - share * a
-        facing = sides[rows, 2] * (np.cross(b - a, c - a) * toward).sum(axis=1)
-        hidden = rows[(facing < 0.0) & ((toward * plane.normal).sum(axis=1) < 0.0)]
+        facing = sides[rows, 2] * _dots(np.cross(b - a, c - a), toward)
+        hidden = rows[(facing < 0.0) & (_dots(toward, np.array(plane.normal)) < 0.0)]
         first, last = placement.face_starts[owner : owner + 2].tolist()
         # Whoever is inside of it sees them.
         if len(hidden) and not (geometry.codes[geometry.faces[first:last]] & NEAR).any():
