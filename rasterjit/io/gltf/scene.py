@@ -150,8 +150,8 @@ class _GltfScene:
         default = header.get("scene", 0)
         for number, scene in enumerate(list_of(header, "scenes")):
             if number != default and scene != {}:
-                name = scene.get("name", number) if isinstance(scene, dict) else number
-                self._left_out.note(f"scene {in_short(name)}", reason=" beside the one shown")
+                called = scene.get("name", number) if isinstance(scene, dict) else number
+                self._left_out.note(f"scene {in_short(called)}", reason=" beside the one shown")
 
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
