@@ -162,7 +162,7 @@ def place_steps(placement: Placement, surface: Surface) -> list[Step]:
     smooth = count_of[PHONG] + count_of[PBR]
     steps = [
         Step(attributes.gather_positions, (placement.positions,)),
-        Step(attributes.find_points, (placement,)),
+        Step(attributes.find_points, (placement, materials, 0)),
     ]
     if count_of[FLAT]:
         steps.append(Step(attributes.find_middles, (placement, materials)))
@@ -218,7 +218,7 @@ def planar_steps(
         turned = surface.normals, placement.normal_matrices, materials
         steps += [
             Step(attributes.gather_positions, (placement.positions,)),
-            Step(attributes.find_points, (placement,)),
+            Step(attributes.find_points, (placement, materials, 0)),
             Step(attributes.find_smooth_normals, turned),
             Step(float32_planes.take_back_sure, ()),
         ]

@@ -114,7 +114,7 @@ GONE = {
         "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
         "vertices.write_vertices",
     },
-    "flat": {"attributes.find_middles", "attributes.find_points_of_flat"},
+    "flat": {"attributes.find_middles"},
     "shadows": {
         "receivers.find_depth_ranges", "receivers.find_receivers", "receivers.move_turned",
         "shadows.filter_pcf", "shadows.place_on_map",
@@ -131,7 +131,7 @@ GONE = {
     "eye-dome lighting": {
         "eye_dome.darken_samples", "eye_dome.find_shares", "eye_dome.take_logarithms",
     },
-    "fog": {"attributes.find_points_of_flat", "fog.cover_exponentially"},
+    "fog": {"fog.cover_exponentially"},
     "transmission": THROUGH,
     "tone mapping": {"tone_map.show_over"},
     "ambient occlusion": {

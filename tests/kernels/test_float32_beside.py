@@ -128,6 +128,19 @@ def test_what_shadows_read_is_found_of_all(lights):
 
 
 @pytest.mark.needs_jit
+@pytest.mark.parametrize("lights", ["sun", "lamps"])
+@pytest.mark.parametrize("kind", ["textured", "flat", "unlit", "gouraud"])
+def test_fog_over_others_is_no_other(kind, lights):
+    camera, shone = EYES["above"], LIGHTS[lights]
+    alone, both = hills(12, lights=shone), beside(MATERIALS[kind], shone)
+    alone.fog = both.fog = rj.Fog("gray", density=0.4)
+    frame, exact = drawn(both, camera), drawn(both, camera, interpolation_precision="float64")
+    ground = frame.object_id == 0
+    assert exactly(frame, ground) == exactly(drawn(alone, camera), ground)
+    assert exactly(frame, ~ground) == exactly(exact, ~ground)
+
+
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("samples", [4, "area", 64])
 @pytest.mark.parametrize("lights", ["sun", "lamps"])
 def test_pixels_of_several_samples_keep_their_bits(samples, lights):

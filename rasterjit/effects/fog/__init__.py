@@ -151,7 +151,7 @@ class FogEffect(Effect):
             # Find the points of what was lit at the middles of faces.
             steps.append(Step(attributes.gather_positions, (placement.positions,)))
             materials = look.surface.materials
-            steps.append(Step(attributes.find_points_of_flat, (placement, materials)))
+            steps.append(Step(attributes.find_points, (placement, materials, 1)))
         if fog.mode == fog_stage.LINEAR:
             own = fog.end, fog.per_range, fog.color, viewer
             return [*steps, Step(fog_stage.cover_linearly, own)]

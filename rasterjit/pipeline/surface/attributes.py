@@ -580,43 +580,30 @@ def way(p, a, b):
 
 
 @stage
-def find_points(block: Block, count, placement: Placement):
-    """Write where the samples lie, world axes, relative to the eye. After `gather_positions`."""
+def find_points(
+    block: Block, count, placement: Placement, materials: float32[:, ::1], of_flat: int64
+):  # fmt: skip
+    """
+    Write where the samples lie, world axes, relative to the eye. After `gather_positions`.
+
+    Parameters
+    ----------
+    block : Block
+    count : int
+    placement : Placement
+    materials : (O, M) float32
+    of_flat : int
+        Not 0: those of flat objects alone, once these are lit at the middles of their faces.
+    """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
     p, matrices = placement.positions, placement.relative_from_model
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
-        s, owner = np.int64(segment[START]), np.int64(segment[OWNER])
-        e = s + whole_vectors(segment[STOP] - s)
-        matrix = matrix_of(matrices, owner)
-        if segment[KIND] == MIXED:
-            mix_points(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
-                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
-                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
-            )  # fmt: skip
-        else:
-            a, b, c = span_corners(segment, whole)
-            first = place_vertex(a, owner, placement)
-            points_along_span(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                (first, way(p, a, b), way(p, a, c), matrix),
-            )  # fmt: skip
-
-
-@stage
-def find_points_of_flat(block: Block, count, placement: Placement, materials: float32[:, ::1]):
-    """Write where samples of flat objects lie, as `find_points` does, once they are lit."""
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
-    p, matrices = placement.positions, placement.relative_from_model
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != FLAT:
-            continue
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        if of_flat == 0:
+            e = s + whole_vectors(e - s)
+        elif np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) != FLAT:
+            continue
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
             mix_points(
