@@ -102,11 +102,18 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
                           [1, 5, 7, 3]])  # fmt: skip
         box = rj.Mesh(corners, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
         scene.add(box.split_creases(), name="cut box")
-        scene.section = rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0), lines=True)
+        scene.section = rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
 
     def remove_cut_box(scene: Any) -> None:
         scene.section = None
         remove(scene, "cut box")
+
+    def show_lines(are_shown: bool) -> Callable[[Any], None]:
+        def change(scene: Any) -> None:
+            plane = scene.section or rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
+            scene.section = replace(plane, lines=True) if are_shown else None
+
+        return change
 
     def add_flag(scene: Any) -> None:
         corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -135,6 +142,7 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
         "own mirrors": layer("specular_color", "gold", None),
         "glass": layer("transmission", 0.5, 0.0),
         "section": (add_cut_box, remove_cut_box),
+        "section lines": (show_lines(True), show_lines(False)),
         "skin": (add_flag, remove_flag),
     }
 
@@ -148,8 +156,8 @@ def switching(models: Path) -> Iterator[Step]:
     several = {"4 samples": (4, 1)}
     order = [
         "fog", "tone curve", "shadow", "environment", "ambient occlusion", "4 samples", "outline",
-        "metallic-roughness", "clearcoat", "sheen", "own mirrors", "glass", "section", "skin",
-        "transparency", "wireframe",
+        "metallic-roughness", "clearcoat", "sheen", "own mirrors", "glass", "section",
+        "section lines", "skin", "transparency", "wireframe",
     ]  # fmt: skip
     samples = 1
 
