@@ -22,6 +22,7 @@ from rasterjit.effects.wireframe import draw_edges
 from rasterjit.pipeline.geometry.setup import NEAR
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import opaque_codes
+from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import Plane, planes_of
 from rasterjit.survey.effect import (
@@ -193,12 +194,6 @@ class SectionLines(Effect):
     places: ClassVar = {"overlay": draw_over}
 
 
-def _dots(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return dot products of vectors, (..., 3), summed in one order."""
-    product = a * b
-    return (product[..., 0] + product[..., 1]) + product[..., 2]
-
-
 def _behind_their_solids(
     plane: Plane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
 ) -> NDArray[np.bool_]:
@@ -214,11 +209,11 @@ def _behind_their_solids(
         corners = np.column_stack([edges[rows], sides[rows, 0]])
         matrix = placement.relative_from_model[owner]
         own = placement.positions[corners]
-        points = np.stack([_dots(own, line[:3]) + line[3] for line in matrix], axis=-1)
+        points = np.stack([dot_rows(own, line[:3]) + line[3] for line in matrix], axis=-1)
         a, b, c = np.moveaxis(points, 1, 0)
         toward = np.array([x, y, z]) - share * a
-        facing = sides[rows, 2] * _dots(np.cross(b - a, c - a), toward)
-        hidden = rows[(facing < 0.0) & (_dots(toward, np.array(plane.normal)) < 0.0)]
+        facing = sides[rows, 2] * dot_rows(np.cross(b - a, c - a), toward)
+        hidden = rows[(facing < 0.0) & (dot_rows(toward, np.array(plane.normal)) < 0.0)]
         first, last = placement.face_starts[owner : owner + 2].tolist()
         # Whoever is inside of it sees them.
         if len(hidden) and not (geometry.codes[geometry.faces[first:last]] & NEAR).any():

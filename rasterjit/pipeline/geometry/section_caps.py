@@ -188,7 +188,7 @@ def fill_outlines(
     alive = 0
     first = 0
     for point in range(points.shape[0]):
-        # Edges to the left of the point, then those that end there.
+        # Find the edges to the left of the point, then those that end and begin there.
         low, high = 0, alive
         while low < high:
             middle = (low + high) // 2
@@ -211,10 +211,12 @@ def fill_outlines(
             edge = active[stop]
             if turn(points, edges[edge, 0], edges[edge, 1], point) <= 0:
                 return -1
+        # Find the winding numbers at both sides.
         left = active[low - 1] if low > 0 else -1
         left_winding = strips[3, left] if low > 0 else 0
         right = active[stop - 1] if ended > 0 else left
         right_winding = strips[3, right] if right >= 0 else 0
+        # Close the strips between edges that end.
         for k in range(low, stop - 1):
             edge = active[k]
             if strips[3, edge] != 0:
@@ -226,6 +228,7 @@ def fill_outlines(
                     if turn(points, a, b, point) >= 0:
                         write_triangle(a, b, point, strips[3, edge], counts, triangles)
                     node = behind
+        # Join the point to the strips beside it, or split the strip that it lies in.
         split_at = -1
         if ended > 0:
             if left_winding != 0:
@@ -252,6 +255,7 @@ def fill_outlines(
                 active[place] = before
                 place -= 1
             active[place] = edge
+        # Start a strip between each two edges that begin.
         winding = left_winding
         for n in range(started):
             edge = active[low + n]
@@ -261,6 +265,7 @@ def fill_outlines(
                 start_chain(edge, point, strips, nodes, counts)
         if winding != right_winding:
             return -1
+        # Hand the strip at the right on to the last edge.
         if started > 0:
             edge = active[low + started - 1]
             if ended > 0 and right_winding != 0:

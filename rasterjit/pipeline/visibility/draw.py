@@ -484,6 +484,7 @@ def find_visible(
     painted: list[Primitive] = []
     if primitives is not None:
         painted = [one for one in primitives.objects if painting.is_painted(one, keep_lists)]
+    # Take vertices to clip space and to the screen.
     if isinstance(vertices, ModelVertices):
         runs, left_out = None, list(vertices.unused)
         if not (keep_lists or keep_clip_positions):
@@ -501,6 +502,7 @@ def find_visible(
         clip_positions = vertices
         screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
     clock("transform")
+    # Cut faces.
     clipped = 0
     all_faces = kept.made("faces", whole_faces, faces)
     if seen & setup.CLIPPED:
@@ -508,6 +510,7 @@ def find_visible(
             clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
         )
     clock("clip")
+    # Make pieces of segments and points.
     if primitives is not None:
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
@@ -529,6 +532,7 @@ def find_visible(
     if hidden:
         skipped = sorted({*skipped, *hidden})
         painted = [one for one in painted if one.faces not in hidden]
+    # Set up triangles, and list those of each tile.
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
             all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen,
@@ -539,6 +543,7 @@ def find_visible(
     else:
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
+    # Draw triangles, then points.
     has_points = find_faces and bool(painted)
     if depth is None:
         width = viewport.width * (keep_depth or has_points)
