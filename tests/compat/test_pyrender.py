@@ -11,8 +11,12 @@ import pytest
 import trimesh
 
 import rasterjit
-from rasterjit.compat.pyrender import cameras, lights, materials, meshes, offscreen, viewer
+from rasterjit.compat.pyrender import camera as cameras
+from rasterjit.compat.pyrender import light as lights
+from rasterjit.compat.pyrender import material as materials
+from rasterjit.compat.pyrender import mesh as meshes
 from rasterjit.compat.pyrender import node as node_module
+from rasterjit.compat.pyrender import offscreen, viewer
 from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import convert

@@ -17,21 +17,21 @@ References
 pyrender 0.1.45, https://pyrender.readthedocs.io.
 """
 
-from rasterjit.compat.pyrender.cameras import (
+from rasterjit.compat.pyrender.camera import (
     Camera,
     IntrinsicsCamera,
     OrthographicCamera,
     PerspectiveCamera,
 )
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
-from rasterjit.compat.pyrender.lights import DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.compat.pyrender.materials import (
+from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.compat.pyrender.material import (
     Material,
     MetallicRoughnessMaterial,
     Sampler,
     Texture,
 )
-from rasterjit.compat.pyrender.meshes import Mesh, Primitive
+from rasterjit.compat.pyrender.mesh import Mesh, Primitive
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.offscreen import OffscreenRenderer
 from rasterjit.compat.pyrender.scene import Scene

@@ -12,9 +12,9 @@ from rasterjit.scene import transforms
 from rasterjit.scene.validation import finite_array
 
 if TYPE_CHECKING:
-    from rasterjit.compat.pyrender.cameras import Camera
-    from rasterjit.compat.pyrender.lights import Light
-    from rasterjit.compat.pyrender.meshes import Mesh
+    from rasterjit.compat.pyrender.camera import Camera
+    from rasterjit.compat.pyrender.light import Light
+    from rasterjit.compat.pyrender.mesh import Mesh
 
 
 class Node:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.compat.pyrender.cameras import Camera
-from rasterjit.compat.pyrender.lights import DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.compat.pyrender.materials import color_of
-from rasterjit.compat.pyrender.meshes import Mesh
+from rasterjit.compat.pyrender.camera import Camera
+from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.compat.pyrender.material import color_of
+from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import in_short

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.cameras import PerspectiveCamera as OurPerspective
+from rasterjit.compat.pyrender.camera import PerspectiveCamera as OurPerspective
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import background_codes, camera_of, check_flags, convert
-from rasterjit.compat.pyrender.lights import DirectionalLight
+from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera

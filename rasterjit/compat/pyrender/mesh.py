@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.materials import MetallicRoughnessMaterial, as_shown
+from rasterjit.compat.pyrender.material import MetallicRoughnessMaterial, as_shown
 from rasterjit.io.trimesh.materials import is_placeholder
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
