@@ -42,7 +42,7 @@ from rasterjit.survey.contents import (
 from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.lights import headlight, lighting_of
+from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.precision import rows_of_lamps
@@ -201,6 +201,8 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     if facts.has_headlight:
         lights = headlight(camera)
     lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
+    if facts.imitation is not None:
+        return imitated_lighting(lighting, facts.imitation, facts.lights)
     if facts.limits is None or not facts.lamps:
         return lighting
     rows = lighting_of(facts.lamps, camera, 0).lights

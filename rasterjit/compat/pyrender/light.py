@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,25 +64,21 @@ class Light:
         self._intensity = bounded_number("intensity", value, 0.0, BRIGHTEST)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
         raise NotImplementedError(f"{type(self).__name__} shines nowhere")
 
-    def _look(self, shadow: light.Shadow | None) -> dict[str, Any]:
-        """Return colour, intensity and shadow as RasterJIT's lights take them."""
-        most = max(1.0, float(self.color.max()))
-        return {
-            "color": (self.color / most).tolist(),
-            "intensity": self.intensity * most / math.pi,
-            "shadow": shadow,
-        }
+    @property
+    def radiance(self) -> NDArray[np.float64]:
+        """(3,) float64: colour times intensity."""
+        return self.color * self.intensity
 
 
 class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.DirectionalLight(-pose[:3, 2], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.DirectionalLight(-pose[:3, 2], shadow=shadow)
 
 
 class PointLight(Light):
@@ -109,8 +104,8 @@ class PointLight(Light):
         self.range = None if range is None else positive_number("range", range)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.PointLight(pose[:3, 3], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.PointLight(pose[:3, 3], shadow=shadow)
 
 
 class SpotLight(PointLight):
@@ -144,11 +139,11 @@ class SpotLight(PointLight):
         self.innerConeAngle = bounded_number("innerConeAngle", innerConeAngle, 0.0, outerConeAngle)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
         return light.SpotLight(
             pose[:3, 3],
             -pose[:3, 2],
             inner_angle=math.degrees(self.innerConeAngle),
             outer_angle=min(math.degrees(self.outerConeAngle), light.WIDEST_CONE),
-            **self._look(shadow),
+            shadow=shadow,
         )

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.io.pictures import image_pixels
 from rasterjit.scene import material
-from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.texture import Texture as SceneTexture
 from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of
 
@@ -239,7 +238,7 @@ class MetallicRoughnessMaterial(Material):
             Of the mesh's colours.
         """
         maps = {
-            "base_color_texture": (self.baseColorTexture, "srgb"),
+            "base_color_texture": (self.baseColorTexture, "srgb" if is_lit else "linear"),
             "normal_texture": (self.normalTexture, "linear"),
             "metallic_roughness_texture": (self.metallicRoughnessTexture, "linear"),
             "occlusion_texture": (self.occlusionTexture, "linear"),
@@ -252,9 +251,7 @@ class MetallicRoughnessMaterial(Material):
         }
         picture = textures.get("base_color_texture")
         color = np.clip(np.asarray(self.baseColorFactor, np.float64), 0.0, 1.0)
-        if not is_lit:
-            color = as_shown(color[None])[0]
-        mode = self.alphaMode.lower()
+        mode = "blend" if self.alphaMode == "BLEND" else "opaque"
         is_opaque = color[3] * least_alpha >= 1.0 and (picture is None or picture.is_opaque)
         if mode == "opaque" or (mode == "blend" and is_opaque):
             # What hides all behind it needs no layers.
@@ -264,9 +261,9 @@ class MetallicRoughnessMaterial(Material):
             color.tolist(),
             metallic=_share("metallicFactor", self.metallicFactor),
             roughness=_share("roughnessFactor", self.roughnessFactor),
-            emissive=np.asarray(self.emissiveFactor, np.float64).tolist(),
+            # The factor counts twice, as in pyrender's shader.
+            emissive=np.square(np.asarray(self.emissiveFactor, np.float64)).tolist(),
             alpha_mode=mode,
-            alpha_cutoff=self.alphaCutoff,
             double_sided=self.doubleSided or not is_culled,
             **textures,
         )
@@ -289,14 +286,6 @@ def color_of(name: str, value: ArrayLike, channels: int) -> NDArray[np.float64]:
     if array.ndim != 1 or not len(array) or color.min() < 0.0:
         raise ValueError(f"{name} must be a colour, got {in_short(value)}")
     return color
-
-
-def as_shown(colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the linear light, (N, 4), that looks like colours that are shown as they are."""
-    light = colors.copy()
-    codes = np.floor(np.clip(colors[:, :3], 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-    light[:, :3] = srgb_to_linear(codes)
-    return light
 
 
 def _share(name: str, value: float | None) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.material import MetallicRoughnessMaterial, as_shown
+from rasterjit.compat.pyrender.material import MetallicRoughnessMaterial
 from rasterjit.io.trimesh.materials import is_placeholder
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
@@ -122,7 +122,7 @@ class Primitive:
                 indices = np.arange(count).reshape(-1, 3)
             self._drawn[is_lit] = made = SceneMesh(
                 self.positions, indices, normals=self.normals, uv=self.texcoord_0,
-                colors=self.colors(is_lit), material=look,
+                colors=self.color_0, material=look,
             )  # fmt: skip
             if is_lit:
                 # Copies have them, too.
@@ -132,12 +132,6 @@ class Primitive:
             self._drawn[is_lit] = copy.copy(self._drawn[is_lit])
             self._drawn[is_lit].material = look
         return self._drawn[is_lit]
-
-    def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
-        """Return its colours, (V, 4) float64, as linear light; without lights they are codes."""
-        if self.color_0 is None or is_lit:
-            return self.color_0
-        return as_shown(self.color_0)
 
 
 class Mesh:

@@ -12,6 +12,7 @@ from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
     background_codes,
+    background_light,
     camera_of,
     check_flags,
     convert,
@@ -21,7 +22,10 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import MatrixCamera
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import finite_array, image_size, in_short, positive_number
+
+QUALITY = Quality(blending="srgb8")
 
 
 class OffscreenRenderer:
@@ -109,7 +113,7 @@ class OffscreenRenderer:
         drawing = convert(scene, flags, points=points)
         # What is seen through has a depth in OpenGL's buffer, and none in ours.
         outputs = ("color",) if drawing.is_blended else ("color", "depth")
-        frame = self._draw(drawing, camera, outputs, codes)
+        frame = self._draw(drawing, camera, outputs, background_light(codes, flags))
         if frame is None:
             color = np.broadcast_to(codes, (size[1], size[0], 4))
         else:
@@ -160,7 +164,7 @@ class OffscreenRenderer:
         size = (self.viewport_width, self.viewport_height)
         if self._renderer is None or self._renderer.size != size:
             self.delete()
-            self._renderer = Renderer(size)
+            self._renderer = Renderer(size, quality=QUALITY)
         return self._renderer.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
