@@ -132,7 +132,8 @@ def surface_steps(
         steps += [*field_steps(surface.fields, geometry), multiply_step(surface)]
     has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
     if has_textures:
-        steps += texture_steps(surface)
+        is_imitated = lighting is not None and lighting.imitated is not None
+        steps += texture_steps(surface, decoding_steps() if is_imitated else ())
     if surface.alphas is not None:
         steps.append(alpha_step(surface, has_textures))
         if surface.fields is not None:
@@ -326,10 +327,17 @@ def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
     return steps
 
 
-def texture_steps(surface: Surface) -> list[Step]:
-    """Return the stages that multiply base colours by what textures show."""
+def texture_steps(surface: Surface, decoding: Sequence[Step]) -> list[Step]:
+    """Return the stages that multiply base colours by what textures show, when that is decoded."""
     read = textures.BASE_COLOR, surface.textures
-    return [Step(texture_lookup.read_textures, read), multiply_step(surface)]
+    return [Step(texture_lookup.read_textures, read), *decoding, multiply_step(surface)]
+
+
+def decoding_steps() -> list[Step]:
+    """Return the stage that decodes what textures show as codes."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    return [Step(pyrender.decode_textures, ())]
 
 
 def multiply_step(surface: Surface) -> Step:
@@ -449,8 +457,9 @@ def layer_steps(surface: Surface, geometry: Geometry, placement: Placement) -> l
 
 
 def emission_steps(
-    surface: Surface, shown: int, geometry: Geometry, placement: Placement
-) -> list[Step]:
+    surface: Surface, shown: int, geometry: Geometry, placement: Placement,
+    decoding: Sequence[Step] = (),
+) -> list[Step]:  # fmt: skip
     """Return the stages that add what surfaces send out to three rows from ``shown`` on."""
     laid, own = surface.maps, surface.textures
     if laid is None:
@@ -458,7 +467,7 @@ def emission_steps(
     steps = [Step(maps.find_emission, (laid.factors,))]
     if own is not None and laid.counts[textures.EMISSIVE]:
         steps += read_steps(textures.EMISSIVE, own, laid, geometry, placement)
-        steps.append(Step(maps.scale_emission_by_maps, ()))
+        steps += [*decoding, Step(maps.scale_emission_by_maps, ())]
     return [*steps, Step(maps.show_emission, (shown,))]
 
 
@@ -503,7 +512,8 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
     ]
     if surface.maps is not None and surface.maps.counts[textures.OCCLUSION]:
         steps.append(Step(pyrender.dim_by_occlusion, ()))
-    steps += emission_steps(surface, rows.OUT_RED, geometry, look.placement)
+    emitted = surface, rows.OUT_RED, geometry, look.placement
+    steps += emission_steps(*emitted, decoding_steps())
     if surface.vertex_colors is not None:
         steps.append(Step(pyrender.multiply_by_vertex_colors, ()))
     return steps + seen_steps(effects, rows.OUT_RED) + effect_steps(effects, "sample", look)

@@ -100,17 +100,23 @@ class Texture:
         self._source = _pixels(value)
         self._drawn: dict[str, SceneTexture] = {}
 
-    def drawn(self, color_space: str) -> SceneTexture:
+    def drawn(self) -> SceneTexture:
         """Return the texture as RasterJIT has it; made once."""
-        if color_space not in self._drawn:
-            pixels = self.source
-            if self.source_channels == "GB" and pixels.shape[2:] == (2,):
-                # Where glTF has them in an RGB picture.
-                pixels = np.dstack([np.zeros_like(pixels[..., 0]), pixels])
-            self._drawn[color_space] = SceneTexture(
-                pixels, color_space=color_space, **self.sampler._options()
-            )
-        return self._drawn[color_space]
+        return self._made("as is", self.source)
+
+    def drawn_as_facets(self) -> SceneTexture:
+        """Return it with roughness and metallic, its first two channels, where glTF has them."""
+        pixels = self.source
+        if self.source_channels in (None, "GB") and pixels.shape[2:] in ((3,), (4,)):
+            return self.drawn()
+        pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+        rough, metal = pixels[..., 0], pixels[..., min(1, pixels.shape[2] - 1)]
+        return self._made("as facets", np.dstack([np.zeros_like(rough), rough, metal]))
+
+    def _made(self, how: str, pixels: NDArray[Any]) -> SceneTexture:
+        if how not in self._drawn:
+            self._drawn[how] = SceneTexture(pixels, color_space="linear", **self.sampler._options())
+        return self._drawn[how]
 
 
 class Material:
@@ -238,17 +244,20 @@ class MetallicRoughnessMaterial(Material):
             Of the mesh's colours.
         """
         maps = {
-            "base_color_texture": (self.baseColorTexture, "srgb" if is_lit else "linear"),
-            "normal_texture": (self.normalTexture, "linear"),
-            "metallic_roughness_texture": (self.metallicRoughnessTexture, "linear"),
-            "occlusion_texture": (self.occlusionTexture, "linear"),
-            "emissive_texture": (self.emissiveTexture, "srgb"),
+            "base_color_texture": self.baseColorTexture,
+            "normal_texture": self.normalTexture,
+            "metallic_roughness_texture": self.metallicRoughnessTexture,
+            "occlusion_texture": self.occlusionTexture,
+            "emissive_texture": self.emissiveTexture,
         }
+        # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
-            field: texture.drawn(space)
-            for field, (texture, space) in maps.items()
+            field: texture.drawn()
+            for field, texture in maps.items()
             if texture is not None and has_uv
         }
+        if "metallic_roughness_texture" in textures:
+            textures["metallic_roughness_texture"] = self.metallicRoughnessTexture.drawn_as_facets()
         picture = textures.get("base_color_texture")
         color = np.clip(np.asarray(self.baseColorFactor, np.float64), 0.0, 1.0)
         mode = "blend" if self.alphaMode == "BLEND" else "opaque"

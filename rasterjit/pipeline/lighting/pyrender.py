@@ -34,7 +34,8 @@ from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_o
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
-from rasterjit.runtime.float_math import clamped
+from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64, uint8
@@ -63,6 +64,22 @@ def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: fl
                 s[rows.NORMAL_X + axis, n] = (
                     toward_viewer[axis] - toward_viewer[3] * s[rows.POINT_X + axis, n]
                 )
+
+
+@disjoint_helper
+def decode_row(shown):
+    """Decode a row of sRGB's values, 0..1."""
+    for i in range(shown.shape[0]):
+        bright = power((shown[i] + np.float32(0.055)) * np.float32(1.0 / 1.055), np.float32(2.4))
+        dark = shown[i] * np.float32(1.0 / 12.92)
+        shown[i] = bright if shown[i] >= np.float32(0.04045) else dark
+
+
+@stage
+def decode_textures(block: Block, count):
+    """Decode what textures show, which were filtered as codes."""
+    for k in range(3):
+        decode_row(part(block.colors, SHOWN + k, 0, count))
 
 
 @stage
