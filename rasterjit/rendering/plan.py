@@ -120,6 +120,15 @@ def plan_frame(
     # Ask each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
+    layers = layers_of(
+        facts.transparency,
+        facts.mixes_samples,
+        facts.picture_samples or quality.samples,
+        scene.nodes,
+        quality,
+    )
+    if layers is not None and facts.imitation is not None:
+        layers = layers._replace(in_order=True)
     plan = RenderPlan(
         size=size,
         camera=camera,
@@ -128,13 +137,7 @@ def plan_frame(
         facts=facts,
         effects=effects,
         lighting=_lighting(camera, facts, effects),
-        layers=layers_of(
-            facts.transparency,
-            facts.mixes_samples,
-            facts.picture_samples or quality.samples,
-            scene.nodes,
-            quality,
-        ),
+        layers=layers,
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
         look=beside,

@@ -105,7 +105,7 @@ def convert(
     is_lit = not flags & RenderFlags.FLAT
     drawn, owners, wires, is_blended = scenes.Scene(), [], [], False
     faces_viewer: list[bool] = []
-    for node in scene._ordered():
+    for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
             continue
@@ -130,6 +130,18 @@ def convert(
     if not shapes_alone:
         drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
     return Drawing(drawn, owners, is_blended)
+
+
+def _drawing_order(scene: Scene) -> list[Node]:
+    """Return the nodes that have meshes, those seen through last and from far to near."""
+    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    blended = [node for node in nodes if node.mesh.is_transparent]
+    if not blended or scene.main_camera_node is None:
+        return nodes
+    eye = scene.get_pose(scene.main_camera_node)[:3, 3]
+    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    solid = [node for node in nodes if node not in away]
+    return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
 
 def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:
