@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF, REFUSED, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, PointLight, SpotLight
-from rasterjit.compat.pyrender.mesh import Primitive
 from rasterjit.compat.pyrender.node import Node
+from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.io.cameras import view_from_pose
 from rasterjit.scene import scene as scenes
