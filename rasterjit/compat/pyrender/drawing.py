@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF, REFUSED, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.compat.pyrender.mesh import Primitive
 from rasterjit.compat.pyrender.node import Node
+from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.io.cameras import view_from_pose
 from rasterjit.scene import scene as scenes
@@ -267,7 +267,7 @@ def _squares(
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = primitive.normals.T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.color_0
+    colors = primitive.colors()
     return SceneMesh(
         corners.reshape(-1, 3), faces, normals=np.repeat(normals[seen], 4, axis=0),
         colors=None if colors is None else np.repeat(colors[seen], 4, axis=0),
