@@ -231,10 +231,6 @@ def test_wireframes_leave_the_background_between_edges(renderer):
     again, _ = renderer.render(scene, RenderFlags.FLIP_WIREFRAME)
     np.testing.assert_array_equal(again, lines)
     np.testing.assert_array_equal(renderer.render(scene, RenderFlags.ALL_SOLID)[0], solid)
-    other = meshes.Mesh.from_trimesh(trimesh.creation.box(), wireframe=True)
-    scene.add(other, pose=at(2.0))
-    with pytest.raises(ValueError, match="wireframe"):
-        renderer.render(scene)
 
 
 def test_nodes_stand_below_their_parents(renderer):
@@ -446,7 +442,7 @@ def test_parts_of_a_node_are_those_of_its_matrix():
         (lambda: materials.MetallicRoughnessMaterial(metallicFactor=2.0), ValueError, "metallic"),
         (lambda: materials.MetallicRoughnessMaterial(alphaMode="x"), ValueError, "alphaMode"),
         (lambda: materials.Texture(source="a.png"), ValueError, "source"),
-        (lambda: meshes.Primitive([[0, 0, 0]], mode=1), ValueError, "mode"),
+        (lambda: meshes.Primitive([[0, 0, 0]], mode=7), ValueError, "mode"),
         (lambda: meshes.Mesh([]), ValueError, "primitives"),
         (lambda: meshes.Mesh.from_trimesh("a"), TypeError, "mesh"),
         (lambda: node_module.Node(matrix=np.eye(4), scale=2.0), ValueError, "matrix"),
@@ -456,20 +452,12 @@ def test_parts_of_a_node_are_those_of_its_matrix():
         (lambda: offscreen.OffscreenRenderer(0, 4), ValueError, "viewport_width"),
         (lambda: offscreen.OffscreenRenderer(4, 4).render(pyrender.Scene()), ValueError, "camera"),
         (lambda: offscreen.OffscreenRenderer(4, 4).render(7), ValueError, "scene"),
-        (lambda: offscreen.OffscreenRenderer(4, 4).render(
-            box_scene()[0], RenderFlags.VERTEX_NORMALS), ValueError, "flags"),
+        (lambda: offscreen.OffscreenRenderer(4, 4).render(box_scene()[0], "x"), ValueError, "flag"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_named(call, error, named):
     with pytest.raises(error, match=named):
         call()
-
-
-def test_a_pose_of_a_camera_that_mirrors_is_refused(renderer):
-    scene = pyrender.Scene()
-    scene.add(cameras.PerspectiveCamera(1.0), pose=np.diag([-1.0, 1.0, 1.0, 1.0]))
-    with pytest.raises(ValueError, match=r"pose must .*mirror"):
-        renderer.render(scene)
 
 
 def test_an_empty_scene_is_its_background(renderer):

@@ -9,8 +9,7 @@ Vectors, matrices, colours and angles (radians) are as there.
 
 What differs: any number of lights counts, not the nearest four of a kind; point lights cast
 shadows, and so do points, which are squares that face the camera; transparent surfaces are sorted
-pixel by pixel; wireframes have one colour; normals are not drawn as lines, nor lines and strips as
-primitives. What cannot be drawn is refused with a ``ValueError``.
+pixel by pixel. What cannot be drawn is refused with a ``ValueError``.
 
 References
 ----------

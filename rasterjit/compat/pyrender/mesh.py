@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _GREY = (0.3, 0.3, 0.3, 1.0)
 """The colour of meshes without a material."""
+_MODES = GLTF.POINTS, GLTF.LINES, GLTF.LINE_LOOP, GLTF.LINE_STRIP, GLTF.TRIANGLES
+"""What primitives may be."""
 _METALLIC, _ROUGHNESS = 0.2, 0.8
 """Of meshes without a material, or with colours alone."""
 
@@ -73,8 +75,8 @@ class Primitive:
     ) -> None:
         self.positions = finite_array("positions", positions, (None, 3))
         self.mode = GLTF.TRIANGLES if mode is None else mode
-        if self.mode not in (GLTF.TRIANGLES, GLTF.POINTS):
-            raise ValueError(f"mode must be TRIANGLES or POINTS, got {mode!r}: lines are not drawn")
+        if self.mode not in _MODES:
+            raise ValueError(f"mode must be TRIANGLES, POINTS or one of lines, got {mode!r}")
         count = len(self.positions)
         self.normals = None if normals is None else finite_array("normals", normals, (count, 3))
         self.texcoord_0 = None
@@ -82,7 +84,7 @@ class Primitive:
             coordinates = np.asarray(texcoord_0)
             self.texcoord_0 = finite_array("texcoord_0", coordinates[:, :2], (count, 2))
         self.color_0 = None if color_0 is None else _colors(color_0, count)
-        self.indices = None if indices is None else np.asarray(indices).reshape(-1, 3)
+        self.indices = None if indices is None else np.asarray(indices)
         self.material = MetallicRoughnessMaterial() if material is None else material
         if not isinstance(self.material, MetallicRoughnessMaterial):
             raise ValueError(
@@ -91,7 +93,8 @@ class Primitive:
         self.poses = None
         if poses is not None:
             self.poses = finite_array("poses", np.asarray(poses).reshape(-1, 4, 4), (None, 4, 4))
-        self._drawn: dict[bool, SceneMesh] = {}
+        self._drawn: dict[Any, Any] = {}
+        # What was made of it, by what it was made for.
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -111,27 +114,42 @@ class Primitive:
         """The least alpha of any vertex."""
         return 1.0 if self.color_0 is None else float(self.color_0[:, 3].min())
 
-    def drawn(self, is_lit: bool, look: Material) -> SceneMesh:
-        """Return its triangles as RasterJIT has them; the same as long as the look is the same."""
-        if is_lit not in self._drawn:
-            indices = self.indices
-            if indices is None:
-                count = len(self.positions)
-                if count % 3:
-                    raise ValueError(f"positions must be three a triangle, got {count}")
-                indices = np.arange(count).reshape(-1, 3)
-            self._drawn[is_lit] = made = SceneMesh(
-                self.positions, indices, normals=self.normals, uv=self.texcoord_0,
-                colors=self.colors(is_lit), material=look,
+    def triangles(self) -> NDArray[np.int64]:
+        """Return the vertices of each triangle, (F, 3)."""
+        if self.indices is not None:
+            return self.indices.reshape(-1, 3).astype(np.int64)
+        count = len(self.positions)
+        if count % 3:
+            raise ValueError(f"positions must be three a triangle, got {count}")
+        return np.arange(count).reshape(-1, 3)
+
+    def drawn(self, is_lit: bool, look: Material, is_turned: bool = False) -> SceneMesh:
+        """
+        Return its triangles as RasterJIT has them; the same as long as the look is the same.
+
+        Parameters
+        ----------
+        is_lit : bool
+            Whether colours are lit, else they are codes.
+        look : Material
+        is_turned : bool
+            Whether faces go the other way round.
+        """
+        key = is_lit, is_turned, look.shading
+        if key not in self._drawn:
+            indices = self.triangles()
+            self._drawn[key] = made = SceneMesh(
+                self.positions, indices[:, ::-1] if is_turned else indices, normals=self.normals,
+                uv=self.texcoord_0, colors=self.colors(is_lit), material=look,
             )  # fmt: skip
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
-        if self._drawn[is_lit].material != look:
+        if self._drawn[key].material != look:
             # What was drawn before keeps its own.
-            self._drawn[is_lit] = copy.copy(self._drawn[is_lit])
-            self._drawn[is_lit].material = look
-        return self._drawn[is_lit]
+            self._drawn[key] = copy.copy(self._drawn[key])
+            self._drawn[key].material = look
+        return self._drawn[key]
 
     def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
         """Return its colours, (V, 4) float64, as linear light; without lights they are codes."""
