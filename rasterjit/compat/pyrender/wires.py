@@ -8,7 +8,7 @@ a pixel. Of faces that are culled no edges are drawn; an edge between two others
 from __future__ import annotations
 
 import copy
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,12 @@ LINE_MODES = (GLTF.LINES, GLTF.LINE_LOOP, GLTF.LINE_STRIP)
 
 WIDTH = 1.0
 """Of lines, pixels."""
+
+DEPTH_PLACE = 0.5, 0.5
+"""
+Where Mesa takes depths of lines from, with several samples a pixel: half a pixel to the right of
+each and above it, which is below in pictures that are drawn upside down.
+"""
 
 NORMAL_COLOR = 0.1, 0.1, 1.0
 """What normals are drawn in, shares of 255."""
@@ -74,6 +80,8 @@ class LitLines(Lines):
         own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv)
         self._normals = self._vertex_normals = own.normals
         self._uv = own.uv
+
+    depth_place: ClassVar[tuple[float, float]] = DEPTH_PLACE
 
     @property
     def links(self) -> NDArray[np.int32]:
