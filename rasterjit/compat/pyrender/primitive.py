@@ -88,7 +88,8 @@ class Primitive:
         self.targets = targets
         self.poses = poses
 
-    _drawn: dict[bool, SceneMesh]
+    _drawn: dict[Any, Any]
+    # What was made of it, by what it was made for.
     _bounds: Float32 | None
 
     joints_0 = Field(anything, "As it was given: nothing here has skins.")
@@ -312,21 +313,33 @@ class Primitive:
             return np.stack([first, order[1:-1], order[2:]], axis=1)
         return np.zeros((0, 3), np.int64)
 
-    def drawn(self, is_lit: bool, look: SceneMaterial) -> SceneMesh:
-        """Return its triangles as RasterJIT has them; the same as long as the look is the same."""
-        if is_lit not in self._drawn:
-            self._drawn[is_lit] = made = SceneMesh(
-                self.positions, self.faces(), normals=self.normals, uv=self.texcoord_0,
-                colors=self.colors(), material=look,
+    def drawn(self, is_lit: bool, look: SceneMaterial, is_turned: bool = False) -> SceneMesh:
+        """
+        Return its triangles as RasterJIT has them; the same as long as the look is the same.
+
+        Parameters
+        ----------
+        is_lit : bool
+            Whether light counts.
+        look : Material
+        is_turned : bool
+            Whether faces go the other way round.
+        """
+        key = is_lit, is_turned, look.shading
+        if key not in self._drawn:
+            faces = self.faces()
+            self._drawn[key] = made = SceneMesh(
+                self.positions, faces[:, ::-1] if is_turned else faces, normals=self.normals,
+                uv=self.texcoord_0, colors=self.colors(), material=look,
             )  # fmt: skip
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
-        if self._drawn[is_lit].material != look:
+        if self._drawn[key].material != look:
             # What was drawn before keeps its own.
-            self._drawn[is_lit] = copy.copy(self._drawn[is_lit])
-            self._drawn[is_lit].material = look
-        return self._drawn[is_lit]
+            self._drawn[key] = copy.copy(self._drawn[key])
+            self._drawn[key].material = look
+        return self._drawn[key]
 
     def colors(self) -> NDArray[np.float64] | None:
         """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
