@@ -57,6 +57,8 @@ class Drawing(NamedTuple):
     """The node that each of its objects belongs to."""
     is_blended: bool
     """Whether anything is seen through."""
+    fades: bool
+    """Whether any alpha is below 1, seen through or not."""
 
 
 def check_flags(flags: int) -> RenderFlags:
@@ -100,6 +102,7 @@ def convert(
     *,
     only: set[Node] | None = None,
     shapes_alone: bool = False,
+    alphas_alone: bool = False,
     seen: Seen | None = None,
 ) -> Drawing:
     """
@@ -113,10 +116,14 @@ def convert(
         What is drawn; default: all that is visible.
     shapes_alone : bool
         Whether nothing but depth and numbers is asked for: then all is opaque.
+    alphas_alone : bool
+        Whether alphas are shown as greys, without lights.
     seen : Seen, optional
         How it is seen; without it points are left out, and edges of all faces are drawn.
     """
-    drawn, owners, is_blended = scenes.Scene(), [], False
+    drawn, owners, is_blended, fades = scenes.Scene(), [], False, False
+    if alphas_alone:
+        flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
@@ -124,6 +131,9 @@ def convert(
             continue
         pose = scene.get_pose(node)
         for primitive in mesh.primitives:
+            fades = fades or primitive.fades
+            if alphas_alone:
+                primitive = primitive.of_alphas()
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
@@ -135,7 +145,7 @@ def convert(
                     faces_viewer.append(primitive.normals is None)
     if not shapes_alone:
         drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
-    return Drawing(drawn, owners, is_blended)
+    return Drawing(drawn, owners, is_blended, fades)
 
 
 def _drawing_order(scene: Scene) -> list[Node]:

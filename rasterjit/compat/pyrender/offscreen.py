@@ -173,11 +173,14 @@ class OffscreenRenderer:
         drawing = convert(scene, flags, seen=seen)
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
-        behind[3] = 0 if has_alpha else 255
+        behind[3] = 0 if has_alpha and not drawing.fades else 255
         frame = self._draw(drawing, seen, ("color",), _PICTURE, background_light(behind, flags))
         if frame is None:
             channels = 4 if has_alpha else 3
             color = np.tile(codes[:channels], (seen.size[1], seen.size[0], 1))
+        elif has_alpha and drawing.fades:
+            color = frame.color[::-1].copy()
+            color[..., 3] = self._alphas(scene, seen, flags, codes[3])
         elif has_alpha:
             color = _over(frame.color[::-1], codes)
         else:
@@ -187,6 +190,20 @@ class OffscreenRenderer:
             drawing = convert(scene, flags, shapes_alone=True, seen=seen)
         shapes = self._draw_shapes(drawing, seen, ("depth",), _FIRST_SAMPLE)
         return color, depths.read(shapes, seen.size)
+
+    def _alphas(
+        self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
+    ) -> NDArray[np.uint8]:
+        """
+        Return the alpha, (H, W), that is left where some is below 1.
+
+        OpenGL mixes alphas as it mixes colours, by themselves: as greys would be mixed.
+        """
+        greys = convert(scene, flags, alphas_alone=True, seen=seen)
+        codes = np.array([behind, behind, behind, 255], np.uint8)
+        light = background_light(codes, RenderFlags.FLAT)
+        frame = self._draw(greys, seen, ("color",), _PICTURE, light)
+        return frame.color[::-1, :, 0]
 
     def _segmented(
         self,
