@@ -7,6 +7,7 @@ Small scenes for pyrender 0.1.45 and for the adapter alike, and what the origina
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 
@@ -230,13 +231,11 @@ def drawn(pr):
 
 
 def record():
-    import pyrender
-
     # pyrender 0.1.45 asks NumPy for a name that it has no more.
     np.infty = np.inf
     rows = {
         name: {"color": color[::3, ::3].tolist(), "depth": depth[::3, ::3].tolist()}
-        for name, (color, depth) in drawn(pyrender).items()
+        for name, (color, depth) in drawn(importlib.import_module("pyrender")).items()
     }
     RECORDED.write_text(json.dumps(rows, separators=(",", ":")) + "\n")
 
