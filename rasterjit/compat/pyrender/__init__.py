@@ -7,8 +7,8 @@ Run scripts that were written for pyrender: the same classes and arguments, draw
 SCRIPT ARGS...`` runs a program so, unedited. Pictures come from a CPU, without OpenGL, EGL, OSMesa
 or a display; the environment variable ``PYOPENGL_PLATFORM`` is without effect. Vectors, matrices,
 colours and angles (radians) are as there, and so are pictures: light falls on materials as the
-original's shader has it, of at most four lights of a kind, the nearest; codes are those of its gamma
-of 2.2; faces are drawn in its order, and mixed as OpenGL mixes them. `RenderFlags.FLAT` shows
+original's shader has it, of at most four lights of a kind, the nearest; codes are those of its
+gamma of 2.2; faces are drawn in its order, and mixed as OpenGL mixes them. `RenderFlags.FLAT` shows
 colours as they are.
 
 What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
