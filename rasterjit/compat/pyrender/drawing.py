@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +11,14 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender import wires
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
-from rasterjit.compat.pyrender.light import DirectionalLight, PointLight, SpotLight
-from rasterjit.compat.pyrender.mesh import Primitive
+from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
+from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
@@ -28,6 +31,12 @@ _SHADOW_FLAGS = {
     SpotLight: RenderFlags.SHADOWS_SPOT,
     PointLight: RenderFlags.SHADOWS_POINT,
 }
+_MOST = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
+"""Most lights of a kind that fall on an object; a spot light is a point light, too."""
+_SPARE_TEXTURES = 26
+"""Textures that are left for shadow maps where a fragment shader has 32 and materials 6."""
+
+
 _SHAPE_FLAGS = RenderFlags.DEPTH_ONLY | RenderFlags.SEG
 """Flags with which materials do not count: faces are filled, and culled."""
 
@@ -63,6 +72,14 @@ def check_flags(flags: int) -> RenderFlags:
 def background_codes(scene: Scene) -> NDArray[np.uint8]:
     """Return the background, (4,) uint8, as the picture shows it."""
     return np.floor(np.clip(scene.bg_color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
+def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
+    """Return what is shown as codes, (4,)."""
+    shown = np.float32(codes) / np.float32(255.0)
+    if not flags & RenderFlags.FLAT:
+        shown[:3] = shown[:3].astype(np.float64) ** 2.2
+    return shown
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
@@ -102,7 +119,8 @@ def convert(
         How it is seen; without it points are left out, and edges of all faces are drawn.
     """
     drawn, owners, is_blended = scenes.Scene(), [], False
-    for node in scene._ordered():
+    faces_viewer: list[bool] = []
+    for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
             continue
@@ -116,8 +134,9 @@ def convert(
                 if shape is not None:
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
+                    faces_viewer.append(primitive.normals is None)
     if not shapes_alone:
-        _light(drawn, scene, flags)
+        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
     return Drawing(drawn, owners, is_blended)
 
 
@@ -125,20 +144,30 @@ def _shape(
     primitive: Primitive, place: Float64, look: Material, flags: RenderFlags, seen: Seen | None
 ) -> tuple[SceneMesh | None, Float64]:
     """Return what a primitive is drawn by, None if by nothing, and its pose."""
-    is_lit = not flags & RenderFlags.FLAT
     if primitive.mode == GLTF.POINTS:
-        shape = None if seen is None else _squares(primitive, place, is_lit, seen)
+        shape = None if seen is None else _squares(primitive, place, seen)
         if shape is not None:
             shape.material = look
         return shape, np.eye(4)
     if primitive.mode in wires.LINE_MODES:
-        eye = None if seen is None else seen.camera.eye_position()
-        return wires.lines_of(primitive, place, is_lit, look, eye), place
-    is_turned = seen is not None and wires.turns(seen.camera, place)
+        return wires.lines_of(primitive, look), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
-        return wires.edges_of(primitive, place, is_lit, look, culling), place
-    return primitive.drawn(is_lit, look, is_turned), place
+        return wires.edges_of(primitive, place, look, culling), place
+    is_turned = seen is not None and wires.turns(seen.camera, place)
+    return primitive.drawn(not flags & RenderFlags.FLAT, look, is_turned), place
+
+
+def _drawing_order(scene: Scene) -> list[Node]:
+    """Return the nodes that have meshes, those seen through last and from far to near."""
+    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    blended = [node for node in nodes if node.mesh.is_transparent]
+    if not blended or scene.main_camera_node is None:
+        return nodes
+    eye = scene.get_pose(scene.main_camera_node)[:3, 3]
+    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    solid = [node for node in nodes if node not in away]
+    return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
 
 def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:
@@ -164,17 +193,69 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
     return bool(flags & RenderFlags.ALL_WIREFRAME) or primitive.material.wireframe != is_flipped
 
 
-def _light(drawn: scenes.Scene, scene: Scene, flags: RenderFlags) -> None:
-    """Add the lights; even none at all is light that was chosen."""
-    most = max(1.0, float(scene.ambient_light.max()))
-    drawn.lights.append(AmbientLight((scene.ambient_light / most).tolist(), most))
-    for node in scene._ordered():
-        if node.light is not None:
-            casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
-            drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
+def _imitation(
+    drawn: scenes.Scene, owners: list[Node], faces_viewer: list[bool], scene: Scene,
+    flags: RenderFlags,
+) -> Imitation:  # fmt: skip
+    """Add the lights; return how bright they are, what they fall on and what codes show of it."""
+    nodes = [node for node in scene._ordered() if node.light is not None]
+    if flags & RenderFlags.FLAT:
+        nodes = []
+    # What is black by intent is lit, too.
+    drawn.lights.append(AmbientLight())
+    radiance = np.zeros((len(nodes) + 1, 3), np.float32)
+    for n, node in enumerate(nodes, start=1):
+        casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
+        drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
+        radiance[n] = node.light.radiance
+    taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
+    kinds = [next(kind for kind in _MOST if isinstance(node.light, kind)) for node in nodes]
+    most = _most_lights(flags)
+    if any(kinds.count(kind) > most[kind] for kind in _MOST):
+        rows = {node: _nearest(scene, node, nodes, kinds, most) for node in {*owners}}
+        taken[:, 1:] = [rows[node] for node in owners]
+    return Imitation(
+        "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
+        np.float32(scene.ambient_light), taken, np.array(faces_viewer, np.uint8),
+    )  # fmt: skip
 
 
-def _squares(primitive: Primitive, place: Float64, is_lit: bool, seen: Seen) -> SceneMesh | None:
+def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
+    """Add lights at their poses to a scene that was converted; they fall on all objects."""
+    before, count = drawn._imitation, len(added)
+    drawn.lights += [light.placed(pose, None) for light, pose in added]
+    radiance = np.array([light.radiance for light, _ in added], np.float32).reshape(-1, 3)
+    taken = np.ones((len(before.taken), count), np.uint8)
+    drawn._imitation = replace(
+        before, radiance=np.concatenate([before.radiance, radiance]),
+        taken=np.hstack([before.taken, taken]),
+    )  # fmt: skip
+
+
+def _most_lights(flags: RenderFlags) -> dict[type, int]:
+    """Return how many lights of a kind fall on an object."""
+    most, shaded = dict(_MOST), [kind for kind in _MOST if flags & _SHADOW_FLAGS[kind]]
+    for kind in shaded:
+        most[kind] = _SPARE_TEXTURES // len(shaded)
+    if DirectionalLight in shaded:
+        most[DirectionalLight] += _SPARE_TEXTURES % len(shaded)
+    return most
+
+
+def _nearest(
+    scene: Scene, owner: Node, nodes: list[Node], kinds: list[type], most: dict[type, int]
+) -> NDArray[np.uint8]:
+    """Return 1 for each light that is among the nearest of its kind to a node, else 0."""
+    place = scene.get_pose(owner)[:3, 3]
+    away = [np.linalg.norm(scene.get_pose(node)[:3, 3] - place) for node in nodes]
+    left, taken = dict(most), np.zeros(len(nodes), np.uint8)
+    for n in np.argsort(away, kind="stable"):
+        taken[n] = left[kinds[n]] > 0
+        left[kinds[n]] -= 1
+    return taken
+
+
+def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | None:
     """Return a square of so many pixels that faces the camera at each point in front of it."""
     camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
@@ -197,7 +278,7 @@ def _squares(primitive: Primitive, place: Float64, is_lit: bool, seen: Seen) -> 
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = primitive.normals.T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.colors(is_lit)
+    colors = primitive.colors()
     return SceneMesh(
         corners.reshape(-1, 3), faces, normals=np.repeat(normals[is_seen], 4, axis=0),
         colors=None if colors is None else np.repeat(colors[is_seen], 4, axis=0),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,25 @@ from rasterjit.compat.pyrender.drawing import (
     Drawing,
     Seen,
     background_codes,
+    background_light,
     camera_of,
     check_flags,
     convert,
 )
+from rasterjit.compat.pyrender.fields import Field, number
 from rasterjit.compat.pyrender.node import Node
+from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import TABLE
 from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS, STEPS
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import finite_array, image_size, in_short, positive_number
+from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
+
+if TYPE_CHECKING:
+    from rasterjit.compat.pyrender import renderer
 
 _PICTURE = Quality(samples=4, blending="srgb8")
 """How colour is drawn: the mean of four samples' codes."""
@@ -47,6 +54,11 @@ _SAME = 1e-9
 _NOTHING = np.float32(np.inf).view(np.uint32)
 """Depth where nothing is, as bits."""
 
+EXTRA_OUTPUTS = (
+    "normal", "normal_camera", "geometric_normal", "position", "position_camera", "distance",
+)  # fmt: skip
+"""What `OffscreenRenderer.render` can return beside colour and depth."""
+
 
 class OffscreenRenderer:
     """
@@ -60,22 +72,34 @@ class OffscreenRenderer:
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
+    TypeError, ValueError
+        If a value is no number. A size out of range is refused when a scene is rendered.
     """
 
     def __init__(self, viewport_width: int, viewport_height: int, point_size: float = 1.0) -> None:
-        self.viewport_width, self.viewport_height = image_size(
-            "viewport_width, viewport_height", (viewport_width, viewport_height)
-        )
+        self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
-        self._renderers: dict[Quality, Renderer] = {}
+        self._platform = Platform(self.viewport_width, self.viewport_height)
+        self._engines: dict[Quality, Renderer] = {}
+
+    viewport_width = Field(int, "int: width of the picture, pixels.")
+    viewport_height = Field(int, "int: height of the picture, pixels.")
+    point_size = Field(number, "float: side of points, pixels.")
+
+    @property
+    def _renderer(self) -> renderer.Renderer:
+        """The renderer below it, for programs that reach for pyrender's."""
+        from rasterjit.compat.pyrender.renderer import Renderer as Below
+
+        return Below._of(self)
 
     def render(
         self,
         scene: Scene,
         flags: int = RenderFlags.NONE,
         seg_node_map: Mapping[Node, Any] | None = None,
+        *,
+        outputs: str | Sequence[str] | None = None,
     ) -> Any:
         """
         Render a scene through its main camera.
@@ -86,14 +110,23 @@ class OffscreenRenderer:
         flags : int
             `RenderFlags`, combined.
         seg_node_map : mapping of Node to int or (3,) array_like, optional
-            With ``RenderFlags.SEG``: the colour, bytes, of each node that is drawn.
+            With ``RenderFlags.SEG``: the colour, 0..255, of each node that is drawn. Colours below
+            are 0, those above 255.
+        outputs : str or sequence of str, optional
+            What else to return, which pyrender has not: ``"normal"``, ``"geometric_normal"`` (of
+            the faces) and ``"position"`` in the world's space, ``"normal_camera"`` and
+            ``"position_camera"`` in the camera's, ``"distance"`` from the camera.
 
         Returns
         -------
         color : (H, W, 3) uint8, or (H, W, 4) with ``RenderFlags.RGBA``
             Not with ``RenderFlags.DEPTH_ONLY``.
         depth : (H, W) float32, scene units
-            Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
+            Along the viewing axis; 0 where nothing is. Of four samples, that of the first.
+        extra : dict of str to array
+            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
+            surface at the middle of each pixel. Where nothing is, normals are 0, positions NaN and
+            distances infinite.
 
         Raises
         ------
@@ -104,23 +137,32 @@ class OffscreenRenderer:
             raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
         # Offscreen pyrender draws normals too late for its picture.
         wanted = check_flags(flags) & ~NORMALS
-        size = image_size("viewport", (self.viewport_width, self.viewport_height))
+        extra = _names(outputs)
+        size = image_size(
+            "viewport_width, viewport_height", (self.viewport_width, self.viewport_height)
+        )
         seen = Seen(camera_of(scene, size), size, positive_number("point_size", self.point_size))
         depths = Depths.of(seen.camera, scene)
         if wanted & RenderFlags.SEG:
             found = self._segmented(scene, seen, wanted, dict(seg_node_map or {}), depths)
         elif wanted & RenderFlags.DEPTH_ONLY:
             drawing = convert(scene, wanted, shapes_alone=True, seen=seen)
-            return depths.read(self._draw_shapes(drawing, seen, ("depth",), _FIRST_SAMPLE), size)
+            shapes = self._draw_shapes(drawing, seen, ("depth",), _FIRST_SAMPLE)
+            found = None, depths.read(shapes, size)
         else:
             found = self._colored(scene, seen, wanted, depths)
-        return found[1] if wanted & RenderFlags.DEPTH_ONLY else found
+        color, depth = found
+        arrays = (depth,) if wanted & RenderFlags.DEPTH_ONLY else (color, depth)
+        if extra:
+            only = set(seg_node_map or {}) if wanted & RenderFlags.SEG else None
+            arrays += (self._extra(scene, seen, wanted, only, extra),)
+        return arrays if len(arrays) > 1 else depth
 
     def delete(self) -> None:
         """Let threads and memory go; a later render takes them again."""
-        for renderer in self._renderers.values():
+        for renderer in self._engines.values():
             renderer.close()
-        self._renderers.clear()
+        self._engines.clear()
 
     def _colored(
         self, scene: Scene, seen: Seen, flags: RenderFlags, depths: Depths
@@ -132,7 +174,7 @@ class OffscreenRenderer:
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
         behind[3] = 0 if has_alpha else 255
-        frame = self._draw(drawing, seen, ("color",), _PICTURE, behind)
+        frame = self._draw(drawing, seen, ("color",), _PICTURE, background_light(behind, flags))
         if frame is None:
             channels = 4 if has_alpha else 3
             color = np.tile(codes[:channels], (seen.size[1], seen.size[0], 1))
@@ -160,13 +202,8 @@ class OffscreenRenderer:
         frame = self._draw_shapes(drawing, seen, ("object_id", "depth"), (0.0, 0.0))
         table = np.zeros((len(drawing.owners) + 1, 4), np.uint8)
         table[:, 3] = 255
-        for number, node in enumerate(drawing.owners):
-            value = np.ravel(colors[node])
-            color = finite_array("seg_node_map", np.repeat(value, 3) if len(value) == 1 else value,
-                                 (3,))  # fmt: skip
-            if color.min() < 0.0 or color.max() > 255.0:
-                raise ValueError(f"seg_node_map must hold colors in 0..255, got {color.tolist()}")
-            table[number, :3] = color
+        for row, node in enumerate(drawing.owners):
+            table[row, :3] = _seg_color(colors[node])
         if frame is None:
             picture = np.tile(table[-1], (seen.size[1], seen.size[0], 1))
         else:
@@ -175,6 +212,26 @@ class OffscreenRenderer:
             picture = picture.view(np.uint8)
         color = picture if flags & RenderFlags.RGBA else _opaque(picture)
         return color, depths.read(frame, seen.size)
+
+    def _extra(
+        self,
+        scene: Scene,
+        seen: Seen,
+        flags: RenderFlags,
+        only: set[Node] | None,
+        names: tuple[str, ...],
+    ) -> dict[str, NDArray[Any]]:
+        """Render what else was asked for, at the middle of each pixel."""
+        solid = convert(scene, flags, only=only, shapes_alone=True, seen=seen)
+        frame = self._draw_shapes(solid, seen, names, (0.0, 0.0))
+        if frame is not None:
+            return {name: getattr(frame, name)[::-1].copy() for name in names}
+        empty, size = {}, (seen.size[1], seen.size[0])
+        for name, row in TABLE.items():
+            if name in names:
+                shape = size if row.channels == 1 else (*size, row.channels)
+                empty[name] = np.full(shape, row.empty, row.dtype)
+        return empty
 
     def _draw_shapes(
         self, drawing: Drawing, seen: Seen, outputs: tuple[str, ...], place: tuple[float, float]
@@ -196,11 +253,11 @@ class OffscreenRenderer:
         """Render upside down, or return None if there is nothing to draw."""
         if not drawing.owners:
             return None
-        renderer = self._renderers.get(quality)
+        renderer = self._engines.get(quality)
         if renderer is None or renderer.size != seen.size:
             if renderer is not None:
                 renderer.close()
-            renderer = self._renderers[quality] = Renderer(seen.size, quality=quality)
+            renderer = self._engines[quality] = Renderer(seen.size, quality=quality)
         camera = _upside_down(seen.camera)
         return renderer.render(drawing.scene, camera, outputs=outputs, background=background)
 
@@ -297,3 +354,19 @@ def _over(color: NDArray[np.uint8], codes: NDArray[np.uint8]) -> NDArray[np.uint
     pixels[:, 3] = 255.0
     found[rows, columns] = np.floor(share * pixels + (1.0 - share) * codes + 0.5)
     return found
+
+
+def _names(outputs: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Return names of extra outputs, or raise ``ValueError`` of one that is unknown."""
+    if outputs is None:
+        return ()
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    return tuple(one_of("outputs", name, EXTRA_OUTPUTS) for name in names)
+
+
+def _seg_color(value: Any) -> NDArray[np.float64]:
+    """Return a node's colour, (3,) in 0..255, rounded to whole numbers."""
+    given = np.asarray(value)
+    if given.dtype.kind not in "buif" or given.size not in (1, 3):
+        raise ValueError(f"seg_node_map must hold numbers or (3,) colors, got {in_short(value)}")
+    return np.clip(np.rint(np.nan_to_num(np.ravel(given).astype(np.float64))), 0.0, 255.0)

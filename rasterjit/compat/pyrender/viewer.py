@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.camera import PerspectiveCamera as OurPerspective
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import background_codes, camera_of, check_flags, convert
+from rasterjit.compat.pyrender.drawing import (
+    add_lights,
+    background_codes,
+    camera_of,
+    check_flags,
+    convert,
+)
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import transforms
@@ -115,10 +121,11 @@ def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any
         added += [transforms.compose(pose, turn) for turn in _raymond_turns()]
     if options.get("use_direct_lighting"):
         added.append(pose)
-    drawn.lights += [DirectionalLight().placed(place, None) for place in added]
+    lights = [(DirectionalLight(), place) for place in added]
     if not scene.light_nodes and not added and not scene.ambient_light.any():
-        # A window that is black helps nobody: RasterJIT's headlight.
-        drawn.lights.clear()
+        # A window that is black helps nobody.
+        lights.append((DirectionalLight(intensity=math.pi), pose))
+    add_lights(drawn, lights)
     return drawn
 
 
