@@ -128,7 +128,9 @@ def plan_frame(
         quality,
     )
     if layers is not None and facts.imitation is not None:
-        layers = layers._replace(in_order=True)
+        # Far beside a face that is seen from its edge there may be no place to look things up.
+        at_centers = not (facts.needs_textures or facts.casts_shadows)
+        layers = layers._replace(in_order=True, at_centers=at_centers)
     plan = RenderPlan(
         size=size,
         camera=camera,

@@ -135,7 +135,11 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted, and all are seen.
     """
-    shader = bands.at_samples(shader, plan.samples)._replace(has_codes=True).ready()
+    shader = shader._replace(has_codes=True)
+    if plan.at_centers:
+        shader = bands.at_samples(shader.ready(), plan.samples)
+    else:
+        shader = bands.at_samples(shader, plan.samples).ready()
     viewport = shader.geometry.viewport
     lists = bands.part_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]

@@ -32,11 +32,9 @@ _SHADOW_FLAGS = {
     PointLight: RenderFlags.SHADOWS_POINT,
 }
 _MOST = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
-"""Most lights of a kind that fall on an object; a spot light is a point light, too."""
+"""Most lights of a kind that fall on an object."""
 _SPARE_TEXTURES = 26
 """Textures that are left for shadow maps where a fragment shader has 32 and materials 6."""
-
-
 _SHAPE_FLAGS = RenderFlags.DEPTH_ONLY | RenderFlags.SEG
 """Flags with which materials do not count: faces are filled, and culled."""
 
@@ -59,6 +57,8 @@ class Drawing(NamedTuple):
     """The node that each of its objects belongs to."""
     is_blended: bool
     """Whether anything is seen through."""
+    fades: bool
+    """Whether any alpha is below 1, seen through or not."""
 
 
 def check_flags(flags: int) -> RenderFlags:
@@ -102,6 +102,7 @@ def convert(
     *,
     only: set[Node] | None = None,
     shapes_alone: bool = False,
+    alphas_alone: bool = False,
     seen: Seen | None = None,
 ) -> Drawing:
     """
@@ -115,10 +116,14 @@ def convert(
         What is drawn; default: all that is visible.
     shapes_alone : bool
         Whether nothing but depth and numbers is asked for: then all is opaque.
+    alphas_alone : bool
+        Whether alphas are shown as greys, without lights.
     seen : Seen, optional
         How it is seen; without it points are left out, and edges of all faces are drawn.
     """
-    drawn, owners, is_blended = scenes.Scene(), [], False
+    drawn, owners, is_blended, fades = scenes.Scene(), [], False, False
+    if alphas_alone:
+        flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
@@ -126,6 +131,9 @@ def convert(
             continue
         pose = scene.get_pose(node)
         for primitive in mesh.primitives:
+            fades = fades or primitive.fades
+            if alphas_alone:
+                primitive = primitive.of_alphas()
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
@@ -137,7 +145,19 @@ def convert(
                     faces_viewer.append(primitive.normals is None)
     if not shapes_alone:
         drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
-    return Drawing(drawn, owners, is_blended)
+    return Drawing(drawn, owners, is_blended, fades)
+
+
+def _drawing_order(scene: Scene) -> list[Node]:
+    """Return the nodes that have meshes, those seen through last and from far to near."""
+    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    blended = [node for node in nodes if node.mesh.is_transparent]
+    if not blended or scene.main_camera_node is None:
+        return nodes
+    eye = scene.get_pose(scene.main_camera_node)[:3, 3]
+    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    solid = [node for node in nodes if node not in away]
+    return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
 
 def _shape(
@@ -156,18 +176,6 @@ def _shape(
         return wires.edges_of(primitive, place, look, culling), place
     is_turned = seen is not None and wires.turns(seen.camera, place)
     return primitive.drawn(not flags & RenderFlags.FLAT, look, is_turned), place
-
-
-def _drawing_order(scene: Scene) -> list[Node]:
-    """Return the nodes that have meshes, those seen through last and from far to near."""
-    nodes = [node for node in scene._ordered() if node.mesh is not None]
-    blended = [node for node in nodes if node.mesh.is_transparent]
-    if not blended or scene.main_camera_node is None:
-        return nodes
-    eye = scene.get_pose(scene.main_camera_node)[:3, 3]
-    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
-    solid = [node for node in nodes if node not in away]
-    return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
 
 def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:

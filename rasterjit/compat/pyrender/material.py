@@ -121,6 +121,13 @@ class Material:
         return bool(color[3] < least) or (picture is not None and picture.is_transparent(least))
 
     @property
+    def least_alpha(self) -> float:
+        """The least alpha of its base colour, in 0..1; 0 where a texture has some below 1."""
+        color, picture = self._base()
+        is_seen_through = picture is not None and not picture.is_opaque
+        return 0.0 if is_seen_through else min(max(float(color[3]), 0.0), 1.0)
+
+    @property
     def tex_flags(self) -> int:
         """Which textures it has, `TexFlags`."""
         given = [flag for flag, texture in self._flagged() if texture is not None]

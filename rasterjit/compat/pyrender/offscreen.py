@@ -33,6 +33,11 @@ from rasterjit.scene.validation import image_size, in_short, one_of, positive_nu
 if TYPE_CHECKING:
     from rasterjit.compat.pyrender import renderer
 
+EXTRA_OUTPUTS = (
+    "normal", "normal_camera", "geometric_normal", "position", "position_camera", "distance",
+)  # fmt: skip
+"""What `OffscreenRenderer.render` can return beside colour and depth."""
+
 _PICTURE = Quality(samples=4, blending="srgb8", subpixel_bits=12)
 """How colour is drawn: the mean of four samples' codes."""
 
@@ -53,11 +58,6 @@ _SAME = 1e-9
 
 _NOTHING = np.float32(np.inf).view(np.uint32)
 """Depth where nothing is, as bits."""
-
-EXTRA_OUTPUTS = (
-    "normal", "normal_camera", "geometric_normal", "position", "position_camera", "distance",
-)  # fmt: skip
-"""What `OffscreenRenderer.render` can return beside colour and depth."""
 
 
 class OffscreenRenderer:
@@ -122,7 +122,7 @@ class OffscreenRenderer:
         color : (H, W, 3) uint8, or (H, W, 4) with ``RenderFlags.RGBA``
             Not with ``RenderFlags.DEPTH_ONLY``.
         depth : (H, W) float32, scene units
-            Along the viewing axis; 0 where nothing is. Of four samples, that of the first.
+            Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
             Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
             surface at the middle of each pixel. Where nothing is, normals are 0, positions NaN and
@@ -160,8 +160,8 @@ class OffscreenRenderer:
 
     def delete(self) -> None:
         """Let threads and memory go; a later render takes them again."""
-        for renderer in self._engines.values():
-            renderer.close()
+        for engine in self._engines.values():
+            engine.close()
         self._engines.clear()
 
     def _colored(
@@ -173,17 +173,34 @@ class OffscreenRenderer:
         drawing = convert(scene, flags, seen=seen)
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
-        behind[3] = 0 if has_alpha else 255
+        behind[3] = 0 if has_alpha and not drawing.fades else 255
         light = background_light(behind, flags)
         frame = self._draw(drawing, seen, ("color", "depth"), _PICTURE, light)
         if frame is None:
             channels = 4 if has_alpha else 3
             color = np.tile(codes[:channels], (seen.size[1], seen.size[0], 1))
+        elif has_alpha and drawing.fades:
+            color = frame.color[::-1].copy()
+            color[..., 3] = self._alphas(scene, seen, flags, codes[3])
         elif has_alpha:
             color = _over(frame.color[::-1], codes)
         else:
             color = _opaque(frame.color[::-1])
         return color, depths.read(frame, seen.size)
+
+    def _alphas(
+        self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
+    ) -> NDArray[np.uint8]:
+        """
+        Return the alpha, (H, W), that is left where some is below 1.
+
+        OpenGL mixes alphas as it mixes colours, by themselves: as greys would be mixed.
+        """
+        greys = convert(scene, flags, alphas_alone=True, seen=seen)
+        codes = np.array([behind, behind, behind, 255], np.uint8)
+        light = background_light(codes, RenderFlags.FLAT)
+        frame = self._draw(greys, seen, ("color",), _PICTURE, light)
+        return frame.color[::-1, :, 0]
 
     def _segmented(
         self,
@@ -210,26 +227,6 @@ class OffscreenRenderer:
         color = picture if flags & RenderFlags.RGBA else _opaque(picture)
         return color, depths.read(frame, seen.size)
 
-    def _extra(
-        self,
-        scene: Scene,
-        seen: Seen,
-        flags: RenderFlags,
-        only: set[Node] | None,
-        names: tuple[str, ...],
-    ) -> dict[str, NDArray[Any]]:
-        """Render what else was asked for, at the middle of each pixel."""
-        solid = convert(scene, flags, only=only, shapes_alone=True, seen=seen)
-        frame = self._draw_shapes(solid, seen, names, (0.0, 0.0))
-        if frame is not None:
-            return {name: getattr(frame, name)[::-1].copy() for name in names}
-        empty, size = {}, (seen.size[1], seen.size[0])
-        for name, row in TABLE.items():
-            if name in names:
-                shape = size if row.channels == 1 else (*size, row.channels)
-                empty[name] = np.full(shape, row.empty, row.dtype)
-        return empty
-
     def _draw_shapes(
         self, drawing: Drawing, seen: Seen, outputs: tuple[str, ...], place: tuple[float, float]
     ) -> Frame | None:
@@ -238,6 +235,27 @@ class OffscreenRenderer:
         if place != (0.0, 0.0):
             camera = _moved(camera, seen.size, place)
         return self._draw(drawing, seen._replace(camera=camera), outputs, _SHAPES)
+
+    def _extra(
+        self,
+        scene: Scene,
+        seen: Seen,
+        flags: RenderFlags,
+        only: set[Node] | None,
+        names: tuple[str, ...],
+    ) -> dict[str, NDArray[Any]]:
+        """Render what else was asked for."""
+        solid = flags | RenderFlags.ALL_SOLID
+        drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
+        frame = self._draw_shapes(drawing, seen, names, (0.0, 0.0))
+        if frame is not None:
+            return {name: getattr(frame, name)[::-1].copy() for name in names}
+        empty, size = {}, (self.viewport_height, self.viewport_width)
+        for name, row in TABLE.items():
+            if name in names:
+                shape = size if row.channels == 1 else (*size, row.channels)
+                empty[name] = np.full(shape, row.empty, row.dtype)
+        return empty
 
     def _draw(
         self,
@@ -250,13 +268,13 @@ class OffscreenRenderer:
         """Render upside down, or return None if there is nothing to draw."""
         if not drawing.owners:
             return None
-        renderer = self._engines.get(quality)
-        if renderer is None or renderer.size != seen.size:
-            if renderer is not None:
-                renderer.close()
-            renderer = self._engines[quality] = Renderer(seen.size, quality=quality)
+        engine = self._engines.get(quality)
+        if engine is None or engine.size != seen.size:
+            if engine is not None:
+                engine.close()
+            engine = self._engines[quality] = Renderer(seen.size, quality=quality)
         camera = _upside_down(seen.camera)
-        return renderer.render(drawing.scene, camera, outputs=outputs, background=background)
+        return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
 class Depths(NamedTuple):

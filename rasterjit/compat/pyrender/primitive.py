@@ -89,7 +89,7 @@ class Primitive:
         self.poses = poses
 
     _drawn: dict[Any, Any]
-    """What was made to draw it, by what it was made for."""
+    # What was made of it, by what it was made for.
     _bounds: Float32 | None
 
     joints_0 = Field(anything, "As it was given: nothing here has skins.")
@@ -320,7 +320,7 @@ class Primitive:
         Parameters
         ----------
         is_lit : bool
-            Whether light falls on them.
+            Whether light counts.
         look : Material
         is_turned : bool
             Whether faces go the other way round.
@@ -340,6 +340,29 @@ class Primitive:
             self._drawn[key] = copy.copy(self._drawn[key])
             self._drawn[key].material = look
         return self._drawn[key]
+
+    @property
+    def fades(self) -> bool:
+        """Whether its alpha is below 1 anywhere, whatever its material's mode."""
+        return self.least_alpha * self.material.least_alpha < 1.0
+
+    def of_alphas(self) -> Primitive:
+        """Return the same whose colours, without lights, are its alpha in all channels."""
+        color, texture = self.material._base()
+        known = self._drawn.get("alphas")
+        if known is None or known[0] is not texture or not np.array_equal(known[1], color):
+            grey = copy.copy(self)
+            if self.color_0 is not None:
+                grey.color_0 = np.repeat(self.color_0[:, 3:], 4, axis=1)
+            pixels = None if texture is None else texture.of_alphas()
+            known = self._drawn["alphas"] = texture, color.copy(), grey, pixels
+        _, _, grey, pixels = known
+        own = self.material
+        grey.material = MetallicRoughnessMaterial(
+            alphaMode=own.alphaMode, doubleSided=own.doubleSided, wireframe=own.wireframe,
+            baseColorFactor=np.repeat(color[3], 4), baseColorTexture=pixels,
+        )  # fmt: skip
+        return grey
 
     def colors(self) -> NDArray[np.float64] | None:
         """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,20 @@ class Texture:
     def is_transparent(self, cutoff: float = 1.0) -> bool:
         """Return False: as in pyrender 0.1.45, what a picture's alpha is does not count here."""
         return False
+
+    @property
+    def is_opaque(self) -> bool:
+        """Whether its alpha is 1 everywhere."""
+        return self.drawn().is_opaque
+
+    def of_alphas(self) -> Texture:
+        """Return a texture that is read like it and shows its alpha in all channels."""
+        pixels, grey = np.asarray(self.source), copy.copy(self)
+        has_alpha = pixels.ndim == 3 and pixels.shape[2] == 4
+        alphas = pixels[..., 3] if has_alpha else np.full(pixels.shape[:2], 255, np.uint8)
+        grey.source_channels = "RGBA"
+        grey.source = np.repeat(alphas[..., np.newaxis], 4, axis=2)
+        return grey
 
     def delete(self) -> None:
         """Let go of what was made to draw it."""

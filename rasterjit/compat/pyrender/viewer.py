@@ -14,6 +14,7 @@ from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     add_lights,
     background_codes,
+    background_light,
     camera_of,
     check_flags,
     convert,
@@ -94,7 +95,8 @@ class Viewer:
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        shown_in = show.show(shown, size=size, background=background_codes(scene))
+        behind = background_light(background_codes(scene), flags_of(options))
+        shown_in = show.show(shown, size=size, background=behind)
         if is_notebook and shown_in is not None:
             from IPython.display import display
 
@@ -104,11 +106,7 @@ class Viewer:
 
 def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
     """Return what the viewer shows: the scene with its camera, and the lights asked for."""
-    flags = RenderFlags.NONE if options.get("cull_faces", True) else RenderFlags.SKIP_CULL_FACES
-    for name, flag in _FLAGS.items():
-        if options.get(name):
-            flags |= flag
-    drawn = convert(scene, check_flags(flags)).scene
+    drawn = convert(scene, flags_of(options)).scene
     if scene.main_camera_node is not None:
         pose = scene.get_pose(scene.main_camera_node)
         drawn.camera = _movable(scene.main_camera_node.camera, pose) or camera_of(scene, size)
@@ -127,6 +125,15 @@ def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any
         lights.append((DirectionalLight(intensity=math.pi), pose))
     add_lights(drawn, lights)
     return drawn
+
+
+def flags_of(options: Mapping[str, Any]) -> RenderFlags:
+    """Return the flags that the options of a viewer ask for."""
+    flags = RenderFlags.NONE if options.get("cull_faces", True) else RenderFlags.SKIP_CULL_FACES
+    for name, flag in _FLAGS.items():
+        if options.get(name):
+            flags |= flag
+    return check_flags(flags)
 
 
 def _movable(camera: Any, pose: NDArray[np.float64]) -> PerspectiveCamera | None:
