@@ -164,20 +164,18 @@ def _shape(
     primitive: Primitive, place: Float64, look: Material, flags: RenderFlags, seen: Seen | None
 ) -> tuple[SceneMesh | None, Float64]:
     """Return what a primitive is drawn by, None if by nothing, and its pose."""
-    is_lit = not flags & RenderFlags.FLAT
     if primitive.mode == GLTF.POINTS:
         shape = None if seen is None else _squares(primitive, place, seen)
         if shape is not None:
             shape.material = look
         return shape, np.eye(4)
     if primitive.mode in wires.LINE_MODES:
-        eye = None if seen is None else seen.camera.eye_position()
-        return wires.lines_of(primitive, place, is_lit, look, eye), place
-    is_turned = seen is not None and wires.turns(seen.camera, place)
+        return wires.lines_of(primitive, look), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
-        return wires.edges_of(primitive, place, is_lit, look, culling), place
-    return primitive.drawn(is_lit, look, is_turned), place
+        return wires.edges_of(primitive, place, look, culling), place
+    is_turned = seen is not None and wires.turns(seen.camera, place)
+    return primitive.drawn(not flags & RenderFlags.FLAT, look, is_turned), place
 
 
 def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:

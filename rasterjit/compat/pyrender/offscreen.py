@@ -38,7 +38,7 @@ EXTRA_OUTPUTS = (
 )  # fmt: skip
 """What `OffscreenRenderer.render` can return beside colour and depth."""
 
-_PICTURE = Quality(samples=4, blending="srgb8")
+_PICTURE = Quality(samples=4, blending="srgb8", subpixel_bits=12)
 """How colour is drawn: the mean of four samples' codes."""
 
 _SHAPES = Quality(subpixel_bits=12)
@@ -174,7 +174,8 @@ class OffscreenRenderer:
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
         behind[3] = 0 if has_alpha and not drawing.fades else 255
-        frame = self._draw(drawing, seen, ("color",), _PICTURE, background_light(behind, flags))
+        light = background_light(behind, flags)
+        frame = self._draw(drawing, seen, ("color", "depth"), _PICTURE, light)
         if frame is None:
             channels = 4 if has_alpha else 3
             color = np.tile(codes[:channels], (seen.size[1], seen.size[0], 1))
@@ -185,11 +186,7 @@ class OffscreenRenderer:
             color = _over(frame.color[::-1], codes)
         else:
             color = _opaque(frame.color[::-1])
-        if drawing.is_blended:
-            # What is seen through has a depth in OpenGL's buffer, and none in ours.
-            drawing = convert(scene, flags, shapes_alone=True, seen=seen)
-        shapes = self._draw_shapes(drawing, seen, ("depth",), _FIRST_SAMPLE)
-        return color, depths.read(shapes, seen.size)
+        return color, depths.read(frame, seen.size)
 
     def _alphas(
         self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
@@ -366,7 +363,10 @@ def _opaque(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def _over(color: NDArray[np.uint8], codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a picture with straight alpha, (H, W, 4) uint8, over a background as samples mix."""
     found = np.ascontiguousarray(color)
-    rows, columns = np.nonzero(found[..., 3] != 255)
+    alpha = found[..., 3]
+    rows, columns = np.nonzero((alpha != 255) & (alpha != 0))
+    # Where nothing is its colour is there.
+    alpha[alpha == 0] = codes[3]
     pixels = found[rows, columns].astype(np.float64)
     share = pixels[:, 3:] / 255.0
     pixels[:, 3] = 255.0

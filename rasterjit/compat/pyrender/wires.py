@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.primitive import Primitive
-from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
@@ -40,7 +39,7 @@ NORMAL_COLOR = 0.1, 0.1, 1.0
 """What normals are drawn in, shares of 255."""
 
 NORMAL_LENGTH = 0.05
-"""Of normals, of the diagonal of their primitive's box."""
+"""Of normals, of their primitive's scale."""
 
 
 class LitLines(Lines):
@@ -113,17 +112,11 @@ class LitLines(Lines):
 class _Edges:
     """The edges of a primitive's faces."""
 
-    def __init__(self, primitive: Primitive, is_lit: bool, look: Material) -> None:
+    def __init__(self, primitive: Primitive, look: Material) -> None:
         faces = primitive.faces()
         self._segments, self._of_faces = _edges_between(faces)
-        self._planes = _planes_of(primitive.positions[faces])
-        normals = primitive.normals
-        if normals is None and is_lit:
-            normals = primitive.drawn(is_lit, look).vertex_normals()
-        self._all = LitLines(
-            primitive.positions, self._segments, normals=normals, uv=primitive.texcoord_0,
-            colors=primitive.colors(), material=look,
-        )  # fmt: skip
+        self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
+        self._all = _lit_lines(primitive, self._segments, look)
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
     def all_of_them(self, look: Material) -> LitLines:
@@ -146,7 +139,7 @@ class _Edges:
 
 
 def edges_of(
-    primitive: Primitive, place: Float64, is_lit: bool, look: Material, camera: MatrixCamera | None
+    primitive: Primitive, place: Float64, look: Material, camera: MatrixCamera | None
 ) -> LitLines | None:
     """
     Return the edges of a primitive's triangles, in model space; None without any.
@@ -156,15 +149,13 @@ def edges_of(
     primitive : Primitive
     place : (4, 4) float64
         ``world_from_model``.
-    is_lit : bool
-        Whether colours are lit, else they are codes.
     look : Material
     camera : MatrixCamera, optional
         What culls faces; without it all have edges.
     """
-    key = "edges", is_lit
+    key = "edges", look.shading
     if key not in primitive._drawn:
-        primitive._drawn[key] = _Edges(primitive, is_lit, look)
+        primitive._drawn[key] = _Edges(primitive, look)
     edges: _Edges = primitive._drawn[key]
     if camera is None:
         return edges.all_of_them(look)
@@ -172,33 +163,23 @@ def edges_of(
     return edges.of_front_faces(look, clip_from_model)
 
 
-def lines_of(
-    primitive: Primitive, place: Float64, is_lit: bool, look: Material, eye: Float64 | None
-) -> LitLines | None:
-    """
-    Return the lines of a primitive of lines, a loop or a strip, in model space; None without any.
-
-    Takes what `edges_of` takes, and the eye, (3,) float64, world space: normals that it was not
-    given point there; without an eye they have none.
-    """
+def lines_of(primitive: Primitive, look: Material) -> LitLines | None:
+    """Return the lines of a primitive of lines, a loop or a strip, in model space; None if none."""
     segments = _segments_of(primitive)
     if not len(segments):
         return None
-    normals, key = primitive.normals, ("lines", is_lit)
-    if normals is None and is_lit and eye is not None:
-        world = eye - transforms.apply(place, primitive.positions)
-        # Model-space normals are turned by the inverse transpose.
-        x, y, z = world.T
-        rows = place[:3, :3]
-        normals = np.stack([rows[0, k] * x + rows[1, k] * y + rows[2, k] * z for k in range(3)], 1)
-    known = primitive._drawn.get(key)
-    if known is None or (primitive.normals is None and is_lit):
-        known = LitLines(
-            primitive.positions, segments, normals=normals, uv=primitive.texcoord_0,
-            colors=primitive.colors(), material=look,
-        )  # fmt: skip
+    key = "lines", look.shading
+    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look)
     primitive._drawn[key] = known.shown_by(look)
     return primitive._drawn[key]
+
+
+def _lit_lines(primitive: Primitive, segments: NDArray[np.int64], look: Material) -> LitLines:
+    """Return lines between vertices of a primitive."""
+    return LitLines(
+        primitive.positions, segments, normals=primitive.normals, uv=primitive.texcoord_0,
+        colors=primitive.colors(), material=look,
+    )  # fmt: skip
 
 
 def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines | None:
@@ -206,17 +187,16 @@ def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines
     if primitive.normals is None:
         return None
     starts, ways = [], []
-    faces = None if primitive.mode in (GLTF.POINTS, *LINE_MODES) else primitive.faces()
-    if of_vertices or faces is None:
-        starts.append(primitive.positions)
-        ways.append(_unit(primitive.normals))
-    if of_faces and faces is not None:
-        a, b, c = np.moveaxis(primitive.positions[faces], 1, 0)
+    faces, positions = primitive.faces(), primitive.positions.astype(np.float64)
+    if of_vertices or not len(faces):
+        starts.append(positions)
+        ways.append(_unit(primitive.normals.astype(np.float64)))
+    if of_faces and len(faces):
+        a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
         ways.append(_unit(np.cross(b - a, c - a)))
     first = np.concatenate(starts)
-    low, high = primitive.positions.min(axis=0), primitive.positions.max(axis=0)
-    last = first + NORMAL_LENGTH * np.linalg.norm(high - low) * np.concatenate(ways)
+    last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(ways)
     numbers = np.arange(len(first))
     color = np.floor(np.array(NORMAL_COLOR) * 255.0 + 0.5).astype(np.uint8)
     return Lines(
@@ -240,10 +220,7 @@ def turns(camera: MatrixCamera, place: Float64) -> bool:
 
 def _segments_of(primitive: Primitive) -> NDArray[np.int64]:
     """Return the numbers of the points at the ends of each segment, (S, 2)."""
-    if primitive.indices is None:
-        numbers = np.arange(len(primitive.positions))
-    else:
-        numbers = np.asarray(primitive.indices).astype(np.int64).ravel()
+    numbers = primitive.order()
     if primitive.mode == GLTF.LINES:
         return numbers[: len(numbers) // 2 * 2].reshape(-1, 2)
     ends = np.roll(numbers, -1) if primitive.mode == GLTF.LINE_LOOP else numbers[1:]
