@@ -69,7 +69,9 @@ def _run_script(script: str) -> None:
         with io.open_code(os.path.abspath(script)) as file:
             source = file.read()
     except OSError as error:
-        message = f"can't open file {os.path.abspath(script)!r}: [Errno {error.errno}] {error.strerror}"
+        message = (
+            f"can't open file {os.path.abspath(script)!r}: [Errno {error.errno}] {error.strerror}"
+        )
         print(f"{sys.executable}: {message}", file=sys.stderr)
         raise SystemExit(2) from None
     main_module = types.ModuleType("__main__")

@@ -95,6 +95,8 @@ def convert(
             continue
         pose = scene.get_pose(node)
         for primitive in mesh.primitives:
+            if primitive.is_empty:
+                continue
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:

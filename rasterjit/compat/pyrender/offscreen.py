@@ -22,7 +22,7 @@ from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import TABLE
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
 
@@ -55,7 +55,7 @@ class OffscreenRenderer:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
         self._platform = Platform(self.viewport_width, self.viewport_height)
-        self._engine: Renderer | None = None
+        self._engine: Engine | None = None
 
     viewport_width = Field(int, "int: width of the picture, pixels.")
     viewport_height = Field(int, "int: height of the picture, pixels.")
@@ -218,7 +218,7 @@ class OffscreenRenderer:
         size = (self.viewport_width, self.viewport_height)
         if self._engine is None or self._engine.size != size:
             self.delete()
-            self._engine = Renderer(size)
+            self._engine = Engine(size)
         return self._engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
