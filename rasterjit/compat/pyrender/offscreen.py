@@ -25,7 +25,7 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import TABLE
 from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS, STEPS
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
@@ -80,7 +80,7 @@ class OffscreenRenderer:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
         self._platform = Platform(self.viewport_width, self.viewport_height)
-        self._engines: dict[Quality, Renderer] = {}
+        self._engines: dict[Quality, Engine] = {}
 
     viewport_width = Field(int, "int: width of the picture, pixels.")
     viewport_height = Field(int, "int: height of the picture, pixels.")
@@ -272,7 +272,7 @@ class OffscreenRenderer:
         if engine is None or engine.size != seen.size:
             if engine is not None:
                 engine.close()
-            engine = self._engines[quality] = Renderer(seen.size, quality=quality)
+            engine = self._engines[quality] = Engine(seen.size, quality=quality)
         camera = _upside_down(seen.camera)
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
