@@ -11,8 +11,8 @@ as it takes by itself.
 Pictures: every scene under every flag, 640x480. The mask is where depth is not 0. Colours count
 inside objects: where both cover a pixel and all beside it. Depth is compared where the original
 takes it, at the first of its four samples (under ``SEG`` at the centre): the adapter draws that
-picture once more with the camera moved by so much. The original's buffer of depth has 24 bits: one
-step of it is allowed beside the mark.
+picture once more with the camera moved by so much. The original's buffer of depth has 24 bits, and
+Mesa snaps vertices to 1/256 of a pixel: one step of each is allowed beside the mark.
 
 Times: one scene of 70 000 faces, flag by flag, contestants in turn: ``warm`` is a further picture
 of a scene and a renderer that are kept, ``cold`` a first one of scene, meshes and renderer that are

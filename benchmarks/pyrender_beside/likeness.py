@@ -16,8 +16,10 @@ Bools = NDArray[np.bool_]
 
 COLOR_CODES, MASK_SHARE, DEPTH_ERROR = 2.0, 1.0 / 200.0, 1e-5
 """The marks: mean difference inside objects, share of a mask's pixels, relative error of depth."""
-DEPTH_BITS, DEPTH_SHARE = 24, 1e-3
-"""Of the original's buffer; share of pixels that may lie beyond the mark and a step of it."""
+DEPTH_BITS, PIXEL_STEPS = 24, 256
+"""Of the original's buffer; of the grid to which it snaps vertices, in a pixel."""
+DEPTH_SHARE = 1e-3
+"""Share of pixels whose depth may lie beyond the mark and a step of both."""
 
 LEAST_INSIDE = 100
 """Pixels; a picture that has fewer of them inside objects, of lines alone, counts all it covers."""
@@ -47,7 +49,8 @@ class Likeness(NamedTuple):
     depth_99: float
     """The 99th percentile of the same."""
     beyond: float
-    """Share of the same pixels that err by more than the mark and a step of the buffer."""
+    """Share of the same pixels that err by more than the mark, a step of the original's buffer and
+    what its depth changes in a step of its grid."""
 
     def failures(self) -> list[str]:
         """Return the marks that are missed, in words."""
@@ -100,7 +103,8 @@ def compare(theirs: Picture, ours: Picture, ours_moved: Picture) -> Likeness:
     true = theirs["depth"][steady].astype(np.float64)
     error = np.abs(ours_moved["depth"][steady] / true - 1.0)
     near_and_far = 1.0 / theirs["near"] - 1.0 / theirs["far"]
-    allowed = DEPTH_ERROR + true * near_and_far * 2.0**-DEPTH_BITS
+    moves = slope(ours_moved["depth"])[steady] / PIXEL_STEPS
+    allowed = DEPTH_ERROR + true * near_and_far * 2.0**-DEPTH_BITS + moves / true
     return Likeness(
         colors, worst, edges, outside, alpha,
         np.count_nonzero(differ & outline) / near if near else math.nan,
@@ -125,6 +129,12 @@ def stepped(depth: NDArray[np.float32]) -> Bools:
         rows[:-1] |= step
         rows[1:] |= step
     return widened(found)
+
+
+def slope(depth: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return by how much depth changes from pixel to pixel, (H, W)."""
+    down, right = np.gradient(depth.astype(np.float64))
+    return np.abs(down) + np.abs(right)
 
 
 def mean(values: NDArray[Any]) -> float:
