@@ -9,10 +9,10 @@ OSMesa (``libegl1``, ``libosmesa6``). Each contestant is a process of its own, w
 as it takes by itself.
 
 Pictures: every scene under every flag, 640x480. The mask is where depth is not 0. Colours count
-inside objects: where both cover a pixel and all beside it. Depth is compared where the original
-takes it, at the first of its four samples (under ``SEG`` at the centre): the adapter draws that
-picture once more with the camera moved by so much. The original's buffer of depth has 24 bits, and
-Mesa snaps vertices to 1/256 of a pixel: one step of each is allowed beside the mark.
+inside objects: where both cover a pixel and all beside it. The original takes depth at the first of
+its four samples, (0.375, 0.875) of a pixel from its left and upper side, and under ``SEG`` at the
+centre; so does the adapter. Its buffer of depth has 24 bits, and Mesa snaps vertices to 1/256 of a
+pixel: one step of each is allowed beside the mark.
 
 Times: one scene of 70 000 faces, flag by flag, contestants in turn: ``warm`` is a further picture
 of a scene and a renderer that are kept, ``cold`` a first one of scene, meshes and renderer that are
@@ -46,8 +46,6 @@ FLAGS = (
     "SKIP_CULL_FACES", "RGBA", "FLAT", "SEG", "RGBA|SKIP_CULL_FACES", "RGBA|ALL_WIREFRAME",
     "FLAT|ALL_WIREFRAME",
 )  # fmt: skip
-FIRST_SAMPLE, CENTER = (0.375, 0.875), (0.5, 0.5)
-"""Where Mesa takes the depth of a pixel, y down, with four samples and with one."""
 TIMED = "plain"
 FASTER = 3.0
 """The mark: how many times as fast as the faster of EGL and OSMesa."""
@@ -85,9 +83,9 @@ class Contestant:
         self._process.stdin.flush()
         return self._answer()
 
-    def draw(self, scene: str, flag: str, to: Path, at: Sequence[float] | None = None) -> Any:
+    def draw(self, scene: str, flag: str, to: Path) -> Any:
         """Return the arrays of a picture, or the text of the error."""
-        found = self.ask("draw", scene, flag, to=str(to), at=at)
+        found = self.ask("draw", scene, flag, to=str(to))
         if "error" in found:
             return found["error"]
         with np.load(to) as saved:
@@ -117,7 +115,6 @@ def pictures(
 ) -> Iterator[Row]:
     """Yield what each scene under each flag came to, with both pictures."""
     for flag in flags:
-        sampled = CENTER if "SEG" in flag else FIRST_SAMPLE
         for scene in scenes:
             theirs = original.draw(scene, flag, folder / "theirs.npz")
             ours = adapter.draw(scene, flag, folder / "ours.npz")
@@ -125,8 +122,7 @@ def pictures(
             if isinstance(theirs, str) or isinstance(ours, str):
                 yield row
                 continue
-            moved = adapter.draw(scene, flag, folder / "ours.npz", at=sampled)
-            yield {**row, "like": compare(theirs, ours, moved), "raw": compare(theirs, ours, ours)}
+            yield {**row, "like": compare(theirs, ours)}
 
 
 def verdict(row: Row) -> str:
@@ -170,19 +166,17 @@ def table_of_pictures(rows: Sequence[Row]) -> str:
     """Return a table of the rows, Markdown."""
     head = (
         "| flag | scene | inside | 99 % | edges | outside | alpha | mask: outline | far | depth "
-        "| 99 % | beyond | unmoved: outline | depth | met |\n" + "|---" * 15 + "|"
+        "| 99 % | beyond | met |\n" + "|---" * 13 + "|"
     )
     lines = [head]
     for row in rows:
         if "like" not in row:
-            cells = [""] * 12
+            cells = [""] * 10
         else:
             like: Likeness = row["like"]
-            raw: Likeness = row["raw"]
             cells = [f"{v:.2f}" for v in like[:5]]
             cells += [f"{like.outline:.2%}", f"{like.far:.2%}"]
             cells += [f"{like.depth:.1e}", f"{like.depth_99:.1e}", f"{like.beyond:.2%}"]
-            cells += [f"{raw.outline:.2%}", f"{raw.depth:.1e}"]
         lines.append(
             "| "
             + " | ".join([row["flag"].replace("|", "+"), row["scene"], *cells, verdict(row)])

@@ -68,7 +68,7 @@ class Likeness(NamedTuple):
         return found
 
 
-def compare(theirs: Picture, ours: Picture, ours_moved: Picture) -> Likeness:
+def compare(theirs: Picture, ours: Picture) -> Likeness:
     """
     Compare two pictures of a scene.
 
@@ -77,10 +77,8 @@ def compare(theirs: Picture, ours: Picture, ours_moved: Picture) -> Likeness:
     theirs, ours : Picture
         The original's and the adapter's: ``depth`` (H, W), 0 where nothing is, ``color``
         (H, W, 3 or 4) uint8, both or neither, and the camera's ``near`` and ``far``.
-    ours_moved : Picture
-        The adapter's, drawn where the original samples depth; its depth is compared.
     """
-    their_mask, our_mask = theirs["depth"] > 0.0, ours_moved["depth"] > 0.0
+    their_mask, our_mask = theirs["depth"] > 0.0, ours["depth"] > 0.0
     either = their_mask | our_mask
     inside = inner(their_mask & our_mask)
     counted = inside if np.count_nonzero(inside) >= LEAST_INSIDE else either
@@ -99,11 +97,11 @@ def compare(theirs: Picture, ours: Picture, ours_moved: Picture) -> Likeness:
     differ = their_mask != our_mask
     covered = max(np.count_nonzero(their_mask), 1)
     near = np.count_nonzero(outline)
-    steady = inside & ~stepped(theirs["depth"]) & ~stepped(ours_moved["depth"])
+    steady = inside & ~stepped(theirs["depth"]) & ~stepped(ours["depth"])
     true = theirs["depth"][steady].astype(np.float64)
-    error = np.abs(ours_moved["depth"][steady] / true - 1.0)
+    error = np.abs(ours["depth"][steady] / true - 1.0)
     near_and_far = 1.0 / theirs["near"] - 1.0 / theirs["far"]
-    moves = slope(ours_moved["depth"])[steady] / PIXEL_STEPS
+    moves = slope(ours["depth"])[steady] / PIXEL_STEPS
     allowed = DEPTH_ERROR + true * near_and_far * 2.0**-DEPTH_BITS + moves / true
     return Likeness(
         colors, worst, edges, outside, alpha,

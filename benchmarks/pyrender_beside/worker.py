@@ -38,22 +38,8 @@ class Held:
 
     def __init__(self, module: Any, name: str, size: tuple[int, int] = SIZE) -> None:
         self.scene = SCENES[name](module)
-        self.size = size
         self.renderer = module.OffscreenRenderer(*size, point_size=POINT_SIZES.get(name, 1.0))
         self.flags = module.RenderFlags
-        self._keep = self.scene.main_camera_node.camera.get_projection_matrix
-
-    def sample_at(self, x: float, y: float) -> None:
-        """Move the picture so that pixels' centres see what lies at (x, y) of a pixel, y down."""
-        step = np.eye(4)
-        step[0, 3] = (0.5 - x) * 2.0 / self.size[0]
-        step[1, 3] = (y - 0.5) * 2.0 / self.size[1]
-        keep = self._keep
-
-        def moved(width: Any = None, height: Any = None) -> Any:
-            return step @ keep(width, height)
-
-        self.scene.main_camera_node.camera.get_projection_matrix = moved
 
     def draw(self, flag: str) -> dict[str, Any]:
         """Return the arrays of a picture."""
@@ -94,8 +80,6 @@ def answer(module: Any, held: dict[str, Held], order: dict[str, Any]) -> dict[st
     if order["task"] == "draw":
         made = Held(module, name)
         try:
-            if order.get("at"):
-                made.sample_at(*order["at"])
             picture = made.draw(flag)
         finally:
             made.renderer.delete()
