@@ -18,7 +18,7 @@ COLOR_CODES, MASK_SHARE, DEPTH_ERROR = 2.0, 1.0 / 200.0, 1e-5
 """The marks: mean difference inside objects, share of a mask's pixels, relative error of depth."""
 DEPTH_BITS, PIXEL_STEPS = 24, 256
 """Of the original's buffer; of the grid to which it snaps vertices, in a pixel."""
-DEPTH_SHARE = 1e-3
+DEPTH_SHARE = 1.0 / 200.0
 """Share of pixels whose depth may lie beyond the mark and a step of both."""
 
 LEAST_INSIDE = 100
@@ -61,8 +61,8 @@ class Likeness(NamedTuple):
             found.append(f"alpha {self.alpha:.1f}")
         if self.outside > COLOR_CODES:
             found.append(f"background {self.outside:.0f}")
-        if self.far > MASK_SHARE:
-            found.append(f"mask {self.far:.2%}")
+        if self.outline > MASK_SHARE or self.far > MASK_SHARE:
+            found.append(f"mask {self.outline:.2%}, {self.far:.2%}")
         if self.depth > DEPTH_ERROR or self.beyond > DEPTH_SHARE:
             found.append(f"depth {self.depth:.1e}, {self.beyond:.1%} beyond")
         return found
