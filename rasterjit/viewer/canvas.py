@@ -6,8 +6,8 @@ The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
-import os
 import sys
 import threading
 import time
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import told_to
 from rasterjit.viewer.controls import Event
+from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
 
 FRAME_RATE = 60.0
@@ -39,19 +40,6 @@ MERGED = {"pointer_move": ("buttons", "modifiers"), "wheel": ("x", "y", "modifie
 """Events of which several in a row are as good as one, where these fields are the same."""
 
 Result = TypeVar("Result")
-
-TOOLKITS = {
-    "glfw": ("glfw", "wgpu"),
-    **{name: (name,) for name in ("PySide6", "PyQt6", "PySide2", "PyQt5")},
-}
-"""Packages that open windows, the preferred first, and what each one needs. Pictures come into a
-window of GLFW by wgpu, which needs a driver for the GPU, or for the CPU in its place; Qt needs none
-but, where it misses a library of the system, ends the process."""
-
-NO_TOOLKIT = (
-    'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
-    '"rasterjit[viewer-qt]" for Qt'
-)
 
 TERMINAL_FRAME_RATE = 20.0
 """Most pictures a second: a terminal takes long to show one."""
@@ -256,24 +244,6 @@ def add_event(waiting: deque[Event], event: Event) -> None:
         waiting[-1] = event
 
 
-def toolkits() -> list[str]:
-    """Return the packages that are installed of those that open windows, the preferred first."""
-    # One that runs already has the event loop.
-    names = sorted(TOOLKITS, key=lambda name: name not in sys.modules)
-    return [
-        name
-        for name in names
-        if all(importlib.util.find_spec(needed) is not None for needed in TOOLKITS[name])
-    ]
-
-
-def has_display() -> bool:
-    """Tell whether there is a screen for windows."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def open_window(viewer: Viewer, title: str) -> None:
     """
     Show a viewer in a window until that is closed.
@@ -283,7 +253,7 @@ def open_window(viewer: Viewer, title: str) -> None:
     ImportError
         If no toolkit is installed, naming what to install.
     ValueError
-        If there is no display.
+        If there is no display, or no toolkit opens a window on it, with what each one needs.
     """
     canvas, loop = window(viewer, title)
     loop.run()
@@ -293,33 +263,13 @@ def open_window(viewer: Viewer, title: str) -> None:
 
 def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     """Return a canvas in a new window that shows a viewer, and the loop that it needs."""
-    found = toolkits()
-    if not found:
-        raise ImportError(NO_TOOLKIT)
-    if not has_display():
-        raise ValueError(
-            "backend must be one that needs no display here (browser, terminal or notebook), got "
-            "'window': neither DISPLAY nor WAYLAND_DISPLAY is set"
-        )
+    toolkit = choose_toolkit()
     # What has to be compiled is compiled before a window stands there, not answering.
     viewer.draw()
-    problems = []
-    for name in found:
-        canvas = None
-        try:
-            backend = importlib.import_module(f"rendercanvas.{name.lower()}")
-            canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
-            Connection(viewer, canvas)
-        except Exception as error:
-            if canvas is not None:
-                canvas.close()
-            problems.append(f"{name}: {type(error).__name__}: {error}")
-        else:
-            return canvas, backend.loop
-    raise ValueError(
-        "backend must be one that works here (browser, terminal or notebook), got 'window': "
-        + "; ".join(problems)
-    )
+    backend = importlib.import_module(f"rendercanvas.{toolkit.lower()}")
+    canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
+    Connection(viewer, canvas)
+    return canvas, backend.loop
 
 
 def in_notebook() -> bool:
@@ -383,3 +333,10 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
             terminal.loop.run()
     finally:
         canvas.close()
+
+
+def has_terminal() -> bool:
+    """Tell whether somebody sits at a terminal that can show pictures."""
+    streams = sys.__stdin__, sys.__stdout__
+    is_there = all(stream is not None and stream.isatty() for stream in streams)
+    return is_there and importlib.util.find_spec("blessed") is not None
