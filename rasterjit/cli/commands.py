@@ -610,11 +610,11 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     view, look, effects, moment = (gather(kind, options) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
-    backend = choose_backend(options["backend"])
-    if backend != "browser":
-        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
-    if backend == "terminal":
-        refuse_idle(["size"], "a terminal has its own")
+    backend = options["backend"]
+    if backend != "auto":
+        _refuse_idle_of(backend)
+    backend = choose_backend(backend)
+    _refuse_idle_of(backend)
     scene = moment.apply(load_scene(file, look, effects, options["quiet"]), file)
     camera = view.camera(scene, options["size"])
     try:
@@ -629,6 +629,14 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
         raise click.ClickException(str(error)) from error
     if backend == "browser":
         leave()
+
+
+def _refuse_idle_of(backend: str) -> None:
+    """Refuse what has no effect where a backend shows it."""
+    if backend != "browser":
+        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
+    if backend == "terminal":
+        refuse_idle(["size"], "a terminal has its own")
 
 
 def main() -> None:
