@@ -117,6 +117,8 @@ def serve(
     host: str = DEFAULT_HOST,
     port: int = DEFAULT_PORT,
     announce: Callable[[str], None] = print,
+    *,
+    on_start: Callable[[Callable[[], None]], None] | None = None,
 ) -> None:
     """
     Serve a page that shows a viewer, until the process is interrupted.
@@ -133,6 +135,8 @@ def serve(
         0 takes any that is free.
     announce : callable
         Is told where the page is, in words.
+    on_start : callable, optional
+        Is handed a function that ends the server, from any thread.
 
     Raises
     ------
@@ -172,6 +176,8 @@ def serve(
         first.add_done_callback(stop_without_picture)
         for line in announcement(host, listening.getsockname()[1], token):
             announce(line)
+        if on_start is not None:
+            on_start(stop)
         try:
             server.run(sockets=[listening])
         finally:

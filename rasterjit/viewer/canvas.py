@@ -140,7 +140,7 @@ class Connection:
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
         self._work()
-        if viewer.is_moving or self._step is not None:
+        if viewer.is_moving or viewer.is_live or self._step is not None:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
         stamp = viewer.stamp

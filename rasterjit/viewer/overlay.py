@@ -117,7 +117,7 @@ def write_panel(
         Changed; as it is if it is too small for text. What does not fit is cut off.
     rows : sequence of tuple of str
         Columns are as wide as their widest cell.
-    corner : {"top left", "top right", "bottom left"}
+    corner : {"top left", "top right", "bottom left", "bottom right"}
         Where the panel lies.
     ratio : float
         Pixels of the picture for one of the screen.

@@ -114,6 +114,9 @@ class Viewer:
         Naming the argument that is wrong, or if there is nothing to look at.
     """
 
+    is_live = False
+    """Whether what is shown may change by itself: then `advance` is to be called at rest, too."""
+
     def __init__(
         self,
         what: Any,
