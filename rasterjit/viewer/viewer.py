@@ -113,12 +113,16 @@ class Viewer:
         Grows whenever what is seen changes.
     writes_text : bool
         Whether help, numbers and the line at the bottom are written on the pictures.
+    is_live : bool
+        Whether what is shown may change by itself, when `advance` is called.
 
     Raises
     ------
     ValueError
         Naming the argument that is wrong, or if there is nothing to look at.
     """
+
+    is_live = False
 
     def __init__(
         self,
