@@ -30,6 +30,7 @@ def show(
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
     port: int = browser.DEFAULT_PORT,
+    token: str | None = None,
     threads: int | None = None,
 ) -> Any:
     """
@@ -57,7 +58,11 @@ def show(
         Of the window.
     host, port : str, int
         Where the page is served: by default where only this machine reaches it. Port 0 takes any
-        that is free. The address that is printed has a random token, without which nobody comes in.
+        that is free.
+    token : str, optional
+        Part of the page's address, without which nobody comes in: 16 to 128 letters, digits, ``-``
+        and ``_``. Default: a random one. With the same token and port, pages that are open find a
+        viewer again that is started anew.
 
     Returns
     -------
@@ -71,6 +76,8 @@ def show(
     ValueError
         Naming the argument that is wrong, before anything is shown.
     """
+    if token is not None:
+        browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
     if importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
@@ -83,7 +90,7 @@ def show(
         return canvas.widget(viewer)
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
-        "browser": lambda: browser.serve(viewer, host, port),
+        "browser": lambda: browser.serve(viewer, host, port, token=token),
         "terminal": lambda: canvas.run_in_terminal(viewer, title),
     }
     try:

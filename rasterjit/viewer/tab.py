@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import switches
-from rasterjit.viewer.canvas import FRAME_RATE, MOST_WAITING, Worker, add_event
+from rasterjit.viewer.canvas import FRAME_RATE, Worker
 from rasterjit.viewer.codecs import encode_jpeg, encode_png
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.messages import MOST_LISTED, SHOWN
@@ -43,6 +43,19 @@ TOLD_EVERY = 0.1
 
 LIVE_EVERY = 1.0 / 30.0
 """Time between looks at what may change by itself, seconds."""
+
+MOST_WAITING = 1000
+"""Messages that are kept while a picture is drawn, the latest; no hand makes as many."""
+
+MERGED = {
+    "pointer_move": ("buttons", "modifiers"),
+    "wheel": ("x", "y", "modifiers"),
+    "resize": (),
+    "view": (),
+    "look": (),
+    "visibility": (),
+}
+"""Messages of which several in a row are as good as one, where these fields are the same."""
 
 Tell = Callable[[dict[str, Any] | bytes], None]
 """Takes what a page is told, or a picture: its number, 4 bytes, big end first, and a file."""
@@ -272,7 +285,8 @@ class Tab:
         kind, switched, modes = viewer.look
         return {
             "type": "state",
-            "line": viewer.line,
+            # The page has a button for it.
+            "line": viewer.line.removesuffix("H help").rstrip(),
             "kind": kind,
             "switched": list(switched),
             "modes": modes,
@@ -354,3 +368,19 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
         ],
         "count": len(nodes),
     }
+
+
+def add_event(waiting: deque[Event], event: Event) -> None:
+    """Add an event to those that wait; moves and turns of the wheel in a row become one."""
+    last = waiting[-1] if waiting else {}
+    kind = event["event_type"]
+    is_same = kind in MERGED and all(
+        last.get(name) == event.get(name) for name in ("event_type", *MERGED[kind])
+    )
+    if not is_same:
+        waiting.append(event)
+    elif kind == "wheel":
+        turned = {name: last[name] + event[name] for name in ("dx", "dy")}
+        waiting[-1] = {**event, **turned}
+    else:
+        waiting[-1] = event

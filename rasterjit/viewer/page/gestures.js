@@ -20,13 +20,13 @@ export function modifiers(event) {
   );
 }
 
-// `say` sends a message; `click`, `long` and `fit` are what a click, a long tap and a double tap do.
-export function listen(canvas, {say, click, long, fit}) {
+// `say` sends a message; the others are what a click, a tap, a long and a double one do.
+export function listen(canvas, {say, click, tap, long, fit}) {
   const fingers = new Map();
   let drag = null;
   let pinch = null;
   let held = 0;
-  let tap = null;
+  let lastTap = null;
 
   const tell = (type, place, button, keys = []) =>
     say(type, {
@@ -120,17 +120,17 @@ export function listen(canvas, {say, click, long, fit}) {
   }
 
   function tapAt(place) {
-    if (tap !== null && apart(tap.place, place) < DOUBLE_REACH) {
-      clearTimeout(tap.timer);
-      tap = null;
+    if (lastTap !== null && apart(lastTap.place, place) < DOUBLE_REACH) {
+      clearTimeout(lastTap.timer);
+      lastTap = null;
       fit();
       return;
     }
     const timer = setTimeout(() => {
-      tap = null;
-      click(place);
+      lastTap = null;
+      tap(place);
     }, DOUBLE);
-    tap = {place, timer};
+    lastTap = {place, timer};
   }
 
   canvas.addEventListener("pointerdown", (event) => {

@@ -81,10 +81,17 @@ function sendSize() {
   }
 }
 
+// What the screen's own count may differ by from points times ratio, which are rounded.
+const MISCOUNT = 2;
+
 function measure([{devicePixelContentBoxSize: [exact] = []}]) {
   const ratio = window.devicePixelRatio;
-  const width = exact?.inlineSize ?? Math.round(canvas.clientWidth * ratio);
-  const height = exact?.blockSize ?? Math.round(canvas.clientHeight * ratio);
+  const count = (points, own) => {
+    const made = Math.round(points * ratio);
+    return Math.abs(own - made) <= MISCOUNT ? own : made;
+  };
+  const width = count(canvas.clientWidth, exact?.inlineSize);
+  const height = count(canvas.clientHeight, exact?.blockSize);
   if (width > 0 && height > 0) {
     size = {pwidth: width, pheight: height, ratio};
     sendSize();
@@ -103,6 +110,10 @@ try {
 listen(canvas, {
   say,
   click: (place) => connection.say("pick", place),
+  tap(place) {
+    at("why").open = false;
+    connection.say("pick", place);
+  },
   long(place) {
     at("why").open = true;
     connection.say("pick", place);
@@ -268,7 +279,7 @@ function look(changes) {
 
 function unpick() {
   at("pick").hidden = true;
-  press("Escape");
+  connection.say("key_down", {key: "Escape", modifiers: []});
 }
 
 // What there is to see.
@@ -412,7 +423,7 @@ function updatePick() {
   fill(at("reasons"), picked.rows);
   closePanels();
   at("pick").hidden = false;
-  tell([picked.name, ...rows.slice(2).map((row) => row.join(" "))].join(", "));
+  at("heard").textContent = [picked.name, ...rows.map((row) => row.join(" "))].join(", ");
 }
 
 function updateView() {
