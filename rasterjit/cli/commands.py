@@ -372,6 +372,10 @@ def show_options(command: Any) -> Any:
                          "address."),
             click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
                          help="Of the page; 0 takes any that is free."),
+            click.option("--token", envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT",
+                         help="Of the page's address, 16 to 128 letters, digits, - and _; a random "
+                         "one unless given. Kept over restarts, at the same port, open pages come "
+                         "back by themselves."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
                          metavar="WxH", help="Size of the window, pixels."),
             click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.02,
@@ -623,7 +627,8 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
                 scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
                 up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
-                host=options["host"], port=options["port"], threads=options["threads"],
+                host=options["host"], port=options["port"], token=options["token"],
+                threads=options["threads"],
             )  # fmt: skip
     except ImportError as error:
         raise click.ClickException(str(error)) from error
@@ -634,7 +639,9 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
 def _refuse_idle_of(backend: str) -> None:
     """Refuse what has no effect where a backend shows it."""
     if backend != "browser":
-        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
+        refuse_idle(
+            ["host", "port", "token"], f"nothing is served: it is shown by the backend {backend}"
+        )
     if backend == "terminal":
         refuse_idle(["size"], "a terminal has its own")
 

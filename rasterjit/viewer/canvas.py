@@ -12,9 +12,8 @@ import sys
 import threading
 import time
 import weakref
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -28,16 +27,6 @@ from rasterjit.viewer.viewer import Viewer
 
 FRAME_RATE = 60.0
 """Most pictures a second."""
-
-PROMPT = 0.1
-"""How long a patient connection waits for a picture before it lets the canvas do something else,
-seconds."""
-
-MOST_WAITING = 1000
-"""Events that are kept while a picture is drawn, the latest; no hand makes as many."""
-
-MERGED = {"pointer_move": ("buttons", "modifiers"), "wheel": ("x", "y", "modifiers")}
-"""Events of which several in a row are as good as one, where these fields are the same."""
 
 Result = TypeVar("Result")
 
@@ -171,77 +160,6 @@ class Connection:
         """End what is being rendered."""
         self.viewer.close()
         self._worker.close()
-
-
-class PatientConnection(Connection):
-    """
-    A connection that draws in a thread of its own, so that its canvas answers meanwhile.
-
-    The first picture is begun at once. Events wait while one is drawn: a viewer is for one thread.
-
-    Attributes
-    ----------
-    first : Future
-        The first picture.
-    """
-
-    def __init__(self, viewer: Viewer, canvas: Any) -> None:
-        super().__init__(viewer, canvas)
-        self._waiting: deque[Event] = deque(maxlen=MOST_WAITING)
-        self._due = viewer.stamp
-        self._drawer = Worker()
-        self._drawing: Future[NDArray[np.uint8]] | None = self._drawer.submit(viewer.draw)
-        self.first = self._drawing
-
-    def _handle(self, event: Event) -> None:
-        """Pass an event on, or keep it while a picture is drawn."""
-        if self._drawing is None:
-            super()._handle(event)
-        else:
-            add_event(self._waiting, event)
-
-    def _draw(self) -> None:
-        """Begin the picture that is due, or show it if it is there soon; else ask to come again."""
-        viewer, canvas = self.viewer, self._canvas
-        patience = 0.0
-        if self._drawing is None:
-            self._due = self._prepare()
-            self._drawing = self._drawer.submit(viewer.draw)
-            patience = PROMPT
-        wait([self._drawing], patience)
-        if not self._drawing.done():
-            canvas.request_draw()
-            raise DrawCancelled
-        drawn, self._drawing = self._drawing, None
-        waiting, self._waiting = self._waiting, deque(maxlen=MOST_WAITING)
-        try:
-            picture = drawn.result()
-            if picture.shape[1::-1] != tuple(canvas.get_physical_size()):
-                canvas.request_draw()
-                raise DrawCancelled
-            self._show(picture, self._due)
-        finally:
-            for event in waiting:
-                self._handle(event)
-
-    def _close(self, event: Event) -> None:
-        """End what is being rendered."""
-        super()._close(event)
-        self._drawer.close()
-
-
-def add_event(waiting: deque[Event], event: Event) -> None:
-    """Add an event to those that wait; moves and turns of the wheel in a row become one."""
-    last = waiting[-1] if waiting else {}
-    kind = event.get("event_type")
-    same = MERGED.get(kind, ())
-    if not same or any(last.get(name) != event.get(name) for name in ("event_type", *same)):
-        waiting.append(event)
-    elif kind == "wheel":
-        turned = {name: last.get(name, 0.0) + event.get(name, 0.0) for name in ("dx", "dy")}
-        waiting[-1] = {**event, **turned}
-    else:
-        waiting[-1] = event
 
 
 def open_window(viewer: Viewer, title: str) -> None:

@@ -17,7 +17,7 @@ from rasterjit.viewer.viewer import SMOOTH, Viewer
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
-SERVER = ("rendercanvas", "uvicorn", "websockets")
+SERVER = ("uvicorn", "websockets", "simplejpeg")
 """Packages that a page needs."""
 
 
@@ -34,6 +34,7 @@ def show(
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
     port: int = browser.DEFAULT_PORT,
+    token: str | None = None,
     threads: int | None = None,
 ) -> Any:
     """
@@ -63,7 +64,11 @@ def show(
         Of the window.
     host, port : str, int
         Where the page is served: by default where only this machine reaches it. Port 0 takes any
-        that is free. The address that is printed has a random token, without which nobody comes in.
+        that is free.
+    token : str, optional
+        Part of the page's address, without which nobody comes in: 16 to 128 letters, digits, ``-``
+        and ``_``. Default: a random one. With the same token and port, pages that are open find a
+        viewer again that is started anew.
 
     Returns
     -------
@@ -78,8 +83,10 @@ def show(
         Naming the argument that is wrong, before anything is shown; of a backend that does not
         work here, what it needs.
     """
+    if token is not None:
+        browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if importlib.util.find_spec("rendercanvas") is None:
+    if chosen != "browser" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -90,7 +97,7 @@ def show(
         return canvas.widget(viewer)
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
-        "browser": lambda: browser.serve(viewer, host, port),
+        "browser": lambda: browser.serve(viewer, host, port, token=token),
         "terminal": lambda: canvas.run_in_terminal(viewer, title),
     }
     try:
