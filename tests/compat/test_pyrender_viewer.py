@@ -28,7 +28,7 @@ from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender import viewer as viewers
 from rasterjit.compat.pyrender.showing import Showing, same_scene
 from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
-from rasterjit.viewer import browser, canvas, show
+from rasterjit.viewer import browser, canvas, show, trial
 
 PATIENCE = 60.0
 """Seconds for a picture on a loaded machine."""
@@ -497,6 +497,26 @@ def test_notebook_goes_on_at_once_and_is_shown(monkeypatch):
         closed[-1].close()
         assert not viewer.is_active
     assert shown == ["widget", "widget"]
+
+
+@pytest.mark.parametrize(
+    ("toolkit", "platform", "expected"),
+    [
+        ("glfw", "linux", "window"), ("PySide6", "linux", "browser"), ("glfw", "darwin", "browser"),
+    ],
+)  # fmt: skip
+def test_thread_has_windows_of_glfw_alone(monkeypatch, toolkit, platform, expected):
+    scene, _ = box_scene()
+    ran = []
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(show, "choose_backend", lambda backend: "window")
+    monkeypatch.setattr(trial, "find_toolkit", lambda: (toolkit, ""))
+    monkeypatch.setattr(viewers.Viewer, "_run", lambda self, backend: ran.append(backend))
+    for run_in_thread in (True, False):
+        viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)
+        wait_until(lambda: len(ran) == 2 - run_in_thread)  # noqa: B023
+        viewer.end()
+    assert ran == [expected, "window"]
 
 
 def test_nodes_that_the_viewer_adds_are_its_own(page):

@@ -42,7 +42,7 @@ from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.validation import image_size, in_short
-from rasterjit.viewer import browser, canvas, show
+from rasterjit.viewer import browser, canvas, show, trial
 from rasterjit.viewer.controls import Event
 
 DEFAULT_SIZE = 640, 480
@@ -136,7 +136,8 @@ class Viewer:
     It has the keys and the mouse of pyrender's; ? lists them. Where no window opens, a line says
     where the page is; it is served until the viewer is closed, by the program or with Q, or until
     Ctrl-C ends the program: also where nobody looks at it. An error that ends the program ends a
-    viewer in a thread, too.
+    viewer in a thread, too. In a thread windows are GLFW's: those of Qt, and all of macOS, are for
+    the main thread of a program, so a page comes in their place.
 
     The viewer looks through a camera of its own, which is added to the scene while it is shown and
     begins where the scene's main camera is.
@@ -472,8 +473,7 @@ class Viewer:
         """Return where it is shown."""
         backend = show.choose_backend("auto")
         is_main = threading.current_thread() is threading.main_thread() and not self._run_in_thread
-        if backend == "window" and sys.platform == "darwin" and not is_main:
-            # Windows of macOS are for the main thread.
+        if backend == "window" and not is_main and not _may_open_in_a_thread():
             return "browser"
         if backend == "terminal" and not is_main:
             raise ImportError('a viewer in a thread needs a page: pip install "rasterjit[browser]"')
@@ -866,6 +866,11 @@ def movable_camera(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | No
     far = math.inf if camera.zfar is None else camera.zfar
     fov_y = math.degrees(camera.yfov)
     return MovableCamera(eye, eye - back, up, fov_y=fov_y, near=camera.znear, far=far)
+
+
+def _may_open_in_a_thread() -> bool:
+    """Tell whether a window may be another thread's than the main one: of GLFW, but on macOS."""
+    return sys.platform != "darwin" and trial.find_toolkit()[0] == "glfw"
 
 
 def _free_port() -> int:
