@@ -53,8 +53,8 @@ class Look(NamedTuple):
 
     scene: Scene
     camera: Camera
-    background: NDArray[np.uint8]
-    """(4,) uint8, opaque."""
+    background: NDArray[Any]
+    """(4,): opaque, codes or linear light."""
 
 
 class Source(Protocol):
@@ -208,7 +208,7 @@ class Showing(viewer.Viewer):
         before = self._look
         is_same_view = before.camera is look.camera or _same_camera(before.camera, look.camera)
         is_same_scene = same_scene(before.scene, look.scene)
-        is_same_back = bool((before.background == look.background).all())
+        is_same_back = np.array_equal(before.background, look.background)
         if is_same_view and is_same_scene and is_same_back:
             return False
         self._look = look if not is_same_view else look._replace(camera=before.camera)
@@ -246,9 +246,14 @@ def same_scene(one: Scene, other: Scene) -> bool:
     return (
         len(one.nodes) == len(other.nodes)
         and one.lights == other.lights
+        and (one._imitation is other._imitation or _same_light(one._imitation, other._imitation))
         and all(getattr(one, name) == getattr(other, name) for name in EFFECT_FIELDS)
         and all(_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
     )
+
+
+def _same_light(one: Any, other: Any) -> bool:
+    return one is not None and one.same(other)
 
 
 def _same_node(one: Node, other: Node) -> bool:

@@ -28,19 +28,31 @@ from rasterjit.compat.pyrender.camera import (
     OrthographicCamera,
     PerspectiveCamera,
 )
-from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import background_codes, check_flags, convert
+from rasterjit.compat.pyrender.constants import (
+    DEFAULT_SCENE_SCALE,
+    DEFAULT_Z_FAR,
+    DEFAULT_Z_NEAR,
+    RenderFlags,
+)
+from rasterjit.compat.pyrender.drawing import (
+    Seen,
+    add_lights,
+    background_codes,
+    background_light,
+    camera_of,
+    check_flags,
+    convert,
+)
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.compat.pyrender.showing import Look, Showing
 from rasterjit.compat.pyrender.trackball import Trackball
-from rasterjit.io.cameras import view_from_pose
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
+from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
 from rasterjit.viewer import browser, canvas, show, trial
 from rasterjit.viewer.controls import Event
@@ -63,9 +75,6 @@ ORTHOGRAPHIC_CLICK = 0.95
 """Factor on what a parallel camera shows at each click of the wheel."""
 
 LEAST_MAGNIFICATION = 1e-8
-
-NEAREST, FARTHEST, EMPTY_SCALE = 0.05, 100.0, 2.0
-"""Near plane, far plane and scale where the scene says nothing, scene units."""
 
 MESSAGE_SECONDS = 2.0
 """How long a message is to be read."""
@@ -391,25 +400,28 @@ class Viewer:
 
     def look(self, size: tuple[int, int]) -> Look | None:
         """Return the scene as it is, for a picture of a size; None if it is closed."""
-        node = self._camera_node
         if not self._is_active:
             return None
-        node.matrix = self._trackball.pose
+        scene, flags = self._scene, check_flags(self._flags())
+        self._camera_node.matrix = self._trackball.pose
         self._set_lights()
-        projection = node.camera.get_projection_matrix(*size)
-        matrices = MatrixCamera(view_from_pose(self._trackball.pose), projection)
-        points = matrices, size, float(self._render_flags["point_size"])
-        drawn = convert(self._scene, check_flags(self._flags()), points=points).scene
+        matrices = camera_of(scene, size)
+        node = scene.main_camera_node
+        camera = movable_camera(node.camera, scene.get_pose(node))
+        seen = Seen(matrices, size, float(self._render_flags["point_size"]))
+        drawn = convert(scene, flags, seen=seen).scene
+        codes = background_codes(scene)
+        codes[3] = 255
         if not drawn.nodes:
             # A scene is of something: a face without area, which is never seen.
+            drawn = DrawnScene()
             drawn.add(DrawnMesh([self._trackball.pose[:3, 3]] * 3, [[0, 1, 2]]))
-        if not self._scene.light_nodes and not self._scene.ambient_light.any():
-            # A window that is black helps nobody: RasterJIT's headlight.
-            drawn.lights.clear()
-        codes = background_codes(self._scene)
-        codes[3] = 255
-        camera = movable_camera(node.camera, self._trackball.pose)
-        return Look(drawn, matrices if camera is None else camera, codes)
+            return Look(drawn, matrices if camera is None else camera, codes)
+        if not scene.light_nodes and not scene.ambient_light.any():
+            # A window that is black helps nobody.
+            add_lights(drawn, [(DirectionalLight(intensity=math.pi), scene.get_pose(node))])
+        behind = background_light(codes, flags)
+        return Look(drawn, matrices if camera is None else camera, behind)
 
     def take(self, event: Event, size: tuple[float, float]) -> bool:
         """Take in an event of a canvas of a size, and tell whether it meant something."""
@@ -496,9 +508,9 @@ class Viewer:
                 self._default_orth_cam = camera
         scale = scene.scale
         if far is None:
-            far = max(10.0 * scale, FARTHEST)
+            far = max(10.0 * scale, DEFAULT_Z_FAR)
         if not near:
-            near = min(scale / 10.0, NEAREST) if scale else NEAREST
+            near = min(scale / 10.0, DEFAULT_Z_NEAR) if scale else DEFAULT_Z_NEAR
         if self._default_persp_cam is None:
             self._default_persp_cam = PerspectiveCamera(math.pi / 3.0, znear=near, zfar=far)
         if self._default_orth_cam is None:
@@ -745,7 +757,7 @@ class Viewer:
         return self._scene.centroid if center is None else np.asarray(center, np.float64)
 
     def _new_trackball(self, pose: NDArray[np.float64]) -> Trackball:
-        scale = self._scene.scale or EMPTY_SCALE
+        scale = self._scene.scale or DEFAULT_SCENE_SCALE
         return Trackball(pose, self._viewport_size, scale, self._center())
 
     def _first_pose(self) -> NDArray[np.float64]:
@@ -753,7 +765,7 @@ class Viewer:
         half = 1.0 / math.sqrt(2.0)
         pose = np.eye(4)
         pose[:3, :3] = [[0.0, -half, half], [1.0, 0.0, 0.0], [0.0, half, half]]
-        distance = (self._scene.scale or EMPTY_SCALE) / (2.0 * math.tan(math.pi / 6.0))
+        distance = (self._scene.scale or DEFAULT_SCENE_SCALE) / (2.0 * math.tan(math.pi / 6.0))
         pose[:3, 3] = distance * np.array([1.0, 0.0, 1.0]) + self._center()
         return pose
 
