@@ -28,7 +28,7 @@ from rasterjit.viewer.codecs import encode_jpeg, encode_png
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.messages import MOST_LISTED, SHOWN
 from rasterjit.viewer.overlay import colors_of, rows_of
-from rasterjit.viewer.viewer import HELP, KINDS, NAMES, Viewer
+from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
 from rasterjit.viewer.views import camera_code, rounded
 
 MOST_ON_WAY = 3
@@ -355,7 +355,7 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
     return {
         "type": "welcome",
         "title": viewer.name,
-        "help": HELP,
+        "help": viewer.help_rows,
         "kinds": [{"kind": kind, "name": NAMES[kind], "key": key} for key, kind in KINDS.items()],
         "keys": {name: key for key, name in switches.KEYS.items()},
         "modes": [

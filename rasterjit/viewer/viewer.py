@@ -115,6 +115,8 @@ class Viewer:
         Whether help, numbers and the line at the bottom are written on the pictures.
     is_live : bool
         Whether what is shown may change by itself, when `advance` is called.
+    help_rows : tuple of tuple of str
+        What H shows.
 
     Raises
     ------
@@ -123,6 +125,7 @@ class Viewer:
     """
 
     is_live = False
+    help_rows: tuple[Row, ...] = HELP
 
     def __init__(
         self,
@@ -614,7 +617,7 @@ class Viewer:
         if not self.writes_text:
             return
         if self._shows_help:
-            write_panel(picture, HELP, "top left", self.ratio)
+            write_panel(picture, self.help_rows, "top left", self.ratio)
         elif self.explanation is not None:
             write_panel(picture, rows_of(self.explanation), "top left", self.ratio)
         if self._shows_costs:

@@ -301,6 +301,33 @@ def test_other_lenses_are_looked_through_as_they_are(page, camera):
         np.testing.assert_array_equal(found.clip_from_view, camera.get_projection_matrix(64, 48))
 
 
+def test_page_is_told_where_any_lens_is(page):
+    scene, _ = box_scene()
+    scene.add(cameras.OrthographicCamera(2.0, 1.0), pose=at(1.0, 2.0, 3.0))
+    with viewing(scene, use_perspective_cam=False) as viewer, viewer.render_lock:
+        found = viewer.look((64, 48)).camera
+        places = [found.eye.tolist(), found.target.tolist(), found.up.tolist()]
+        assert places == [[1.0, 2.0, 3.0], [1.0, 2.0, 2.0], [0.0, 1.0, 0.0]]
+        assert found.fov_y == pytest.approx(90.0)
+        viewer._showing.look_from(PerspectiveCamera((0, 0, 5), (0, 0, 0)))
+    np.testing.assert_allclose(viewer._trackball.pose, at(z=5.0), atol=1e-12)
+
+
+def test_object_that_a_page_hides_takes_its_light_with_it(page):
+    scene, _ = box_scene(ambient_light=[0.5, 0.5, 0.5])
+    other = scene.add(meshes.Mesh.from_trimesh(BOX), pose=at(x=2.0))
+    scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=5.0))
+    with viewing(scene) as viewer:
+        showing = viewer._showing
+        showing.set_hidden([0])
+        hidden = showing.draw()
+        with viewer.render_lock:
+            scene.remove_node(next(node for node in scene.mesh_nodes if node is not other))
+        showing.set_hidden([])
+        showing._look_now()
+        np.testing.assert_array_equal(showing.draw(), hidden)
+
+
 def test_it_turns_by_itself_around_its_axis_at_its_rate(page):
     scene, _ = box_scene()
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=3))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -46,6 +48,34 @@ HELP: tuple[Row, ...] = (
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
     ("?", "hide this help"),
 )
+
+
+class Lens(MatrixCamera):
+    """A camera of any lens, with the place and the angles that pages tell."""
+
+    @property
+    def eye(self) -> NDArray[np.float64]:
+        """Where it is, (3,), world space."""
+        return self._pose[:3, 3]
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """A point in front of it, (3,), world space."""
+        return self._pose[:3, 3] - self._pose[:3, 2]
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """The picture's up, (3,), world space."""
+        return self._pose[:3, 1]
+
+    @property
+    def fov_y(self) -> float:
+        """Vertical field of view, degrees, of a pinhole about as wide."""
+        return 2.0 * math.degrees(math.atan(1.0 / abs(float(self.clip_from_view[1, 1]))))
+
+    @property
+    def _pose(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self.view_from_world), np.float64)
 
 
 class Look(NamedTuple):
@@ -116,6 +146,7 @@ class Showing(viewer.Viewer):
     """
 
     is_live = True
+    help_rows = HELP
 
     def __init__(self, source: Source, size: tuple[int, int], name: str, ends: bool = True) -> None:
         self._source, self._ends = source, ends
@@ -217,21 +248,34 @@ class Showing(viewer.Viewer):
             return True
         self.scene = self._shown = look.scene
         self._modes = {key: one.mode_of(look.scene) for key, one in MODED.items()}
-        if self._switched or getattr(self, "_hidden", None):
+        if self._switched or self._hidden:
             # Times of pictures stay known, as near as they are.
             times = self._times
             self._rebuild()
             self._times = times
         return True
 
+    def _rebuild(self) -> bool:
+        """Make the scene that is shown of that of the moment."""
+        is_possible = super()._rebuild()
+        numbers, lit = self.numbers, self._shown._imitation
+        if self._hidden and numbers and lit is not None:
+            # What is said of each object is said of those that are left.
+            taken, faces_viewer = lit.taken[numbers], lit.faces_viewer[numbers]
+            self._shown._imitation = replace(lit, taken=taken, faces_viewer=faces_viewer)
+        return is_possible
+
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
         told = self.explanation
         if told is not None and told.size == self.size:
             mark_pixel(picture, told.x, told.y, self.ratio)
+        if not self.writes_text:
+            return
+        if told is not None and told.size == self.size:
             write_panel(picture, rows_of(told), "top left", self.ratio)
         if self._shows_help:
-            write_panel(picture, HELP, "top left", self.ratio)
+            write_panel(picture, self.help_rows, "top left", self.ratio)
         if message := self._source.message:
             write_panel(picture, [(message,)], "bottom right", self.ratio)
 

@@ -47,7 +47,7 @@ from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.compat.pyrender.showing import Look, Showing
+from rasterjit.compat.pyrender.showing import Lens, Look, Showing
 from rasterjit.compat.pyrender.trackball import Trackball
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
@@ -406,8 +406,11 @@ class Viewer:
         self._camera_node.matrix = self._trackball.pose
         self._set_lights()
         matrices = camera_of(scene, size)
-        node = scene.main_camera_node
-        camera = movable_camera(node.camera, scene.get_pose(node))
+        node = scene.main_camera_node or self._camera_node
+        pose = scene.get_pose(node)
+        camera = movable_camera(node.camera, pose) or Lens(
+            matrices.view_from_world, matrices.clip_from_view
+        )
         seen = Seen(matrices, size, float(self._render_flags["point_size"]))
         drawn = convert(scene, flags, seen=seen).scene
         codes = background_codes(scene)
@@ -416,12 +419,11 @@ class Viewer:
             # A scene is of something: a face without area, which is never seen.
             drawn = DrawnScene()
             drawn.add(DrawnMesh([self._trackball.pose[:3, 3]] * 3, [[0, 1, 2]]))
-            return Look(drawn, matrices if camera is None else camera, codes)
+            return Look(drawn, camera, codes)
         if not scene.light_nodes and not scene.ambient_light.any():
             # A window that is black helps nobody.
-            add_lights(drawn, [(DirectionalLight(intensity=math.pi), scene.get_pose(node))])
-        behind = background_light(codes, flags)
-        return Look(drawn, matrices if camera is None else camera, behind)
+            add_lights(drawn, [(DirectionalLight(intensity=math.pi), pose)])
+        return Look(drawn, camera, background_light(codes, flags))
 
     def take(self, event: Event, size: tuple[float, float]) -> bool:
         """Take in an event of a canvas of a size, and tell whether it meant something."""
