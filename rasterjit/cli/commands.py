@@ -372,6 +372,10 @@ def show_options(command: Any) -> Any:
                          "address."),
             click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
                          help="Of the page; 0 takes any that is free."),
+            click.option("--token", envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT",
+                         help="Of the page's address, 16 to 128 letters, digits, - and _; a random "
+                         "one unless given. Kept over restarts, at the same port, open pages come "
+                         "back by themselves."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
                          metavar="WxH", help="Size of the window, pixels."),
             click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.02,
@@ -610,11 +614,11 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     view, look, effects, moment = (gather(kind, options) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
-    backend = choose_backend(options["backend"])
-    if backend != "browser":
-        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
-    if backend == "terminal":
-        refuse_idle(["size"], "a terminal has its own")
+    backend = options["backend"]
+    if backend != "auto":
+        _refuse_idle_of(backend)
+    backend = choose_backend(backend)
+    _refuse_idle_of(backend)
     scene = moment.apply(load_scene(file, look, effects, options["quiet"]), file)
     camera = view.camera(scene, options["size"])
     try:
@@ -623,12 +627,23 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
                 scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
                 up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
-                host=options["host"], port=options["port"], threads=options["threads"],
+                host=options["host"], port=options["port"], token=options["token"],
+                threads=options["threads"],
             )  # fmt: skip
     except ImportError as error:
         raise click.ClickException(str(error)) from error
     if backend == "browser":
         leave()
+
+
+def _refuse_idle_of(backend: str) -> None:
+    """Refuse what has no effect where a backend shows it."""
+    if backend != "browser":
+        refuse_idle(
+            ["host", "port", "token"], f"nothing is served: it is shown by the backend {backend}"
+        )
+    if backend == "terminal":
+        refuse_idle(["size"], "a terminal has its own")
 
 
 def main() -> None:

@@ -1,26 +1,33 @@
 """
 The viewer in a web page, which this process serves.
 
-A random token in the page's address lets people in. `guarded` asks for it, for the page and its
-socket alike, and passes on only what ``messages`` lists.
+A random token lets people in: the address that is printed has it, and the page that is opened
+there keeps it as a cookie. `guarded` asks for it, for the page and its socket alike, and keeps
+other sites out. Each page has a viewer of its own, which `Tab` drives; what it may say,
+``messages`` lists.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import hmac
 import ipaddress
 import json
+import re
 import secrets
 import socket
-import time
-from collections.abc import Awaitable, Callable
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future
+from importlib import resources
 from typing import Any
 
-from rasterjit.viewer.canvas import FRAME_RATE, PatientConnection, Worker
-from rasterjit.viewer.messages import CLOSE, LONGEST_MESSAGE, read_message
+from rasterjit.scene.validation import in_short
+from rasterjit.viewer.canvas import Worker
+from rasterjit.viewer.messages import LONGEST_MESSAGE, read_message
+from rasterjit.viewer.tab import Tab
 from rasterjit.viewer.viewer import Viewer
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
@@ -30,20 +37,27 @@ LARGEST_PORT = 65535
 GRACE = 0.3
 """Time for pages to go when the server is stopped, seconds."""
 
-LOSSLESS = 100
-"""Quality of a picture that is sent as it is."""
-
 TOKEN_BYTES = 16
+
+TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
+"""What a token that is given must be."""
+
+COOKIE_DIGITS = 8
+"""Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
+each, so viewers beside each other need names of their own."""
 
 MOST_PAGES = 16
 """Pages that may watch at a time."""
 
-FORBIDDEN, POLICY_VIOLATION, NORMAL_CLOSURE = 403, 1008, 1000
-"""Status of HTTP, and code of a websocket, for who may not come in; code for who goes."""
+OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED = 200, 403, 404, 405
+"""Status of HTTP."""
+
+POLICY_VIOLATION = 1008
+"""Code of a websocket for who may not come in."""
 
 CONTENT_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src blob: data:; "
-    "connect-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob: data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
 HEADERS = [
@@ -56,29 +70,21 @@ HEADERS = [
 ]
 """Of all answers: no other page frames or embeds them, and the token is neither told nor kept."""
 
-PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-  <meta charset="utf-8">
-  <meta name="viewport" content="width=device-width, initial-scale=1">
-  <title>RasterJIT</title>
-  <link rel="icon" href="data:,">
-  <link rel="stylesheet" href="renderview.css">
-  <style>
-    html, body {margin: 0; height: 100%; overflow: hidden; background: #222;}
-    #canvas {border: none;}
-    #waiting {position: fixed; inset: 0; margin: 0; display: flex; color: #ccc;
-      align-items: center; justify-content: center; font: 1.2em sans-serif; pointer-events: none;}
-    #canvas:has(img[src]) + #waiting {display: none;}
-  </style>
-  <script type="module" src="renderview.js"></script>
-  <script type="module" src="renderview-client.js"></script>
-</head>
-<body><div id="canvas" class="renderview-wrapper" style="width: 100%; height: 100%"></div>
-<p id="waiting">Drawing the first picture. Compiling kernels for it may take a minute, once.</p>
-</body>
-</html>
-"""
+SCRIPTS = ("address", "connection", "gestures", "viewer")
+
+HTML = "text/html; charset=utf-8"
+
+SCRIPT = "text/javascript; charset=utf-8"
+
+FILES = {
+    "/": ("viewer.html", HTML),
+    "/viewer.css": ("viewer.css", "text/css; charset=utf-8"),
+    **{f"/{name}.js": (f"{name}.js", SCRIPT) for name in SCRIPTS},
+}
+"""Paths, and which file of the folder ``page`` each is."""
+
+SOCKET = "/socket"
+"""Path of the websocket."""
 
 App = Callable[[dict[str, Any], Any, Any], Awaitable[None]]
 
@@ -112,17 +118,37 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
+def check_token(token: Any) -> str:
+    """
+    Return a token that lets people in.
+
+    Raises
+    ------
+    ValueError
+        If it is not 16 to 128 letters, digits, ``-`` and ``_``.
+    """
+    if not isinstance(token, str) or not TOKEN.fullmatch(token):
+        raise ValueError(
+            "token must be 16 to 128 letters, digits, - and _ (or not given, for a random one), "
+            f"got {in_short(token)}"
+        )
+    return token
+
+
 def serve(
     viewer: Viewer,
     host: str = DEFAULT_HOST,
     port: int = DEFAULT_PORT,
     announce: Callable[[str], None] = print,
+    *,
+    token: str | None = None,
+    on_start: Callable[[Callable[[], None]], None] | None = None,
 ) -> None:
     """
-    Serve a page that shows a viewer, until the process is interrupted.
+    Serve a page that shows what a viewer shows, until the process is interrupted.
 
-    Who knows the address may look: it has a random token. Who opens the page first moves the
-    camera; others see the same. The page is there while the first picture is compiled and drawn.
+    Who knows the address may look: it has a token. Each page is a twin of the viewer, with its own
+    size and view. The page is there while the first picture is compiled and drawn.
 
     Parameters
     ----------
@@ -133,28 +159,36 @@ def serve(
         0 takes any that is free.
     announce : callable
         Is told where the page is, in words.
+    token : str, optional
+        16 to 128 letters, digits, ``-`` and ``_``. Default: a random one. Pages that are open find
+        a viewer again that is started anew with the same one, at the same port.
+    on_start : callable, optional
+        Is handed a function that ends the server, from any thread.
 
     Raises
     ------
     ImportError
         If what it needs is not installed, naming what to install.
     ValueError
-        If it cannot listen there; before anything is drawn.
+        If it cannot listen there, or the token is none; before anything is drawn.
     """
     try:
+        import simplejpeg  # noqa: F401
         import uvicorn
         import websockets  # noqa: F401
-        from rendercanvas import http
     except ImportError as error:
         raise ImportError(
             f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
         ) from error
+    own = secrets.token_urlsafe(TOKEN_BYTES) if token is None else check_token(token)
     with bind(host, port) as listening:
-        token = secrets.token_urlsafe(TOKEN_BYTES)
-        http.resources["index.html"] = "text/html; charset=utf-8", PAGE
+        drawer = Worker()
+        first = drawer.submit(viewer.draw)
+        # What is sent are pictures, which are compressed.
         config = uvicorn.Config(
-            guarded(http.asgi, host, token), log_level="warning", access_log=False,
-            server_header=False, ws_max_size=LONGEST_MESSAGE, timeout_graceful_shutdown=GRACE,
+            guarded(application(viewer, first), host, own), log_level="warning", access_log=False,
+            server_header=False, ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
+            timeout_graceful_shutdown=GRACE,
         )  # fmt: skip
         server = uvicorn.Server(config)
 
@@ -165,19 +199,18 @@ def serve(
             if first.exception() is not None:
                 stop()
 
-        canvas = _complete(http.RenderCanvas, stop)(
-            size=viewer.size, title=viewer.name, max_fps=FRAME_RATE
-        )
-        first = PatientConnection(viewer, canvas).first
         first.add_done_callback(stop_without_picture)
-        for line in announcement(host, listening.getsockname()[1], token):
+        for line in announcement(host, listening.getsockname()[1], own):
             announce(line)
+        if on_start is not None:
+            on_start(stop)
         try:
             server.run(sockets=[listening])
         finally:
             # One that is still drawn is told that nobody wants it.
             is_there = first.done()
-            canvas.end()
+            viewer.close()
+            drawer.close()
         if is_there:
             first.result()
 
@@ -198,90 +231,119 @@ def announcement(host: str, port: int, token: str) -> list[str]:
     return lines
 
 
-def _complete(canvas: type, stop: Callable[[], None]) -> Any:
+def application(viewer: Viewer, first: Future[Any]) -> App:
+    """Return an application that serves the page, and a twin of a viewer to each that is open."""
+
+    async def serve_page(scope: dict[str, Any], receive: Any, send: Any) -> None:
+        if scope["type"] == "websocket":
+            await _watch(viewer, first, receive, send)
+            return
+        found = FILES.get(scope["path"])
+        if scope["method"] != "GET":
+            await _answer(send, NOT_ALLOWED, b"GET it")
+        elif found is None:
+            await _answer(send, NOT_FOUND, b"there is nothing")
+        else:
+            name, kind = found
+            await _answer(send, OK, _file(name), kind)
+
+    return serve_page
+
+
+async def _watch(viewer: Viewer, first: Future[Any], receive: Any, send: Any) -> None:
+    """Show a twin of a viewer to a page, until that goes."""
+    await receive()
+    await send({"type": "websocket.accept"})
+    loop, outbox = asyncio.get_running_loop(), _Outbox()
+
+    def tell(message: dict[str, Any] | bytes) -> None:
+        # The server may have ended.
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(outbox.put, message)
+
+    tab = Tab(viewer.twin(), first, tell)
+    sending = asyncio.create_task(outbox.send_all(send))
+    try:
+        while (event := await receive())["type"] == "websocket.receive":
+            message = read_message(event.get("text"), tab.sent)
+            if message is not None:
+                tab.take(message)
+    finally:
+        tab.close()
+        sending.cancel()
+
+
+class _Outbox:
     """
-    Return a kind of canvas whose last picture always arrives, and that ends after its server.
+    What is to be sent to a page: pictures, and the latest of each kind of what is said.
 
-    That of rendercanvas 2.7 drops a picture that is ready while two are on their way, if no other
-    follows: the page would keep the compressed one. It takes Ctrl-C for itself, and closes in the
-    midst of whatever runs. It compresses without loss, which may take seconds, while all else
-    waits, Ctrl-C too.
+    A page that reads nothing makes it no longer: pictures wait until others were shown.
     """
-    from rendercanvas.core.encoders import encode_array
 
-    encoder = Worker()
+    def __init__(self) -> None:
+        self._pictures: deque[bytes] = deque()
+        self._said: dict[str, dict[str, Any]] = {}
+        self._is_filled = asyncio.Event()
 
-    class Page(canvas):
-        """Looks for a picture that waits whenever the page has shown one."""
+    def put(self, message: dict[str, Any] | bytes) -> None:
+        """Add a picture, or something said in place of the last of its kind."""
+        if isinstance(message, bytes):
+            self._pictures.append(message)
+        else:
+            self._said[message["type"]] = message
+        self._is_filled.set()
 
-        def _maybe_draw(self) -> None:
-            super()._maybe_draw()
-            self._send_last_frame_to_ready_clients()
-
-        def _lossless_draw(self) -> None:
-            if self._lossless_draw_info is None:
-                return
-            (picture, _), self._lossless_draw_info = self._lossless_draw_info, None
-            number, loop = self._ref_index, asyncio.get_running_loop()
-
-            def send(coded: Future[tuple[str, bytes]]) -> None:
-                # No other picture came meanwhile.
-                if self._ref_index == number:
-                    self._send_lossless(*coded.result())
-
-            def finish(coded: Future[tuple[str, bytes]]) -> None:
-                # The server may have ended.
-                with contextlib.suppress(RuntimeError):
-                    loop.call_soon_threadsafe(send, coded)
-
-            coding = encoder.submit(lambda: encode_array(picture, LOSSLESS))
-            coding.add_done_callback(finish)
-
-        def _send_lossless(self, kind: str, data: bytes) -> None:
-            told = {"type": "framebufferdata", "nbuffers": 1, "mimetype": kind, "index": 0}
-            self._last_frame = {**told, "timestamp": time.time()}, [data]
-            self._ref_index += 1
-            self._send_last_frame_to_ready_clients()
-
-        def close(self) -> None:
-            """Ask the server to end."""
-            stop()
-
-        def end(self) -> None:
-            """Close, when the server has ended."""
-            super().close()
-            encoder.close()
-
-    return Page
+    async def send_all(self, send: Any) -> None:
+        """Send what comes, until it is cancelled or the page is gone."""
+        with contextlib.suppress(OSError, RuntimeError):
+            while True:
+                await self._is_filled.wait()
+                self._is_filled.clear()
+                while self._pictures or self._said:
+                    if self._said:
+                        said = json.dumps(self._said.pop(next(iter(self._said))))
+                        await send({"type": "websocket.send", "text": said})
+                    if self._pictures:
+                        await send({"type": "websocket.send", "bytes": self._pictures.popleft()})
 
 
 def guarded(app: App, host: str, token: str) -> App:
     """
     Return an application that only those use who know the token, and only as its page does.
 
-    The token is the first part of the path, ``/token/``. Pages of other sites are kept out besides:
-    a page may open a websocket to any address, this machine's own too, and a name of another site
-    may be made to lead here; both say so in the headers ``Origin`` and ``Host``. Addresses in
-    numbers are nobody's name.
+    The page is opened as ``/token/``, and keeps the token as a cookie, which no script reads and
+    which no other site's page sends along; its address loses it. Pages of other sites are kept out
+    besides: a page may open a websocket to any address, this machine's own too, and a name of
+    another site may be made to lead here; both say so in the headers ``Origin`` and ``Host``.
+    Addresses in numbers are nobody's name.
     """
     own = {host.casefold(), "localhost"}
     if not _is_loopback(host):
         own |= _names_of_this_machine()
     pages: set[object] = set()
+    name = "rasterjit-" + hashlib.sha256(token.encode()).hexdigest()[:COOKIE_DIGITS]
+    cookie = f"{name}={token}; Path=/; HttpOnly; SameSite=Strict".encode()
 
     async def guard(scope: dict[str, Any], receive: Any, send: Any) -> None:
         if scope["type"] == "lifespan":
             await app(scope, receive, send)
             return
-        may_enter = _knows(scope["path"], token) and _may_enter(scope, host, own)
+        is_first = scope["type"] == "http" and _is_same(scope["path"], f"/{token}/")
+        may_enter = _may_enter(scope, host, own)
+        knows = is_first or _is_same(_cookie(scope, name), token)
         if scope["type"] == "http":
-            answer = app if may_enter else _forbid
-            await answer(scope, receive, _with_headers(send))
-        elif may_enter and len(pages) < MOST_PAGES:
+            if not (may_enter and knows):
+                await _answer(_with_headers(send), FORBIDDEN, UNKNOWN)
+            elif is_first:
+                own_headers = [(b"set-cookie", cookie)]
+                await app({**scope, "path": "/"}, receive, _with_headers(send, own_headers))
+            else:
+                await app(scope, receive, _with_headers(send))
+        elif may_enter and knows and scope["path"] == SOCKET and len(pages) < MOST_PAGES:
             page = object()
             pages.add(page)
             try:
-                await _listed(app, scope, receive, send)
+                await app(scope, receive, send)
             finally:
                 pages.discard(page)
         else:
@@ -290,59 +352,52 @@ def guarded(app: App, host: str, token: str) -> App:
     return guard
 
 
-async def _forbid(scope: dict[str, Any], receive: Any, send: Any) -> None:
-    """Answer who may not come in."""
-    headers = [(b"content-type", b"text/plain; charset=utf-8")]
-    await send({"type": "http.response.start", "status": FORBIDDEN, "headers": headers})
-    await send({"type": "http.response.body", "body": b"open the address that the viewer printed"})
+UNKNOWN = (
+    b"Open the address that the viewer printed. If this browser did so before, put this one into "
+    b"its address bar."
+)
+"""What is said to who brings no token."""
 
 
-def _with_headers(send: Any) -> Any:
+async def _answer(
+    send: Any, status: int, body: bytes, kind: str = "text/plain; charset=utf-8"
+) -> None:
+    """Answer a request."""
+    headers = [(b"content-type", kind.encode()), (b"content-length", str(len(body)).encode())]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
+
+
+def _file(name: str) -> bytes:
+    """Return a file of the page."""
+    return (resources.files("rasterjit.viewer") / "page" / name).read_bytes()
+
+
+def _with_headers(send: Any, others: Sequence[tuple[bytes, bytes]] = ()) -> Any:
     """Return what sends an answer with the headers of all answers."""
 
     async def send_with_headers(message: dict[str, Any]) -> None:
         if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message["headers"], *HEADERS]}
+            message = {**message, "headers": [*message["headers"], *HEADERS, *others]}
         await send(message)
 
     return send_with_headers
 
 
-async def _listed(app: App, scope: dict[str, Any], receive: Any, send: Any) -> None:
-    """Let a page talk to an application in messages of the list; others are passed over."""
-    sent, is_closed = 0, False
-
-    async def receive_listed() -> dict[str, Any]:
-        nonlocal is_closed
-        while True:
-            event = await receive()
-            if event["type"] != "websocket.receive":
-                return event
-            message = read_message(event.get("text"), sent)
-            if message is None:
-                continue
-            if message["type"] == CLOSE:
-                # To the application it would mean that all is over.
-                is_closed = True
-                return {"type": "websocket.disconnect", "code": NORMAL_CLOSURE}
-            return {"type": "websocket.receive", "text": json.dumps(message)}
-
-    async def send_counted(message: dict[str, Any]) -> None:
-        nonlocal sent
-        # A picture is the only thing that is sent in bytes.
-        sent += message.get("bytes") is not None
-        await send(message)
-
-    await app(scope, receive_listed, send_counted)
-    if is_closed:
-        await send({"type": "websocket.close", "code": NORMAL_CLOSURE})
+def _is_same(found: str, wanted: str) -> bool:
+    """Tell whether texts are the same, in a time that does not depend on where they differ."""
+    return hmac.compare_digest(found.encode(errors="replace"), wanted.encode())
 
 
-def _knows(path: str, token: str) -> bool:
-    """Tell whether a path begins with the token, in a time that does not depend on it."""
-    parts = path.split("/")
-    known = parts[1] if len(parts) == 3 and not parts[0] else ""
-    return hmac.compare_digest(known.encode(errors="replace"), token.encode())
+def _cookie(scope: dict[str, Any], name: str) -> str:
+    """Return the cookie of a name that a request brings, or nothing."""
+    for header, value in scope["headers"]:
+        if header.lower() == b"cookie":
+            for one in value.decode("latin-1").split(";"):
+                found, _, content = one.strip().partition("=")
+                if found == name:
+                    return content
+    return ""
 
 
 def _may_enter(scope: dict[str, Any], host: str, own: set[str]) -> bool:

@@ -6,15 +6,14 @@ The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
-import os
 import sys
 import threading
 import time
 import weakref
-from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -23,35 +22,13 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import told_to
 from rasterjit.viewer.controls import Event
+from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
 
 FRAME_RATE = 60.0
 """Most pictures a second."""
 
-PROMPT = 0.1
-"""How long a patient connection waits for a picture before it lets the canvas do something else,
-seconds."""
-
-MOST_WAITING = 1000
-"""Events that are kept while a picture is drawn, the latest; no hand makes as many."""
-
-MERGED = {"pointer_move": ("buttons", "modifiers"), "wheel": ("x", "y", "modifiers")}
-"""Events of which several in a row are as good as one, where these fields are the same."""
-
 Result = TypeVar("Result")
-
-TOOLKITS = {
-    "glfw": ("glfw", "wgpu"),
-    **{name: (name,) for name in ("PySide6", "PyQt6", "PySide2", "PyQt5")},
-}
-"""Packages that open windows, the preferred first, and what each one needs. Pictures come into a
-window of GLFW by wgpu, which needs a driver for the GPU, or for the CPU in its place; Qt needs none
-but, where it misses a library of the system, ends the process."""
-
-NO_TOOLKIT = (
-    'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
-    '"rasterjit[viewer-qt]" for Qt'
-)
 
 TERMINAL_FRAME_RATE = 20.0
 """Most pictures a second: a terminal takes long to show one."""
@@ -152,7 +129,7 @@ class Connection:
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
         self._work()
-        if viewer.is_moving or self._step is not None:
+        if viewer.is_moving or viewer.is_live or self._step is not None:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
         stamp = viewer.stamp
@@ -185,95 +162,6 @@ class Connection:
         self._worker.close()
 
 
-class PatientConnection(Connection):
-    """
-    A connection that draws in a thread of its own, so that its canvas answers meanwhile.
-
-    The first picture is begun at once. Events wait while one is drawn: a viewer is for one thread.
-
-    Attributes
-    ----------
-    first : Future
-        The first picture.
-    """
-
-    def __init__(self, viewer: Viewer, canvas: Any) -> None:
-        super().__init__(viewer, canvas)
-        self._waiting: deque[Event] = deque(maxlen=MOST_WAITING)
-        self._due = viewer.stamp
-        self._drawer = Worker()
-        self._drawing: Future[NDArray[np.uint8]] | None = self._drawer.submit(viewer.draw)
-        self.first = self._drawing
-
-    def _handle(self, event: Event) -> None:
-        """Pass an event on, or keep it while a picture is drawn."""
-        if self._drawing is None:
-            super()._handle(event)
-        else:
-            add_event(self._waiting, event)
-
-    def _draw(self) -> None:
-        """Begin the picture that is due, or show it if it is there soon; else ask to come again."""
-        viewer, canvas = self.viewer, self._canvas
-        patience = 0.0
-        if self._drawing is None:
-            self._due = self._prepare()
-            self._drawing = self._drawer.submit(viewer.draw)
-            patience = PROMPT
-        wait([self._drawing], patience)
-        if not self._drawing.done():
-            canvas.request_draw()
-            raise DrawCancelled
-        drawn, self._drawing = self._drawing, None
-        waiting, self._waiting = self._waiting, deque(maxlen=MOST_WAITING)
-        try:
-            picture = drawn.result()
-            if picture.shape[1::-1] != tuple(canvas.get_physical_size()):
-                canvas.request_draw()
-                raise DrawCancelled
-            self._show(picture, self._due)
-        finally:
-            for event in waiting:
-                self._handle(event)
-
-    def _close(self, event: Event) -> None:
-        """End what is being rendered."""
-        super()._close(event)
-        self._drawer.close()
-
-
-def add_event(waiting: deque[Event], event: Event) -> None:
-    """Add an event to those that wait; moves and turns of the wheel in a row become one."""
-    last = waiting[-1] if waiting else {}
-    kind = event.get("event_type")
-    same = MERGED.get(kind, ())
-    if not same or any(last.get(name) != event.get(name) for name in ("event_type", *same)):
-        waiting.append(event)
-    elif kind == "wheel":
-        turned = {name: last.get(name, 0.0) + event.get(name, 0.0) for name in ("dx", "dy")}
-        waiting[-1] = {**event, **turned}
-    else:
-        waiting[-1] = event
-
-
-def toolkits() -> list[str]:
-    """Return the packages that are installed of those that open windows, the preferred first."""
-    # One that runs already has the event loop.
-    names = sorted(TOOLKITS, key=lambda name: name not in sys.modules)
-    return [
-        name
-        for name in names
-        if all(importlib.util.find_spec(needed) is not None for needed in TOOLKITS[name])
-    ]
-
-
-def has_display() -> bool:
-    """Tell whether there is a screen for windows."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def open_window(viewer: Viewer, title: str) -> None:
     """
     Show a viewer in a window until that is closed.
@@ -283,7 +171,7 @@ def open_window(viewer: Viewer, title: str) -> None:
     ImportError
         If no toolkit is installed, naming what to install.
     ValueError
-        If there is no display.
+        If there is no display, or no toolkit opens a window on it, with what each one needs.
     """
     canvas, loop = window(viewer, title)
     loop.run()
@@ -293,33 +181,13 @@ def open_window(viewer: Viewer, title: str) -> None:
 
 def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     """Return a canvas in a new window that shows a viewer, and the loop that it needs."""
-    found = toolkits()
-    if not found:
-        raise ImportError(NO_TOOLKIT)
-    if not has_display():
-        raise ValueError(
-            "backend must be one that needs no display here (browser, terminal or notebook), got "
-            "'window': neither DISPLAY nor WAYLAND_DISPLAY is set"
-        )
+    toolkit = choose_toolkit()
     # What has to be compiled is compiled before a window stands there, not answering.
     viewer.draw()
-    problems = []
-    for name in found:
-        canvas = None
-        try:
-            backend = importlib.import_module(f"rendercanvas.{name.lower()}")
-            canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
-            Connection(viewer, canvas)
-        except Exception as error:
-            if canvas is not None:
-                canvas.close()
-            problems.append(f"{name}: {type(error).__name__}: {error}")
-        else:
-            return canvas, backend.loop
-    raise ValueError(
-        "backend must be one that works here (browser, terminal or notebook), got 'window': "
-        + "; ".join(problems)
-    )
+    backend = importlib.import_module(f"rendercanvas.{toolkit.lower()}")
+    canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
+    Connection(viewer, canvas)
+    return canvas, backend.loop
 
 
 def in_notebook() -> bool:
@@ -383,3 +251,10 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
             terminal.loop.run()
     finally:
         canvas.close()
+
+
+def has_terminal() -> bool:
+    """Tell whether somebody sits at a terminal that can show pictures."""
+    streams = sys.__stdin__, sys.__stdout__
+    is_there = all(stream is not None and stream.isatty() for stream in streams)
+    return is_there and importlib.util.find_spec("blessed") is not None

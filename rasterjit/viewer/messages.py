@@ -1,5 +1,5 @@
 """
-What a page may say: moves of the pointer, the wheel, keys, its size, that it closes.
+What a page may say: moves of the pointer, the wheel, keys, its size, and what is to be seen how.
 
 A message is a line of JSON from whoever reached the socket. Only what is listed here goes further,
 made anew from the fields that are listed; numbers lie within bounds, and nothing else gets through.
@@ -12,8 +12,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-LONGEST_MESSAGE = 4096
-"""Bytes of one message; the page's own have some 300."""
+from rasterjit.viewer import switches
+from rasterjit.viewer.viewer import NAMES
+
+LONGEST_MESSAGE = 16384
+"""Bytes of one message; most of the page's own have some 100, a list of hidden objects more."""
 
 FARTHEST = 1e6
 """Largest coordinate and turn of a wheel, pixels."""
@@ -36,11 +39,26 @@ MOST_PIXELS = 3840 * 2160
 
 LONGEST_SIDE = 7680
 
+LARGEST_NUMBER = 2**31 - 1
+"""Of an object."""
+
 LEAST_RATIO, LARGEST_RATIO = 0.1, 16.0
 """Pixels of a screen for one of a page."""
 
-CLOSE, FEEDBACK = "close", "_framefeedback"
-"""That the page closes, and that it has shown a picture."""
+SHOWN = "shown"
+"""That the page has shown a picture."""
+
+MOST_LISTED = 1000
+"""Objects that a page lists, and may hide."""
+
+MOST_SWITCHED = 64
+"""Effects that a page switches."""
+
+FARTHEST_EYE = 1e15
+"""Largest coordinate of a view, scene units."""
+
+LEAST_FOV, LARGEST_FOV = 1e-3, 179.0
+"""Vertical field of view, degrees."""
 
 
 def read_message(text: Any, sent: int) -> dict[str, Any] | None:
@@ -62,23 +80,17 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
         return None
     if not isinstance(said, dict) or not isinstance(kind := said.get("type"), str):
         return None
-    if kind == CLOSE:
-        return {"type": CLOSE}
     if kind == "resize":
         return _size(said)
-    if kind == FEEDBACK:
-        fields: Fields = {
-            "index": lambda index: _is_whole(index, 0, sent),
-            "timestamp": lambda moment: _is_number(moment, 0.0, LATEST),
-        }
+    if kind == SHOWN:
+        fields: Fields = {"number": lambda number: _is_whole(number, 1, sent)}
     elif kind in FIELDS:
         fields = FIELDS[kind]
     else:
         return None
     if not all(allowed(said.get(name)) for name, allowed in fields.items()):
         return None
-    message = {"type": kind, **{name: said[name] for name in fields}}
-    return message if kind == FEEDBACK else {**message, "timestamp": 0.0}
+    return {"type": kind, **{name: said[name] for name in fields}}
 
 
 def _size(said: dict[str, Any]) -> dict[str, Any] | None:
@@ -92,7 +104,7 @@ def _size(said: dict[str, Any]) -> dict[str, Any] | None:
     width, height = (max(1, math.floor(side * share)) for side in (width, height))
     # Places in the page stay what they are.
     size = {"pwidth": width, "pheight": height, "ratio": ratio * share}
-    return {"type": "resize", **size, "timestamp": 0.0}
+    return {"type": "resize", **size}
 
 
 def _is_number(value: Any, low: float, high: float) -> bool:
@@ -129,6 +141,41 @@ def _is_key(value: Any) -> bool:
     return isinstance(value, str) and 1 <= len(value) <= LONGEST_KEY
 
 
+def _is_point(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(_is_number(one, -FARTHEST_EYE, FARTHEST_EYE) for one in value)
+    )
+
+
+def _is_switched(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) <= MOST_SWITCHED
+        and all(isinstance(one, str) and one in switches.KEYS.values() for one in value)
+    )
+
+
+def _are_modes(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        key in switches.MODED and (mode is None or _is_mode(key, mode))
+        for key, mode in value.items()
+    )
+
+
+def _is_mode(key: str, mode: Any) -> bool:
+    return isinstance(mode, str) and mode in switches.MODED[key].modes
+
+
+def _is_object(value: Any) -> bool:
+    return _is_whole(value, 0, LARGEST_NUMBER)
+
+
+def _are_objects(value: Any) -> bool:
+    return isinstance(value, list) and len(value) <= MOST_LISTED and all(map(_is_object, value))
+
+
 _POINTER = {
     "x": _is_place, "y": _is_place, "button": _is_button, "buttons": _are_buttons,
     "modifiers": _are_modifiers,
@@ -141,5 +188,15 @@ _KEY = {"key": _is_key, "modifiers": _are_modifiers}
 FIELDS: dict[str, Fields] = {
     "pointer_down": _POINTER, "pointer_move": _POINTER, "pointer_up": _POINTER, "wheel": _WHEEL,
     "key_down": _KEY, "key_up": _KEY,
+    "pick": {"x": _is_place, "y": _is_place},
+    "view": {
+        "eye": _is_point, "target": _is_point, "up": _is_point,
+        "fov_y": lambda angle: _is_number(angle, LEAST_FOV, LARGEST_FOV),
+    },
+    "look": {
+        "kind": lambda kind: isinstance(kind, str) and kind in NAMES,
+        "switched": _is_switched, "modes": _are_modes,
+    },
+    "visibility": {"hidden": _are_objects, "only": lambda one: one is None or _is_object(one)},
 }  # fmt: skip
-"""Events that viewers know, and which fields of what kind each has."""
+"""What viewers know, and which fields of what kind each has."""

@@ -62,7 +62,7 @@ Row = tuple[str, ...]
 """Cells of a line, from the left."""
 
 
-def picture_of(frame: Frame, kind: str) -> NDArray[np.uint8]:
+def picture_of(frame: Frame, kind: str, numbers: Sequence[int] | None = None) -> NDArray[np.uint8]:
     """
     Return a picture of a frame, (H, W, 4) uint8, sRGB, opaque.
 
@@ -73,6 +73,9 @@ def picture_of(frame: Frame, kind: str) -> NDArray[np.uint8]:
     kind : {"color", "depth", "normal", "object_id", "face_id"}
         Depths are brighter the nearer; normals are (n + 1) / 2, world x red, y green, z blue;
         numbers are colours that differ between neighbours, mostly.
+    numbers : sequence of int, optional
+        What to call the objects, which keep their colours where others are hidden. Default: as the
+        frame does.
     """
     if kind == "color":
         return _over_white(frame.color)
@@ -89,10 +92,19 @@ def picture_of(frame: Frame, kind: str) -> NDArray[np.uint8]:
     elif kind == "normal":
         picture[seen, :3] = (frame.normal[seen] * 127.5 + 128.0).clip(0, 255).astype(np.uint8)
     else:
-        numbers = getattr(frame, kind)[seen].astype(np.uint32) + np.uint32(1)
-        spread = (numbers[:, None] * ODD) >> np.uint32(BRIGHTNESS_BITS)
-        picture[seen, :3] = spread.astype(np.uint8) + 128
+        found = getattr(frame, kind)[seen]
+        if kind == "object_id" and numbers is not None:
+            found = np.asarray(numbers, dtype=np.int64)[found]
+        picture[seen, :3] = colors_of(found)
     return picture
+
+
+def colors_of(numbers: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return a colour for each number, (N,) to (N, 3) uint8, sRGB: none is dark."""
+    spread = ((numbers.astype(np.uint32) + np.uint32(1))[:, None] * ODD) >> np.uint32(
+        BRIGHTNESS_BITS
+    )
+    return spread.astype(np.uint8) + np.uint8(128)
 
 
 def _over_white(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -117,7 +129,7 @@ def write_panel(
         Changed; as it is if it is too small for text. What does not fit is cut off.
     rows : sequence of tuple of str
         Columns are as wide as their widest cell.
-    corner : {"top left", "top right", "bottom left"}
+    corner : {"top left", "top right", "bottom left", "bottom right"}
         Where the panel lies.
     ratio : float
         Pixels of the picture for one of the screen.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -10,11 +11,14 @@ from rasterjit.rendering.plan import Cull
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas
+from rasterjit.viewer import browser, canvas, trial
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
+
+SERVER = ("uvicorn", "websockets", "simplejpeg")
+"""Packages that a page needs."""
 
 
 def show(
@@ -30,6 +34,7 @@ def show(
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
     port: int = browser.DEFAULT_PORT,
+    token: str | None = None,
     threads: int | None = None,
 ) -> Any:
     """
@@ -44,8 +49,10 @@ def show(
     what, camera, background, cull, threads
         As `rasterjit.render` takes them. The camera is where it starts.
     backend : {"auto", "window", "browser", "notebook", "terminal"}
-        ``"auto"``: a widget in a notebook; else a window, if there is a display and a toolkit; else
-        a page for the browser.
+        ``"auto"``: a widget in a notebook; else a window, if one opens here; else a page for the
+        browser; else the terminal. Where there is a display and no window opens, a line on standard
+        error says what to install. Whether one opens is tried in a process of its own and
+        remembered: a window of a moment, the first time.
     size : (int, int)
         Width and height at first, pixels; pages and terminals have their own.
     up : (3,) array_like, world space
@@ -57,7 +64,11 @@ def show(
         Of the window.
     host, port : str, int
         Where the page is served: by default where only this machine reaches it. Port 0 takes any
-        that is free. The address that is printed has a random token, without which nobody comes in.
+        that is free.
+    token : str, optional
+        Part of the page's address, without which nobody comes in: 16 to 128 letters, digits, ``-``
+        and ``_``. Default: a random one. With the same token and port, pages that are open find a
+        viewer again that is started anew.
 
     Returns
     -------
@@ -69,10 +80,13 @@ def show(
     ImportError
         If the backend needs a package, naming what to install.
     ValueError
-        Naming the argument that is wrong, before anything is shown.
+        Naming the argument that is wrong, before anything is shown; of a backend that does not
+        work here, what it needs.
     """
+    if token is not None:
+        browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if importlib.util.find_spec("rendercanvas") is None:
+    if chosen != "browser" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -83,7 +97,7 @@ def show(
         return canvas.widget(viewer)
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
-        "browser": lambda: browser.serve(viewer, host, port),
+        "browser": lambda: browser.serve(viewer, host, port, token=token),
         "terminal": lambda: canvas.run_in_terminal(viewer, title),
     }
     try:
@@ -93,11 +107,39 @@ def show(
 
 
 def choose_backend(backend: str) -> str:
-    """Return a backend, the best there is for ``"auto"``."""
+    """
+    Return a backend: the best that works here for ``"auto"``; a line says what windows need.
+
+    Raises
+    ------
+    ImportError, ValueError
+        If the backend is ``"window"``, or ``"auto"``, and none opens here, saying what it needs.
+    """
+    if backend == "window":
+        trial.choose_toolkit()
     if backend != "auto":
         return backend
     if canvas.in_notebook():
         return "notebook"
-    if canvas.has_display() and canvas.toolkits():
+    toolkit, problem = trial.find_toolkit()
+    if toolkit:
         return "window"
-    return "browser"
+    other = _without_window(problem)
+    if trial.has_display():
+        words = {"browser": "a page", "terminal": "the terminal"}
+        print(f"rasterjit: no window opens: {problem}. Showing {words[other]} instead",
+              file=sys.stderr)  # fmt: skip
+    return other
+
+
+def _without_window(problem: str) -> str:
+    """Return the best backend where no window opens."""
+    if all(importlib.util.find_spec(name) is not None for name in SERVER):
+        return "browser"
+    if importlib.util.find_spec("rendercanvas") is not None and canvas.has_terminal():
+        return "terminal"
+    raise ImportError(
+        'showing needs a page: pip install "rasterjit[browser]"; or a window, but '
+        + (problem if problem != trial.NO_TOOLKIT else "no toolkit for one is installed: "
+           'pip install "rasterjit[viewer]"')
+    )  # fmt: skip

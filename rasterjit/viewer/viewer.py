@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,9 +31,11 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.framing import Ball, fit_camera
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size, positive_number
+from rasterjit.scene.validation import image_size, one_of, positive_number
 from rasterjit.viewer import switches
 from rasterjit.viewer.controls import Event, Fly, Orbit
 from rasterjit.viewer.overlay import OUTPUTS_OF, Row, mark_pixel, picture_of, rows_of, write_panel
@@ -107,12 +111,21 @@ class Viewer:
         The camera that is moved.
     version : int
         Grows whenever what is seen changes.
+    writes_text : bool
+        Whether help, numbers and the line at the bottom are written on the pictures.
+    is_live : bool
+        Whether what is shown may change by itself, when `advance` is called.
+    help_rows : tuple of tuple of str
+        What H shows.
 
     Raises
     ------
     ValueError
         Naming the argument that is wrong, or if there is nothing to look at.
     """
+
+    is_live = False
+    help_rows: tuple[Row, ...] = HELP
 
     def __init__(
         self,
@@ -128,6 +141,11 @@ class Viewer:
         threads: int | None = None,
     ) -> None:
         self.scene: Scene = as_scene(what)
+        self._made = {
+            "camera": camera, "size": size, "background": background, "cull": cull, "up": up,
+            "time_budget": time_budget, "name": name, "threads": threads,
+        }  # fmt: skip
+        self.writes_text = True
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
@@ -147,6 +165,7 @@ class Viewer:
         self.kind = "color"
         self._switched: list[str] = []
         self._modes = {key: one.mode_of(self.scene) for key, one in switches.MODED.items()}
+        self._hidden: frozenset[int] = frozenset()
         self._shown = self.scene
         self._message = ""
         self._shows_help, self._shows_line, self._shows_costs = False, True, False
@@ -171,10 +190,34 @@ class Viewer:
         self._steps = iter(())
         self._moving.close()
 
+    def twin(self) -> Viewer:
+        """Return another viewer of the same scene, with a camera of its own where this began."""
+        return Viewer(self.scene, **self._made)
+
     @property
     def camera(self) -> PerspectiveCamera:
         """The camera as it stands."""
         return self.controls.camera()
+
+    @property
+    def look(self) -> tuple[str, tuple[str, ...], dict[str, str | None]]:
+        """Kind of picture, names of switched effects, and modes by key: see `set_look`."""
+        return self.kind, tuple(self._switched), dict(self._modes)
+
+    @property
+    def hidden(self) -> frozenset[int]:
+        """Numbers of the objects that are hidden."""
+        return self._hidden
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers, in the scene, of the objects that are shown."""
+        return [n for n in range(len(self.scene.nodes)) if n not in self._hidden]
+
+    @property
+    def cost_rows(self) -> list[Row]:
+        """What the effects cost, as rows; none unless it was asked for."""
+        return self._cost_rows() if self._shows_costs else []
 
     @property
     def shown(self) -> Scene:
@@ -281,6 +324,67 @@ class Viewer:
             self.controls = self.controls.settled()
         self._change()
 
+    def look_from(self, camera: Camera) -> None:
+        """Look from where a camera stands; that it is tilted sideways is left out."""
+        home = self.controls.home if isinstance(self.controls, Orbit) else None
+        orbit = Orbit.from_camera(camera, self._ball, self.controls.up, self.size)
+        self.controls = orbit if home is None else replace(orbit, home=home)
+        self._is_fitted = False
+        self._change()
+
+    def set_look(self, kind: str, switched: Sequence[str], modes: Mapping[str, str | None]) -> None:
+        """
+        Show a kind of picture with effects switched; what the scene does not give is left out.
+
+        Parameters
+        ----------
+        kind : str
+            A key of ``NAMES``.
+        switched : sequence of str
+            Names of the effects that are off where the scene has them, on where it has not.
+        modes : mapping of str to str or None
+            By key, what an effect of several modes does; None is off. Others stay.
+
+        Raises
+        ------
+        ValueError
+            If a kind, an effect, a key or a mode is not known.
+        """
+        one_of("kind", kind, tuple(NAMES))
+        for name in switched:
+            one_of("switched", name, tuple(switches.KEYS.values()))
+        for key, mode in modes.items():
+            one_of("modes", key, tuple(switches.MODED))
+            one_of(f"modes[{key!r}]", mode, (None, *switches.MODED[key].modes))
+        self.kind = kind
+        self._modes |= modes
+        self._switched = []
+        self._rebuild()
+        for name in dict.fromkeys(switched):
+            self._switch(name)
+
+    def set_hidden(self, numbers: Iterable[int]) -> None:
+        """
+        Hide objects, and show all others.
+
+        Parameters
+        ----------
+        numbers : iterable of int
+            Indices in ``scene.nodes``.
+
+        Raises
+        ------
+        ValueError
+            If the scene has no object of a number.
+        """
+        hidden = frozenset(numbers)
+        count = len(self.scene.nodes)
+        if not all(0 <= number < count for number in hidden):
+            raise ValueError(f"numbers must lie in 0..{count - 1}, got {sorted(hidden)}")
+        if hidden != self._hidden:
+            self._hidden = hidden
+            self._rebuild()
+
     def pick(self, column: int, row: int) -> None:
         """Ask to explain a pixel; a later `step` does it."""
         width, height = self.size
@@ -301,7 +405,7 @@ class Viewer:
             frame = self._draw_in_time()
             self._keep(frame, version)
             self._drawing = budget.seconds_of(frame)
-        picture = picture_of(frame, self.kind)
+        picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
         self._write_on(picture)
         return picture
 
@@ -470,6 +574,11 @@ class Viewer:
     def _rebuild(self) -> bool:
         """Make the scene that is shown from the one given, and tell whether all is possible."""
         scene = self.scene
+        if self._hidden:
+            scene = copy(scene)
+            nodes = [self.scene.nodes[number] for number in self.numbers]
+            # A scene is of something: a face without area, which is never seen.
+            scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
         used = switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = switches.switched(scene, name, used)
@@ -505,8 +614,10 @@ class Viewer:
         told = self.explanation
         if told is not None and told.size == self.size:
             mark_pixel(picture, told.x, told.y, self.ratio)
+        if not self.writes_text:
+            return
         if self._shows_help:
-            write_panel(picture, HELP, "top left", self.ratio)
+            write_panel(picture, self.help_rows, "top left", self.ratio)
         elif self.explanation is not None:
             write_panel(picture, rows_of(self.explanation), "top left", self.ratio)
         if self._shows_costs:

@@ -16,13 +16,10 @@ from rasterjit.compat.pyrender import light as lights
 from rasterjit.compat.pyrender import material as materials
 from rasterjit.compat.pyrender import mesh as meshes
 from rasterjit.compat.pyrender import node as node_module
-from rasterjit.compat.pyrender import offscreen, viewer
+from rasterjit.compat.pyrender import offscreen
 from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
-from rasterjit.compat.pyrender.viewer import scene_to_show
-from rasterjit.viewer import canvas
-from rasterjit.viewer import show as viewer_show
 
 W, H = 48, 36
 
@@ -336,47 +333,6 @@ def test_a_trimesh_scene_is_taken():
     assert len(scene.mesh_nodes) == 2
     np.testing.assert_allclose(scene.bounds, given.bounds)
     assert scene.bg_color.tolist() == [0, 0, 0, 1]
-
-
-def test_the_viewer_hands_the_scene_to_show(monkeypatch):
-    scene, _ = box_scene(bg_color=[1.0, 0.0, 0.2])
-    scene.main_camera_node.camera.aspectRatio = None
-    shown = []
-
-    def show(what, *, size, background):
-        shown.append((what, size, (background ** (1 / 2.2) * 255).round().tolist()))
-
-    monkeypatch.setattr(viewer_show, "show", show)
-    viewer.Viewer(scene, use_raymond_lighting=True, viewport_size=(64, 48))
-    ((drawn, size, background),) = shown
-    assert (size, background) == ((64, 48), [255, 0, 51, 255])
-    assert drawn.camera.fov_y == pytest.approx(60.0)
-    directions = np.array([light.direction for light in drawn.lights[1:]])
-    assert len(directions) == 3
-    # All three shine away from the viewer, 30 degrees off.
-    np.testing.assert_allclose(directions[:, 2], -math.cos(math.radians(30.0)))
-    assert drawn.camera.eye_position().tolist() == [0, 0, 3]
-    # A window that is black helps nobody.
-    assert len(scene_to_show(scene, (64, 48), {}).lights) == 2
-
-
-def test_widget_of_a_notebook_is_displayed(monkeypatch):
-    display = pytest.importorskip("IPython.display")
-    scene, _ = box_scene()
-    shown = []
-    monkeypatch.setattr(canvas, "in_notebook", lambda: True)
-    monkeypatch.setattr(viewer_show, "show", lambda what, **options: "widget")
-    monkeypatch.setattr(display, "display", shown.append)
-    # A notebook goes on at once, with or without a thread.
-    for run_in_thread in (False, True):
-        viewer.Viewer(scene, run_in_thread=run_in_thread)
-    assert shown == ["widget", "widget"]
-
-
-def test_thread_is_refused_before_a_window_stays_for_ever(monkeypatch):
-    monkeypatch.setattr(viewer_show, "show", lambda what, **options: pytest.fail("shown"))
-    with pytest.raises(ValueError, match="run_in_thread must be False"):
-        viewer.Viewer(box_scene()[0], run_in_thread=True)
 
 
 def test_second_drawing_leaves_the_first_as_it_is():

@@ -1,0 +1,327 @@
+"""Show a scene that a program changes meanwhile, through a camera that the program has."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
+from rasterjit.scene.node import Node
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.viewer import viewer
+from rasterjit.viewer.controls import Event
+from rasterjit.viewer.overlay import Row, mark_pixel, rows_of, write_panel
+from rasterjit.viewer.switches import MODED
+
+Camera = PerspectiveCamera | MatrixCamera
+
+PATIENCE = 0.1
+"""Seconds to wait for a program that changes its scene, before the last picture stays."""
+
+SETTLED = 0.2
+"""Seconds without a change after which pictures become better."""
+
+LEAST_SHARE = 4.0
+"""A look at the scene is followed by so many times its own length without one."""
+
+ARRAYS = (
+    "vertices", "faces", "normals", "vertex_colors", "face_colors", "uv", "sizes", "widths"
+)  # fmt: skip
+"""What meshes, points and lines are made of."""
+
+HELP: tuple[Row, ...] = (
+    ("drag", "turn"),
+    ("Ctrl drag", "roll"),
+    ("Shift or middle drag", "pan"),
+    ("wheel, right drag", "zoom"),
+    ("A", "turn by itself"),
+    ("C  H  W", "back faces, shadows, wireframe"),
+    ("I  M  N", "axes, normals of faces and vertices"),
+    ("L  O", "light, orthographic"),
+    ("R  S", "record a GIF, save a picture"),
+    ("Z  Q", "return to the start, close"),
+    ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
+    ("?", "hide this help"),
+)
+
+
+class Lens(MatrixCamera):
+    """A camera of any lens, with the place and the angles that pages tell."""
+
+    @property
+    def eye(self) -> NDArray[np.float64]:
+        """Where it is, (3,), world space."""
+        return self._pose[:3, 3]
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """A point in front of it, (3,), world space."""
+        return self._pose[:3, 3] - self._pose[:3, 2]
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """The picture's up, (3,), world space."""
+        return self._pose[:3, 1]
+
+    @property
+    def fov_y(self) -> float:
+        """Vertical field of view, degrees, of a pinhole about as wide."""
+        return 2.0 * math.degrees(math.atan(1.0 / abs(float(self.clip_from_view[1, 1]))))
+
+    @property
+    def _pose(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self.view_from_world), np.float64)
+
+
+class Look(NamedTuple):
+    """What is to be seen at a moment."""
+
+    scene: Scene
+    camera: Camera
+    background: NDArray[Any]
+    """(4,): opaque, codes or linear light."""
+
+
+class Source(Protocol):
+    """What has a scene that changes."""
+
+    @property
+    def render_lock(self) -> Any:
+        """Held by who looks at the scene or changes it."""
+
+    @property
+    def looks_each(self) -> float:
+        """Time between two looks at the scene, seconds."""
+
+    @property
+    def is_turning(self) -> bool:
+        """Whether the camera turns by itself."""
+
+    @property
+    def message(self) -> str:
+        """What is to be read for a while."""
+
+    def look(self, size: tuple[int, int]) -> Look | None:
+        """Return what is to be seen in a picture of a size, pixels; None if it is over."""
+
+    def take(self, event: Event, size: tuple[float, float]) -> bool:
+        """Take in an event of a canvas of a size, and tell whether it meant something."""
+
+    def look_from(self, pose: NDArray[np.float64]) -> None:
+        """Put the camera somewhere."""
+
+    def note_size(self, size: tuple[int, int]) -> None:
+        """Take the size of the picture, pixels."""
+
+    def fail(self, error: Exception) -> None:
+        """End what is shown, because of an error of the program."""
+
+    def end(self) -> None:
+        """Take note that nobody looks any more."""
+
+
+class Showing(viewer.Viewer):
+    """
+    Shows what a source has, as it is at each moment.
+
+    Parameters
+    ----------
+    source : Source
+    size : (int, int)
+        Width and height of the pictures, pixels.
+    name : str
+        What is shown.
+    ends : bool
+        Whether the source ends with it.
+
+    Raises
+    ------
+    ValueError
+        If something cannot be drawn.
+    """
+
+    is_live = True
+    help_rows = HELP
+
+    def __init__(self, source: Source, size: tuple[int, int], name: str, ends: bool = True) -> None:
+        self._source, self._ends = source, ends
+        with source.render_lock:
+            look = source.look(size)
+        if look is None:
+            raise ValueError("source must be one that goes on, got one that has ended")
+        self._look = look
+        self._due = self._changed_at = 0.0
+        super().__init__(self._look.scene, self._look.camera, size=size, name=name)
+        self._options["background"] = self._look.background
+        self._is_fitted, self._shows_line = False, False
+
+    def twin(self) -> Showing:
+        """Return another that shows the same source, in a size of its own."""
+        return Showing(self._source, self.size, self.name, ends=False)
+
+    def close(self) -> None:
+        """End what is being rendered, and the source with it."""
+        super().close()
+        if self._ends:
+            self._source.end()
+
+    @property
+    def camera(self) -> Any:
+        """The camera as it stands: of the source."""
+        return self._look.camera
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the scene or the camera changed just now."""
+        return self._source.is_turning or time.monotonic() - self._changed_at < SETTLED
+
+    def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
+        """Make pictures of another size from now on; ``ratio``: pixels for one of an event's."""
+        before = self.size
+        super().resize(size, ratio)
+        if self.size != before:
+            self._source.note_size(self.size)
+            self._look_now()
+
+    def handle(self, event: Event) -> None:
+        """Take an event in."""
+        width, height = self.size
+        try:
+            is_known = self._source.take(event, (width / self.ratio, height / self.ratio))
+        except Exception as error:
+            self._source.fail(error)
+            return
+        if is_known:
+            self._look_now()
+        elif event.get("event_type") == "key_down":
+            key = str(event.get("key", ""))
+            if key in viewer.KINDS or key == "Escape":
+                self._press(key)
+            elif key == "?":
+                self._shows_help = not self._shows_help
+
+    def advance(self, seconds: float) -> None:
+        """Look at the scene, if it is time to."""
+        if time.monotonic() >= self._due:
+            self._look_now()
+
+    def look_from(self, camera: Any) -> None:
+        """Put the source's camera where another stands."""
+        self._source.look_from(np.linalg.inv(camera.view_matrix()))
+        self._look_now()
+
+    def _look_now(self) -> None:
+        """Show the scene as it is, unless the program holds it."""
+        source, began = self._source, time.monotonic()
+        if not source.render_lock.acquire(timeout=PATIENCE):
+            return
+        try:
+            look = source.look(self.size)
+            is_new = look is not None and self._take(look)
+        except Exception as error:
+            source.fail(error)
+            return
+        finally:
+            source.render_lock.release()
+        now = time.monotonic()
+        self._due = max(began + source.looks_each, now + LEAST_SHARE * (now - began))
+        if is_new:
+            self._changed_at = now
+            self._change()
+
+    def _take(self, look: Look) -> bool:
+        """Take what is to be seen, and tell whether it is something else than before."""
+        before = self._look
+        is_same_view = before.camera is look.camera or _same_camera(before.camera, look.camera)
+        is_same_scene = same_scene(before.scene, look.scene)
+        is_same_back = np.array_equal(before.background, look.background)
+        if is_same_view and is_same_scene and is_same_back:
+            return False
+        self._look = look if not is_same_view else look._replace(camera=before.camera)
+        self._options["background"] = look.background
+        if is_same_scene:
+            return True
+        self.scene = self._shown = look.scene
+        self._modes = {key: one.mode_of(look.scene) for key, one in MODED.items()}
+        if self._switched or self._hidden:
+            # Times of pictures stay known, as near as they are.
+            times = self._times
+            self._rebuild()
+            self._times = times
+        return True
+
+    def _rebuild(self) -> bool:
+        """Make the scene that is shown of that of the moment."""
+        is_possible = super()._rebuild()
+        numbers, lit = self.numbers, self._shown._imitation
+        if self._hidden and numbers and lit is not None:
+            # What is said of each object is said of those that are left.
+            taken, faces_viewer = lit.taken[numbers], lit.faces_viewer[numbers]
+            self._shown._imitation = replace(lit, taken=taken, faces_viewer=faces_viewer)
+        return is_possible
+
+    def _write_on(self, picture: NDArray[np.uint8]) -> None:
+        """Write what is to be read on a picture."""
+        told = self.explanation
+        if told is not None and told.size == self.size:
+            mark_pixel(picture, told.x, told.y, self.ratio)
+        if not self.writes_text:
+            return
+        if told is not None and told.size == self.size:
+            write_panel(picture, rows_of(told), "top left", self.ratio)
+        if self._shows_help:
+            write_panel(picture, self.help_rows, "top left", self.ratio)
+        if message := self._source.message:
+            write_panel(picture, [(message,)], "bottom right", self.ratio)
+
+    @property
+    def stamp(self) -> tuple[Any, ...]:
+        """What the picture depends on."""
+        return *super().stamp, self._source.message
+
+
+def same_scene(one: Scene, other: Scene) -> bool:
+    """Tell whether two scenes show the same."""
+    return (
+        len(one.nodes) == len(other.nodes)
+        and one.lights == other.lights
+        and (one._imitation is other._imitation or _same_light(one._imitation, other._imitation))
+        and all(getattr(one, name) == getattr(other, name) for name in EFFECT_FIELDS)
+        and all(_same_node(a, b) for a, b in zip(one.nodes, other.nodes, strict=True))
+    )
+
+
+def _same_light(one: Any, other: Any) -> bool:
+    return one is not None and one.same(other)
+
+
+def _same_node(one: Node, other: Node) -> bool:
+    return (
+        one.name == other.name
+        and np.array_equal(one.transform, other.transform)
+        and (one.mesh is other.mesh or _same_mesh(one.mesh, other.mesh))
+    )
+
+
+def _same_mesh(one: Any, other: Any) -> bool:
+    """Tell whether two meshes are: points are made anew for each look."""
+    if type(one) is not type(other) or one.material != other.material:
+        return False
+    return all(_same_array(getattr(one, name, None), getattr(other, name, None)) for name in ARRAYS)
+
+
+def _same_array(one: Any, other: Any) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
+
+
+def _same_camera(one: Camera, other: Camera) -> bool:
+    if isinstance(one, PerspectiveCamera) or isinstance(other, PerspectiveCamera):
+        return bool(one == other)
+    return np.array_equal(one.view_from_world, other.view_from_world) and np.array_equal(
+        one.clip_from_view, other.clip_from_view
+    )
