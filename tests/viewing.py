@@ -89,7 +89,7 @@ def join(address):
     )  # fmt: skip
 
 
-def say(page, kind, **message):
+def say(page, kind, /, **message):
     page.send(json.dumps({"type": kind, **message}))
 
 
