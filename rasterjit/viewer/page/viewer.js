@@ -380,6 +380,7 @@ let nextWriting = 0;
 
 function update() {
   at("line").textContent = state.line;
+  canvas.dataset.done = state.is_done;
   for (const radio of document.querySelectorAll("[name=kind]")) {
     radio.checked = radio.value === state.kind;
   }
