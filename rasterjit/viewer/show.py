@@ -10,7 +10,7 @@ from rasterjit.rendering.plan import Cull
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas
+from rasterjit.viewer import browser, canvas, notebook
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
@@ -62,7 +62,9 @@ def show(
     Returns
     -------
     widget or None
-        In a notebook; the others return when the window is closed or the process interrupted.
+        In a notebook, where the last line of a cell displays it; with ``"auto"`` a picture, if
+        packages are missing. The others return when the window is closed or the process is
+        interrupted.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def show(
         Naming the argument that is wrong, before anything is shown.
     """
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if importlib.util.find_spec("rendercanvas") is None:
+    if chosen != "notebook" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -80,7 +82,7 @@ def show(
         name=title, threads=threads,
     )  # fmt: skip
     if chosen == "notebook":
-        return canvas.widget(viewer)
+        return notebook.widget(viewer, is_needed=backend == "notebook")
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
         "browser": lambda: browser.serve(viewer, host, port),
