@@ -8,6 +8,7 @@ are handed to `SceneArtist.hide` are hidden where a face is nearer.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.framing import Ball
+from rasterjit.scene.framing import Ball, fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 
@@ -29,9 +30,9 @@ try:
     from matplotlib import artist
     from matplotlib.axes import Axes
     from matplotlib.backend_bases import RendererBase
-    from matplotlib.collections import PathCollection
+    from matplotlib.collections import Collection, PathCollection
     from matplotlib.lines import Line2D
-    from matplotlib.transforms import Bbox, IdentityTransform
+    from matplotlib.transforms import Bbox, IdentityTransform, Transform
     from mpl_toolkits.mplot3d import Axes3D
     from mpl_toolkits.mplot3d.art3d import Line3D
 except ImportError as error:
@@ -66,7 +67,8 @@ class SceneArtist(artist.Artist):
     Parameters
     ----------
     axes : matplotlib.axes.Axes or mpl_toolkits.mplot3d.Axes3D
-        It adds itself to them. Limits of 3-D axes that were not set are widened to the scene.
+        It adds itself to them. Limits of 3-D axes that were not set are widened to the scene and to
+        what else is in them, whatever comes first.
     what : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
         Not to be changed while it is shown.
     camera : Camera, optional
@@ -75,6 +77,11 @@ class SceneArtist(artist.Artist):
         Default ``Quality.standard()`` with 8 samples.
     background : color, optional
         Default: ``"transparent"``: the axes show.
+    up : (3,) array_like, world space, optional
+        Which way of the scene is up. In 3-D axes it is turned so that this lies along their z,
+        by the smallest angle: with ``(0, 1, 0)`` the scene's x, y and z are the axes' x, z and -y.
+        Default: the scene's coordinates are those of the axes. In flat axes it is for a camera that
+        fits the scene, by default y.
     zorder : float
         Below lines by default, above the panes and grids of 3-D axes.
 
@@ -96,6 +103,7 @@ class SceneArtist(artist.Artist):
         *,
         quality: Quality | None = None,
         background: Any = "transparent",
+        up: ArrayLike | None = None,
         zorder: float = 1.0,
     ) -> None:
         super().__init__()
@@ -110,6 +118,8 @@ class SceneArtist(artist.Artist):
                 self.scene.camera if camera is None else choose_camera(self.scene, camera, (1, 1))
             )
         linear_color("background", background)
+        self._up = None if up is None else transforms.unit_vector("up", up)
+        self._turn = _turn_of(self._up)
         self._camera, self._background = camera, background
         self._quality = Quality(samples=8) if quality is None else quality
         # What is wrong is said at once.
@@ -118,9 +128,13 @@ class SceneArtist(artist.Artist):
         self._frames: dict[Any, Frame] = {}
         self._own_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
         self.set_zorder(zorder)
+        had_data = axes.has_data()
         axes.add_artist(self)
+        self._data = _Data()
+        axes.add_artist(self._data)
         if self._is_spatial:
-            axes.auto_scale_xyz(*np.transpose(self.scene.bounds()))
+            corners = np.array(list(itertools.product(*np.transpose(self.scene.bounds()))))
+            axes.auto_scale_xyz(*(corners @ self._turn[:3, :3].T).T, had_data)
 
     def hide(self, *things: Line3D | PathCollection) -> None:
         """
@@ -157,6 +171,7 @@ class SceneArtist(artist.Artist):
     def remove(self) -> None:
         """Take it out of the axes; what it hid draws itself again."""
         super().remove()
+        self._data.remove()
         for thing, draw in self._own_draws.items():
             thing.draw = draw
         self._own_draws.clear()
@@ -174,14 +189,16 @@ class SceneArtist(artist.Artist):
         right, top = (math.ceil(side * scale - ROUNDING) for side in (box.x1, box.y1))
         size = max(right - left, 1), max(top - bottom, 1)
         area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
-        camera = self._camera_of(area) if self._is_spatial else self._camera
+        camera = self._camera_of(area) if self._is_spatial else self._flat_camera(size)
         frame = self._render(camera, size)
         context = renderer.new_gc()
         self._set_gc_clip(context)
         context.set_alpha(self.get_alpha())
         renderer.draw_image(context, area.x0, area.y0, frame.color[::-1])
         context.restore()
-        view = _View(camera, frame, area, BIAS * self._ball.radius) if self._own_draws else None
+        view = None
+        if self._own_draws:
+            view = _View(camera, self._turn, frame, area, BIAS * self._ball.radius)
         for thing, draw in self._held():
             if isinstance(thing, Line3D):
                 self._draw_line(renderer, thing, view)
@@ -208,10 +225,16 @@ class SceneArtist(artist.Artist):
             self._frames = {key: frame}
         return self._frames[key]
 
+    def _flat_camera(self, size: tuple[int, int]) -> Camera | None:
+        """Return the camera of a picture in flat axes; None for the one that rendering chooses."""
+        if self._camera is not None or self._up is None:
+            return self._camera
+        return fit_camera(self._ball, up=self._up, aspect=size[0] / size[1])
+
     def _camera_of(self, area: Bbox) -> MatrixCamera:
         """Return the camera that maps the world onto an area of the canvas as the axes do."""
         # Matplotlib's matrix leads to a plane that the data transform takes to the canvas.
-        projection = np.asarray(self.axes.get_proj(), dtype=np.float64)
+        projection = np.asarray(self.axes.get_proj(), dtype=np.float64) @ self._turn
         corners = self.axes.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
         ndc = 2.0 * (corners - (area.x0, area.y0)) / (area.width, area.height) - 1.0
         clip = np.zeros((4, 4))
@@ -222,7 +245,7 @@ class SceneArtist(artist.Artist):
         )
         clip[3] = projection[3]
         clip[2] = self._depth_row(projection)
-        view = _view_of(clip, self._ball.center)
+        view = _view_of(clip, self._ball.center, self._turn[2, :3])
         return MatrixCamera(view, clip @ transforms.inverse(view))
 
     def _depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -253,10 +276,27 @@ class SceneArtist(artist.Artist):
             shown.draw(renderer)
 
 
+class _Data(Collection):
+    """
+    Nothing to see: by it axes know that they have data.
+
+    They take limits from others' data alone where they believe that they have none yet.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set(visible=False, in_layout=False)
+
+    def get_datalim(self, transData: Transform) -> Bbox:
+        """Return no limits: those of the scene were given to the axes."""
+        return Bbox.null()
+
+
 class _View(NamedTuple):
-    """How points of the world are seen in a picture on the canvas."""
+    """How points of the axes are seen in a picture on the canvas; ``turn`` leads to them."""
 
     camera: MatrixCamera
+    turn: NDArray[np.float64]
     frame: Frame
     area: Bbox
     bias: float
@@ -301,7 +341,8 @@ class _View(NamedTuple):
 
     def _clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points in clip space, (V, 4)."""
-        matrix = self.camera.clip_from_view @ self.camera.view_from_world
+        world_from_axes = self.turn.T
+        matrix = self.camera.clip_from_view @ self.camera.view_from_world @ world_from_axes
         return points @ matrix[:, :3].T + matrix[:, 3]
 
     def _depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -313,8 +354,20 @@ class _View(NamedTuple):
         return self.camera.view_depth(stored)
 
 
-def _view_of(clip_from_world: NDArray[np.float64], center: ArrayLike) -> NDArray[np.float64]:
-    """Return ``view_from_world`` of who sees a centre so, z up: it tells where a headlight is."""
+def _turn_of(up: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the smallest turn that takes a direction to z; none for None."""
+    if up is None:
+        return np.eye(4)
+    axis = np.cross(up, (0.0, 0.0, 1.0))
+    if not axis.any():
+        axis = np.array([1.0, 0.0, 0.0])
+    return transforms.rotate(axis, math.degrees(math.acos(max(-1.0, min(1.0, up[2])))))
+
+
+def _view_of(
+    clip_from_world: NDArray[np.float64], center: ArrayLike, up: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return ``view_from_world`` of who sees a centre so: it tells where a headlight is."""
     rows = clip_from_world
     if rows[3, :3].any():
         eye = MatrixCamera(np.eye(4), rows).eye_position()
@@ -323,8 +376,8 @@ def _view_of(clip_from_world: NDArray[np.float64], center: ArrayLike) -> NDArray
         eye = np.asarray(center, dtype=np.float64)
         forward = np.cross(rows[0, :3], rows[1, :3])
         forward *= np.sign(forward @ rows[2, :3])
-    is_upright = not transforms.are_parallel(forward, (0.0, 0.0, 1.0))
-    return transforms.look_at(eye, eye + forward, (0.0, 0.0, 1.0) if is_upright else rows[1, :3])
+    is_upright = not transforms.are_parallel(forward, up)
+    return transforms.look_at(eye, eye + forward, up if is_upright else rows[1, :3])
 
 
 def _draw_points(

@@ -17,6 +17,7 @@ from rasterjit.outputs import save as saving
 from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
+from rasterjit.scene import preview
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_of
@@ -602,6 +603,10 @@ class Frame:
         data = io.BytesIO()
         iio.imwrite(data, self.color, extension=".png")
         return data.getvalue()
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> preview.Bundle:
+        """Show the colour in a notebook, with a text for who does not see it."""
+        return preview.bundle(self._repr_png_(), f"Picture of {self!r}")
 
     def _output(self, name: str) -> NDArray[Any]:
         return output_named(name, self._outputs, "frame")

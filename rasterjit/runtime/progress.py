@@ -1,13 +1,14 @@
-"""Say how far compiling is, where it takes long: one line, on a terminal."""
+"""Say how far compiling is, where it takes long: one line, on a terminal or in a notebook."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import Any, NamedTuple, TextIO
 
 from rasterjit.runtime import jit, store
 
@@ -19,7 +20,10 @@ PATIENCE = 2.0
 
 
 def write_line(text: str) -> None:
-    """Write a text in place of the last one on standard error, if that is a terminal."""
+    """Write a text in place of the last one, in the cell that runs or by standard error."""
+    if _runs_cell():
+        _write_in_cell(text)
+        return
     stream = sys.stderr
     if not _is_terminal(stream) or _is_worker():
         return
@@ -33,6 +37,48 @@ def write_line(text: str) -> None:
 
 _LAST = [0]
 """Columns of the line that stands there."""
+
+
+class _CellLine(NamedTuple):
+    """The line in a notebook's cell: the number of its run, and what changes the line."""
+
+    run: int
+    handle: Any
+
+
+_CELL: list[_CellLine] = []
+"""The line that was written in a cell last, if any."""
+
+
+def _write_in_cell(text: str) -> None:
+    """Write a text in place of the last one in the cell that runs."""
+    from IPython import get_ipython
+    from IPython.display import display
+
+    told = text or f"kernels are compiled ({kept()})"
+    bundle = {"text/plain": f"rasterjit: {told}"}
+    run = get_ipython().execution_count
+    if _CELL and _CELL[-1].run == run:
+        _CELL[-1].handle.update(bundle, raw=True)
+    else:
+        _CELL[:] = [_CellLine(run, display(bundle, raw=True, display_id=True))]
+
+
+def _runs_cell() -> bool:
+    """Tell whether a cell of a notebook runs in this thread."""
+    shell = sys.modules.get("IPython")
+    running = shell.get_ipython() if shell is not None else None
+    if getattr(running, "kernel", None) is None:
+        return False
+    if threading.current_thread() is not threading.main_thread():
+        return False
+    import asyncio
+
+    # Cells run in a task of the kernel's; what a viewer draws beside them, in none.
+    try:
+        return asyncio.current_task() is not None
+    except RuntimeError:
+        return True
 
 
 def _is_terminal(stream: TextIO | None) -> bool:

@@ -34,6 +34,7 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
+from rasterjit.scene.preview import Previewed
 from rasterjit.scene.skin import MorphTargets, Posable, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
@@ -64,14 +65,6 @@ Primitive: TypeAlias = Literal["triangles", "lines", "points"]
 OnInvalid: TypeAlias = Literal["raise", "drop"]
 ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
 """What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
-
-
-class Previewed:
-    """Shows itself in notebooks as a small picture."""
-
-    def _repr_png_(self) -> bytes | None:
-        """Return a small picture as PNG; None if there is nothing to see."""
-        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
 class Mesh(Guarded, Previewed):

@@ -25,10 +25,11 @@ from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.lines import Lines
-from rasterjit.scene.mesh import Mesh, Previewed
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
+from rasterjit.scene.preview import Previewed
 from rasterjit.scene.section import Plane, check_section
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap

@@ -156,6 +156,11 @@ class Connection:
         if self._step is None and not viewer.is_moving and not viewer.is_done:
             self._step = self._worker.submit(viewer.step)
 
+    def show_again(self) -> None:
+        """Show the picture once more, though it was shown: the canvas has lost it."""
+        self._stamp = None
+        self._canvas.request_draw()
+
     def _close(self, event: Event) -> None:
         """End what is being rendered."""
         self.viewer.close()
@@ -195,28 +200,6 @@ def in_notebook() -> bool:
     shell = sys.modules.get("IPython")
     running = shell.get_ipython() if shell is not None else None
     return running is not None and getattr(running, "kernel", None) is not None
-
-
-def widget(viewer: Viewer) -> Any:
-    """
-    Return a widget that shows a viewer: the last line of a cell displays it.
-
-    Raises
-    ------
-    ImportError
-        If what it needs is not installed, naming what to install.
-    """
-    try:
-        from rendercanvas.anywidget import RenderCanvas
-    except ImportError as error:
-        raise ImportError(
-            f'a widget needs packages: pip install "rasterjit[notebook]" ({error})'
-        ) from error
-    # What has to be compiled is compiled before a widget stands there, not answering.
-    viewer.draw()
-    canvas = RenderCanvas(size=viewer.size, max_fps=FRAME_RATE)
-    Connection(viewer, canvas)
-    return canvas
 
 
 def run_in_terminal(viewer: Viewer, title: str) -> None:

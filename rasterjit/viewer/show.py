@@ -11,7 +11,7 @@ from rasterjit.rendering.plan import Cull
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas, trial
+from rasterjit.viewer import browser, canvas, notebook, trial
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
@@ -73,7 +73,9 @@ def show(
     Returns
     -------
     widget or None
-        In a notebook; the others return when the window is closed or the process interrupted.
+        In a notebook, where the last line of a cell displays it; with ``"auto"`` a picture, if
+        packages are missing. The others return when the window is closed or the process is
+        interrupted.
 
     Raises
     ------
@@ -86,7 +88,8 @@ def show(
     if token is not None:
         browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if chosen != "browser" and importlib.util.find_spec("rendercanvas") is None:
+    needs_canvas = chosen in ("window", "terminal")
+    if needs_canvas and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -94,7 +97,7 @@ def show(
         name=title, threads=threads,
     )  # fmt: skip
     if chosen == "notebook":
-        return canvas.widget(viewer)
+        return notebook.widget(viewer, is_needed=backend == "notebook")
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
         "browser": lambda: browser.serve(viewer, host, port, token=token),

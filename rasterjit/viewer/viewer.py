@@ -398,6 +398,12 @@ class Viewer:
 
         If there is none it is drawn now, in the time that there is for it.
         """
+        picture = self.picture()
+        self._write_on(picture)
+        return picture
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return the picture as `draw` does, with nothing written on it."""
         with self._lock:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
@@ -406,9 +412,7 @@ class Viewer:
             self._drawing = budget.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
             frame = self._keep(drawn, version, is_best=False)
-        picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
-        self._write_on(picture)
-        return picture
+        return picture_of(frame, self.kind, self.numbers if self._hidden else None)
 
     def _draw_in_time(self) -> Frame:
         """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""

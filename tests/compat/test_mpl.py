@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
+import re
+import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -30,6 +34,15 @@ def figure(dpi=50, **axes):
 def pixels(drawn):
     drawn.canvas.draw()
     return np.asarray(drawn.canvas.buffer_rgba())[:, :, :3].astype(int)
+
+
+def around_edges(own):
+    """Tell of pixels at the edge: there matplotlib fills them by rules of its own."""
+    edge = own & ~(
+        np.roll(own, 1, 0) & np.roll(own, -1, 0) & np.roll(own, 1, 1) & np.roll(own, -1, 1)
+    )
+    around = edge | np.roll(edge, 1, 0) | np.roll(edge, -1, 0) | np.roll(edge, 1, 1)
+    return around | np.roll(edge, -1, 1)
 
 
 @pytest.fixture
@@ -93,13 +106,7 @@ def test_spatial_axes_put_corners_where_their_own_points_are(unlit, proj_type):
     )
     own = (pixels(drawn) == (0, 0, 255)).all(axis=2)
     assert blue.sum() > 200
-    # Matplotlib fills pixels by rules of its own: along the edge they differ.
-    edge = own & ~(
-        np.roll(own, 1, 0) & np.roll(own, -1, 0) & np.roll(own, 1, 1) & np.roll(own, -1, 1)
-    )
-    around = edge | np.roll(edge, 1, 0) | np.roll(edge, -1, 0) | np.roll(edge, 1, 1)
-    around |= np.roll(edge, -1, 1)
-    assert not ((blue != own) & ~around).any()
+    assert not ((blue != own) & ~around_edges(own)).any()
 
 
 @pytest.mark.parametrize("proj_type", ["persp", "ortho"])
@@ -154,6 +161,166 @@ def test_lines_on_the_surface_are_seen(unlit):
     assert (pixels(drawn)[:, :, 0] > 200).sum() >= 0.9 * whole
 
 
+def points_and_scene(axes, order, unlit):
+    """Add things to axes in an order: points on both sides of the scene's x, y and z, or it."""
+    for name in order:
+        if name == "scene":
+            rj.mpl.SceneArtist(axes, unlit, quality=ONE)
+        elif name == "points":
+            axes.scatter([4.0, 5.0], [0.0, -6.0], [0.5, 0.0])
+        else:
+            axes.plot([0.0, 0.1], [0.0, 0.0], [-7.0, 0.0])
+
+
+ORDERS = [
+    one
+    for count in (1, 2, 3)
+    for one in itertools.permutations(("scene", "points", "line"), count)
+    if "scene" in one
+]
+
+
+@pytest.mark.parametrize("order", ORDERS, ids="-".join)
+def test_limits_are_widened_to_everything_in_any_order(unlit, order):
+    _, axes = figure(projection="3d")
+    points_and_scene(axes, order, unlit)
+    assert axes.has_data()
+    low, high = np.full(3, -1.0), np.full(3, 1.0)
+    if "points" in order:
+        low[1], high[0] = -6.0, 5.0
+    if "line" in order:
+        low[2] = -7.0
+    for axis, limits in enumerate((axes.get_xlim(), axes.get_ylim(), axes.get_zlim())):
+        # The axes add a margin of their own.
+        length = high[axis] - low[axis]
+        assert low[axis] - 0.1 * length < limits[0] < low[axis]
+        assert high[axis] < limits[1] < high[axis] + 0.1 * length
+
+
+def test_flat_axes_have_data_and_limits_of_what_else_is_in_them(unlit):
+    _, axes = figure()
+    artist = rj.mpl.SceneArtist(axes, unlit, quality=ONE)
+    assert axes.has_data()
+    axes.plot([2.0, 3.0], [5.0, 9.0])
+    axes.relim()
+    axes.autoscale_view()
+    assert axes.get_xlim() == pytest.approx((1.95, 3.05))
+    axes.lines[0].remove()
+    artist.remove()
+    assert not axes.has_data()
+
+
+UPS = {
+    "x": ((1.0, 0.0, 0.0), lambda x, y, z: (-z, y, x)),
+    "y": ((0.0, 2.0, 0.0), lambda x, y, z: (x, -z, y)),
+    "z": ((0.0, 0.0, 1.0), lambda x, y, z: (x, y, z)),
+    "-z": ((0.0, 0.0, -1.0), lambda x, y, z: (x, -y, -z)),
+}
+
+
+@pytest.fixture
+def lopsided():
+    """A long blue box that is elsewhere on each axis."""
+    material = rj.Material(shading="unlit", base_color=(*BLUE, 1.0))
+    vertices = CUBE_VERTICES * (0.5, 1.0, 1.5) + (0.2, 0.5, -0.7)
+    return rj.Mesh(vertices, CUBE_FACES, material=material)
+
+
+@pytest.mark.parametrize("up", UPS)
+@pytest.mark.parametrize(("proj_type", "zoom"), [("persp", 1.0), ("ortho", 1.0), ("persp", 1.6)])
+def test_scene_stands_up_where_its_turned_points_are(lopsided, up, proj_type, zoom):
+    drawn, axes = figure(projection="3d", proj_type=proj_type)
+    direction, turned = UPS[up]
+    artist = rj.mpl.SceneArtist(axes, lopsided, quality=ONE, up=direction)
+    places = turned(*lopsided.vertices.T)
+    for limits, one in zip(
+        (axes.get_xlim(), axes.get_ylim(), axes.get_zlim()), places, strict=True
+    ):
+        assert limits[0] < one.min() < one.max() < limits[1]
+        assert limits[1] - limits[0] < 1.3 * (one.max() - one.min())
+    axes.set(xlim=(-3 / zoom, 3 / zoom), ylim=(-3 / zoom, 3 / zoom), zlim=(-3 / zoom, 3 / zoom))
+    axes.set_axis_off()
+    axes.view_init(elev=25, azim=50, roll=10)
+    blue = (pixels(drawn) == (0, 0, 255)).all(axis=2)
+    artist.set_visible(False)
+    axes.plot_trisurf(*places, triangles=CUBE_FACES, color=BLUE, shade=False, antialiased=False)
+    axes.set(xlim=(-3 / zoom, 3 / zoom), ylim=(-3 / zoom, 3 / zoom), zlim=(-3 / zoom, 3 / zoom))
+    own = (pixels(drawn) == (0, 0, 255)).all(axis=2)
+    assert blue.sum() > 200
+    assert not ((blue != own) & ~around_edges(own)).any()
+
+
+def test_lines_behind_a_turned_scene_are_hidden(lopsided):
+    drawn, axes = figure(projection="3d")
+    axes.view_init(elev=0, azim=-90)
+    artist = rj.mpl.SceneArtist(axes, lopsided, quality=ONE, up=(0.0, 1.0, 0.0))
+    axes.set(xlim=(-3, 3), ylim=(-3, 3), zlim=(-3, 3))
+    axes.set_axis_off()
+    without = pixels(drawn)
+    # The view is along the axes' y, which is the scene's -z: the box reaches from -0.8 to 2.2.
+    for y, is_seen in ((-2.0, True), (2.8, False), (0.0, False)):
+        (line,) = axes.plot([0.2, 0.2], [y, y], [0.0, 1.0], color=RED, lw=1.0, aa=False)
+        artist.hide(line)
+        assert (pixels(drawn) != without).any() == is_seen
+        line.remove()
+
+
+def test_flat_axes_take_up_for_the_camera_that_fits(lopsided):
+    drawn, axes = figure()
+    axes.set_axis_off()
+    rj.mpl.SceneArtist(axes, lopsided, quality=ONE, up=(0.0, 0.0, 1.0))
+    camera = rj.fit_camera(lopsided, up=(0.0, 0.0, 1.0), aspect=80 / 64)
+    frame = rj.render(lopsided, camera, size=(80, 64), quality=ONE, background="white")
+    np.testing.assert_array_equal(pixels(drawn)[8:72, 10:90], frame.color[:, :, :3])
+
+
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def coverage_in_pdf(text):
+    """Return where the picture of a PDF file is, 1/72 inch, and its opacity, (H, W)."""
+    matrix = opacity = None
+    for before, part in itertools.pairwise(text.split(b"stream\n")):
+        data = part.split(b"\nendstream")[0]
+        about = before.rpartition(b" obj")[2]
+        if b"/DeviceGray" in about:
+            # Its rows are those of a PNG file.
+            size = [
+                int(re.search(rb"/%s (\d+)" % name, about)[1]) for name in (b"Width", b"Height")
+            ]
+            head = struct.pack(">IIBBBBB", *size, 8, 0, 0, 0, 0)
+            chunks = ((b"IHDR", head), (b"IDAT", data), (b"IEND", b""))
+            png = b"\x89PNG\r\n\x1a\n" + b"".join(itertools.starmap(chunk, chunks))
+            opacity = np.asarray(Image.open(io.BytesIO(png)))
+        elif b"/Image" not in about and data[:1] == b"x":
+            found = re.search(rb"(\S+) 0 0 (\S+) (\S+) (\S+) cm /I1 Do", zlib.decompress(data))
+            matrix = [float(one) for one in found.groups()] if found else matrix
+    return matrix, opacity
+
+
+@pytest.mark.parametrize(("elevation", "zoom"), [(15.0, 1.0), (70.0, 1.5)])
+def test_pdf_shows_the_scene_where_its_corners_are(unlit, elevation, zoom):
+    drawn, axes, _ = spatial(unlit, dpi=72)
+    axes.view_init(elev=elevation, azim=30)
+    axes.set(xlim=(-3 / zoom, 3 / zoom), ylim=(-3 / zoom, 3 / zoom), zlim=(-3 / zoom, 3 / zoom))
+    data = io.BytesIO()
+    drawn.savefig(data, format="pdf", dpi=288)
+    (width, height, left, bottom), opacity = coverage_in_pdf(data.getvalue())
+    rows, columns = np.nonzero(opacity)
+    pixels(drawn)
+    corners = np.column_stack([CUBE_VERTICES, np.ones(8)]) @ axes.get_proj().T
+    places = axes.transData.transform(corners[:, :2] / corners[:, 3:])
+    seen = [
+        left + width * np.array([columns.min(), columns.max() + 1]) / opacity.shape[1],
+        bottom + height * (1 - np.array([rows.max() + 1, rows.min()]) / opacity.shape[0]),
+    ]
+    # A pixel is a quarter of a point.
+    np.testing.assert_allclose(
+        seen, np.transpose([places.min(axis=0), places.max(axis=0)]), atol=0.3
+    )
+
+
 @pytest.mark.parametrize("kind", ["pdf", "svg"])
 def test_vector_formats_hold_a_picture(unlit, kind):
     drawn, axes = figure()
@@ -181,6 +348,8 @@ def test_wrong_arguments_are_refused(unlit, camera):
         rj.mpl.SceneArtist(axes, unlit, background="nonsense")
     with pytest.raises(ValueError, match="camera"):
         rj.mpl.SceneArtist(axes, unlit, 0)
+    with pytest.raises(ValueError, match="up must not be the zero vector"):
+        rj.mpl.SceneArtist(axes, unlit, up=(0, 0, 0))
     assert not axes.artists
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import sys
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -51,6 +53,51 @@ def test_a_line_is_written_on_terminals_alone(monkeypatch):
     shown.close()
     monkeypatch.setattr(sys, "stderr", shown)
     progress.write_line("1 of 2")
+
+
+def test_a_cell_of_a_notebook_has_one_line_that_changes(monkeypatch):
+    shown = []
+
+    class Handle:
+        def __init__(self):
+            shown.append([])
+
+        def update(self, data, raw):
+            assert raw
+            shown[-1].append(data["text/plain"])
+
+    def display(data, raw, display_id):
+        assert display_id
+        handle = Handle()
+        handle.update(data, raw)
+        return handle
+
+    shell = SimpleNamespace(kernel=object(), execution_count=1)
+    modules = {
+        "IPython": SimpleNamespace(get_ipython=lambda: shell),
+        "IPython.display": SimpleNamespace(display=display),
+    }
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(progress, "_CELL", [])
+    for text in ("1 of 2", "2 of 2", "", "1 of 1"):
+        progress.write_line(text)
+    shell.execution_count = 2
+    progress.write_line("3 of 4")
+    done = f"rasterjit: kernels are compiled ({progress.kept()})"
+    first = ["rasterjit: 1 of 2", "rasterjit: 2 of 2", done, "rasterjit: 1 of 1"]
+    assert shown == [first, ["rasterjit: 3 of 4"]]
+
+    # What is drawn beside the cells, and in other threads, writes into none.
+    async def beside():
+        asyncio.get_running_loop().call_soon(progress.write_line, "4 of 4")
+        await asyncio.sleep(0)
+
+    asyncio.run(beside())
+    thread = threading.Thread(target=progress.write_line, args=("4 of 4",))
+    thread.start()
+    thread.join()
+    assert shown[1:] == [["rasterjit: 3 of 4"]]
 
 
 @pytest.mark.parametrize("seconds", [1.9, 2.1])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import base64
+import copy
+import html
 import io
 import os
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -33,9 +36,35 @@ def test_mesh_and_scene_show_themselves_fitted(cube):
     np.testing.assert_array_equal(pixels(frame._repr_png_()), frame.color)
 
 
+class Images(HTMLParser):
+    """The attributes of each picture of a page."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "img":
+            self.found.append(dict(attrs))
+
+
+def test_pictures_say_what_they_show(cube):
+    scene = rj.Scene()
+    scene.add(cube)
+    frame = rj.render(cube, size=(8, 6))
+    for thing in (cube, scene, frame):
+        data, metadata = thing._repr_mimebundle_()
+        assert data["image/png"] == thing._repr_png_()
+        (image,) = Images(data["text/html"]).found
+        assert base64.b64decode(image["src"].partition(",")[2]) == data["image/png"]
+        assert image["alt"] == metadata["image/png"]["alt"] == f"Picture of {thing!r}"
+
+
 def test_nothing_to_see_shows_no_picture(cube):
     empty = rj.Scene()
     assert empty._repr_png_() is None
+    assert empty._repr_mimebundle_() == ({}, {})
     line = rj.Mesh([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]])
     assert line._repr_png_() is None
     wrong = rj.Scene()
@@ -57,26 +86,97 @@ CELLS = (
     "mesh",
     "scene",
     "rj.Scene()",
-    "rj.show(scene, size=(64, 48))",
+    "camera = rj.PerspectiveCamera((0.3, 0.4, 2), (0.3, 0.3, 0), fov_y=30)\n"
+    "rj.show(scene, camera, size=(64, 48))",
+    "import sys; sys.modules['rasterjit.viewer.widget'] = None\nrj.show(scene, size=(64, 48))",
+    "rj.show(scene, size=(64, 48), backend='notebook')",
 )
+WIDGET = "application/vnd.jupyter.widget-view+json"
 
 
-def test_notebook_shows_all_of_them(tmp_path):
+@pytest.fixture(scope="module")
+def book():
+    """A notebook with one output of each kind, as it is saved."""
     if not os.environ.get("CI"):
         pytest.importorskip("nbclient")
         pytest.importorskip("anywidget")
     import nbclient
     import nbformat
 
-    book = nbformat.v4.new_notebook()
-    book.cells = [nbformat.v4.new_code_cell(text) for text in CELLS]
-    nbclient.NotebookClient(book, timeout=PATIENCE, kernel_name="python3").execute()
-    shown = [{} if not cell.outputs else cell.outputs[-1].data for cell in book.cells]
-    _, frame, mesh, scene, empty, widget = shown
-    mesh_here = rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    for data, size in ((frame, (8, 6)), (mesh, SIZE), (scene, SIZE)):
-        expected = rj.render(mesh_here, size=size).color
-        np.testing.assert_array_equal(pixels(base64.b64decode(data["image/png"])), expected)
-    assert "image/png" not in empty
-    assert empty["text/plain"] == repr(rj.Scene())
-    assert "application/vnd.jupyter.widget-view+json" in widget
+    made = nbformat.v4.new_notebook()
+    made.cells = [nbformat.v4.new_code_cell(text) for text in CELLS]
+    made.cells[-1].metadata.tags = ["raises-exception"]
+    nbclient.NotebookClient(made, timeout=PATIENCE, kernel_name="python3").execute()
+    return made
+
+
+@pytest.fixture
+def mesh():
+    return rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+
+
+def shown(cell):
+    # While kernels compile, another output says so.
+    return [one for one in cell.outputs if "rasterjit:" not in str(one.get("data"))]
+
+
+def test_notebook_shows_frames_scenes_and_meshes(book, mesh):
+    for number, size in ((1, (8, 6)), (2, SIZE), (3, SIZE)):
+        (output,) = shown(book.cells[number])
+        expected = rj.render(mesh, size=size).color
+        data = output.data["image/png"]
+        np.testing.assert_array_equal(pixels(base64.b64decode(data)), expected)
+        assert output.data["text/html"].startswith("<img")
+    (empty,) = shown(book.cells[4])
+    assert empty.data == {"text/plain": repr(rj.Scene())}
+
+
+def eye_direction(camera):
+    ahead = np.subtract(camera.target, camera.eye)
+    return ahead / np.linalg.norm(ahead)
+
+
+def test_viewer_leaves_its_view_its_widget_and_its_camera(book, mesh):
+    picture, widget, camera = shown(book.cells[5])
+    eye = rj.PerspectiveCamera((0.3, 0.4, 2), (0.3, 0.3, 0), fov_y=30)
+    expected = rj.render(mesh, eye, size=(64, 48), background="white").color
+    np.testing.assert_array_equal(pixels(base64.b64decode(picture.data["image/png"])), expected)
+    alt = "View of Scene(1 objects, 1 faces, 0 lights)"
+    assert picture.metadata["image/png"] == {"alt": alt, "width": 64, "height": 48}
+    (image,) = Images(picture.data["text/html"]).found
+    assert {"alt": alt, "width": "64", "height": "48"}.items() <= image.items()
+    # Where nothing shows the widget, it says what does.
+    assert set(widget.data) == {WIDGET, "text/plain"}
+    assert "pip install ipywidgets anywidget" in widget.data["text/plain"]
+    assert "environment of the Jupyter server" in widget.data["text/plain"]
+    made = eval(camera.data["text/plain"], {"rj": rj})
+    assert made.fov_y == eye.fov_y
+    np.testing.assert_allclose(made.eye, eye.eye, atol=1e-7)
+    # The point it looks at is where the camera turns about, on the same line of sight.
+    np.testing.assert_allclose(eye_direction(made), eye_direction(eye), atol=1e-7)
+    assert html.escape(camera.data["text/plain"]) in camera.data["text/html"]
+
+
+def test_missing_packages_leave_a_picture_and_are_named(book):
+    picture, text, camera = shown(book.cells[6])
+    assert pixels(base64.b64decode(picture.data["image/png"])).shape == (48, 64, 4)
+    assert (
+        'pip install "rasterjit[notebook]" in the environment of this kernel'
+        in (text.data["text/plain"])
+    )
+    assert camera.data["text/plain"].startswith("rj.PerspectiveCamera(")
+    (error,) = shown(book.cells[7])
+    assert error.ename == "ImportError"
+    assert 'pip install "rasterjit[notebook]"' in error.evalue
+
+
+def test_exported_notebook_has_the_pictures(book):
+    nbconvert = pytest.importorskip("nbconvert")
+    without_state = copy.deepcopy(book)
+    del without_state.metadata["widgets"]
+    # JupyterLab saves the state of a widget only if it is told to; nbclient does.
+    for saved in (book, without_state):
+        page, _ = nbconvert.HTMLExporter().from_notebook_node(saved)
+        kinds = [image["alt"].split()[0] for image in Images(page).found]
+        assert kinds == ["Picture", "Picture", "Picture", "View", "View"]
+        assert page.count("rj.PerspectiveCamera(eye") == 2

@@ -1,0 +1,48 @@
+"""How notebooks show a picture: as such, and with a text for who does not see it."""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+from typing import Any, TypeAlias
+
+from rasterjit.scene.hooks import HOOKS
+
+Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
+"""Data and metadata, each by media type, as ``_repr_mimebundle_`` returns them."""
+
+
+class Previewed:
+    """Shows itself in notebooks as a small picture."""
+
+    def _repr_png_(self) -> bytes | None:
+        """Return a small picture as PNG; None if there is nothing to see."""
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Bundle:
+        """Return the picture with a text for who does not see it."""
+        return bundle(self._repr_png_(), f"Picture of {self!r}")
+
+
+def bundle(png: bytes | None, alt: str, size: tuple[int, int] | None = None) -> Bundle:
+    """
+    Return a picture as notebooks show it.
+
+    JupyterLab and nbconvert take no alternative text from metadata: it stands in HTML besides.
+
+    Parameters
+    ----------
+    png : bytes or None
+        A PNG file. None: nothing is shown.
+    alt : str
+        What it shows.
+    size : (int, int), optional
+        Width and height on the screen. Default: those of the picture.
+    """
+    if png is None:
+        return {}, {}
+    sizes = {} if size is None else {"width": size[0], "height": size[1]}
+    attributes = "".join(f' {name}="{length}"' for name, length in sizes.items())
+    source = base64.b64encode(png).decode()
+    html = f'<img src="data:image/png;base64,{source}" alt="{escape(alt)}"{attributes}>'
+    return {"image/png": png, "text/html": html}, {"image/png": {"alt": alt, **sizes}}
