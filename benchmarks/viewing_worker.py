@@ -134,12 +134,16 @@ class FrontEnd:
     def tell(self, state: dict[str, Any]) -> None:
         """Change traits of the widget as its page would."""
         for one in self._comms:
-            one.handle_msg({"content": {"data": {"method": "update", "state": state}}, "buffers": []})
+            one.handle_msg(
+                {"content": {"data": {"method": "update", "state": state}}, "buffers": []}
+            )
 
     def send(self, widget: Any, event: dict[str, Any]) -> None:
         """Send an event."""
         for one in self._comms:
-            one.handle_msg({"content": {"data": {"method": "custom", "content": event}}, "buffers": []})
+            one.handle_msg(
+                {"content": {"data": {"method": "custom", "content": event}}, "buffers": []}
+            )
 
     def _kept(self, one: Any) -> Any:
         self._comms.append(one)

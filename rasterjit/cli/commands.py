@@ -622,7 +622,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
             show(
                 scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
-                up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
+                up=view.up, time_budget=options["time_budget"], title=file.name,
                 host=options["host"], port=options["port"], threads=options["threads"],
             )  # fmt: skip
     except ImportError as error:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.framing import Ball, fit_camera
+from rasterjit.scene.framing import Ball, fit_upright
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number
@@ -90,8 +91,8 @@ class Viewer:
         As `rasterjit.render` takes it, but no picture; what is transparent is shown before white.
     cull : {"none", "back", "front"}
         Faces that are dropped.
-    up : (3,) array_like, world space
-        What stays up when the camera turns.
+    up : (3,) array_like, world space, optional
+        What stays up when the camera turns. Default: what the scene says, else y.
     time_budget : float
         Seconds for a picture while something moves, by which its quality is chosen; the fastest, if
         all take longer. Times are measured at rest; until then, and always for depth, normals and
@@ -122,7 +123,7 @@ class Viewer:
         size: tuple[int, int] = (640, 480),
         background: Background = None,
         cull: Cull = "none",
-        up: Any = (0.0, 1.0, 0.0),
+        up: Any = None,
         time_budget: float = SMOOTH,
         name: str = "",
         threads: int | None = None,
@@ -136,10 +137,14 @@ class Viewer:
         self._options = {"background": background, "cull": cull}
         self._budget = positive_number("time_budget", time_budget)
         self._times = self._new_times()
-        first = choose_camera(self.scene, camera, self.size)
+        # A view that fits the scene is fitted again where the picture has another shape.
         self._is_fitted = camera is None and self.scene.camera is None
+        self._first = choose_camera(self.scene, camera, self.size)
+        if up is not None and self._is_fitted:
+            self._first = fit_upright(self.scene, self.size, up)
         self._ball = Ball.around(self.scene)
-        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up, self.size)
+        upward = self.scene.up or (0.0, 1.0, 0.0) if up is None else up
+        self.controls: Orbit | Fly = Orbit.from_camera(self._first, self._ball, upward, self.size)
         self._threads = threads
         # Held by who takes what was found for a version, and by who begins another.
         self._lock = threading.Lock()
@@ -230,7 +235,8 @@ class Viewer:
         """
         Make pictures of another size from now on.
 
-        A scene that was fitted into the picture, and not moved since, is fitted again.
+        The view stays. Where it began with the whole scene in the picture, and stands there still,
+        it does so in the new shape; where it was moved, it returns to that with R.
 
         Parameters
         ----------
@@ -246,11 +252,20 @@ class Viewer:
         self._moving.close()
         self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
-        controls = self.controls
-        if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
-            fitted = fit_camera(self._ball, aspect=size[0] / size[1])
-            self.controls = Orbit.from_camera(fitted, self._ball, controls.up)
+        if self._is_fitted:
+            self._first = fit_upright(self.scene, size, self.controls.up)
+            at_home, home = self.controls.is_home, self._begun(type(self.controls)).home
+            self.controls = replace(self.controls, home=home)
+            if at_home:
+                self.controls = self.controls.returned()
         self._change()
+
+    def _begun(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
+        """Return controls of a kind that are where the first view is."""
+        up = self.controls.up
+        if kind is Fly:
+            return Fly.from_camera(self._first, self._ball, up)
+        return Orbit.from_camera(self._first, self._ball, up, self.size)
 
     def handle(self, event: Event) -> None:
         """Take an event in, a dictionary of ``rendercanvas``; those it does not know do nothing."""
@@ -445,7 +460,8 @@ class Viewer:
             self._restart()
         elif key == "c":
             kind = Fly if isinstance(self.controls, Orbit) else Orbit
-            self.controls = kind.from_camera(self.camera, self._ball, self.controls.up)
+            moved = kind.from_camera(self.camera, self._ball, self.controls.up)
+            self.controls = replace(moved, home=self._begun(kind).home)
             self._change()
         elif key in switches.MODED:
             modes = None, *switches.MODED[key].modes

@@ -393,6 +393,64 @@ def test_window_of_another_shape_fits_the_scene_again(viewer, cube):
         one.close()
 
 
+def test_moved_view_stays_when_the_picture_changes_its_shape(cube):
+    viewer = Viewer(cube, size=SIZE)
+    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    for name in "cc":
+        key(viewer, name)
+    before = viewer.camera
+    viewer.resize((60, 20))
+    assert viewer.camera == before
+    viewer.close()
+
+
+@pytest.mark.parametrize("presses", ["", "c", "cc"])
+@pytest.mark.parametrize("is_placed", [False, True])
+def test_r_returns_to_the_first_view_whatever_was_pressed(cube, presses, is_placed):
+    camera = rj.PerspectiveCamera(eye=(3, 4, 9), target=(0, 0, 0)) if is_placed else None
+    viewer = Viewer(cube, camera, size=SIZE)
+    first = viewer.camera
+    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    for name in presses:
+        key(viewer, name)
+    drag(viewer)
+    pointer(viewer, "up", 15, 9)
+    key(viewer, "r")
+    settle(viewer)
+    np.testing.assert_allclose(viewer.camera.eye, first.eye, atol=1e-9)
+    np.testing.assert_allclose(viewer.camera.view_matrix(), first.view_matrix(), atol=1e-9)
+    viewer.close()
+
+
+def test_r_returns_to_the_whole_scene_in_the_shape_that_the_picture_has_by_then(viewer, cube):
+    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    viewer.resize((30, 60))
+    key(viewer, "r")
+    settle(viewer)
+    other = Viewer(cube, size=(30, 60))
+    assert viewer.camera == other.camera
+    other.close()
+
+
+def test_scene_with_z_up_turns_about_z(cube):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.up = (0, 0, 2)
+    viewer, told = Viewer(scene, size=SIZE), Viewer(cube, size=SIZE, up=(0, 0, 1))
+    assert viewer.camera == told.camera
+    before = viewer.camera
+    viewer.handle({"event_type": "key_down", "key": "ArrowLeft"})
+    for _ in range(9):
+        viewer.advance(0.1)
+    after = viewer.camera
+    assert after.eye[2] == pytest.approx(before.eye[2])
+    assert np.linalg.norm(np.subtract(after.eye, before.eye)[:2]) > 1.0
+    np.testing.assert_allclose(viewer.draw(), rendered(viewer, DRAFT))
+    np.testing.assert_allclose(rj.render(scene, size=SIZE).plan.camera.eye, before.eye)
+    for one in (viewer, told):
+        one.close()
+
+
 def test_events_count_in_screen_pixels(cube):
     viewer, dense = Viewer(cube, size=SIZE), Viewer(cube, size=SIZE)
     dense.resize((80, 60), 2.0)
