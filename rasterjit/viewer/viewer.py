@@ -14,6 +14,7 @@ import math
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,9 @@ pause it does not jump."""
 
 SMOOTH = 0.02
 """Seconds for a picture while something moves: with what it takes to show it, 30 in a second."""
+
+COMPILING = 0.1
+"""Share of a picture's time from which on it is said that something was compiled, or loaded."""
 
 HELP: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
@@ -162,6 +166,7 @@ class Viewer:
         self._frame: Frame | None = None
         self._frame_version = -1
         self._seconds = self._drawing = 0.0
+        self._compiled = False
         self._moving = _renderer(self.size, threads)
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
@@ -214,7 +219,8 @@ class Viewer:
             quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
             if plan.pictures > 1:
                 quality += f" of {plan.pictures} pictures"
-            parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
+            compiled = ", with compiling" if self._compiled else ""
+            parts.append(f"{quality} in {_in_words(self._seconds)}{compiled}")
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
@@ -313,8 +319,9 @@ class Viewer:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
             version = self.version
+            start = perf_counter()
             frame = self._draw_in_time()
-            self._keep(frame, version)
+            self._keep(frame, version, perf_counter() - start)
             self._drawing = budget.seconds_of(frame)
         picture = picture_of(frame, self.kind)
         self._write_on(picture)
@@ -370,10 +377,9 @@ class Viewer:
         with _renderer(self.size, self._threads) as renderer:
             renderer.before_picture = ask
             if kind != "color":
-                outputs = OUTPUTS_OF[kind]
-                self._keep(
-                    renderer.render(scene, camera, outputs=outputs, **self._options), version
-                )
+                start, outputs = perf_counter(), OUTPUTS_OF[kind]
+                frame = renderer.render(scene, camera, outputs=outputs, **self._options)
+                self._keep(frame, version, perf_counter() - start)
                 yield True
             if self._wanted_pixel is not None:
                 pixel, self._wanted_pixel = self._wanted_pixel, None
@@ -390,8 +396,8 @@ class Viewer:
                 if kind == "color"
                 else iter(())
             )
-            for number, frame in enumerate(frames):
-                self._keep(frame, version)
+            for number, (frame, seconds) in enumerate(_timed(frames)):
+                self._keep(frame, version, seconds)
                 yield True
                 if number == 1 and self._shows_costs and self.costs is None:
                     used = switches.used_effects(scene, camera, renderer.size)
@@ -421,12 +427,14 @@ class Viewer:
 
         return draw
 
-    def _keep(self, frame: Frame, version: int) -> None:
-        """Show a frame, unless something else is to be seen by now."""
+    def _keep(self, frame: Frame, version: int, seconds: float) -> None:
+        """Show a frame that took some time, unless something else is to be seen by now."""
         with self._lock:
             if version == self.version:
                 self._frame, self._frame_version = frame, version
-                self._seconds = budget.seconds_of(frame)
+                # Stages leave out while anything compiles, in whatever thread: here time is time.
+                self._seconds = seconds
+                self._compiled = frame.stats.seconds["compile"] > COMPILING * seconds
                 self._count += 1
 
     def _change(self) -> None:
@@ -537,6 +545,25 @@ class Viewer:
         rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
         whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
         return [("standard quality",), whole, *rows[1:]]
+
+
+def _timed(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
+    """Yield frames and their times, seconds; one made of pictures before it took theirs as well."""
+    spent, quality = 0.0, None
+    start = perf_counter()
+    for frame in frames:
+        taken = perf_counter() - start
+        spent = taken + (spent if frame.plan.quality == quality else 0.0)
+        quality = frame.plan.quality
+        yield frame, spent
+        start = perf_counter()
+
+
+def _in_words(seconds: float) -> str:
+    """Return a time with two digits or more."""
+    if seconds >= 1.0:
+        return f"{seconds:.1f} s"
+    return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.1f} ms"
 
 
 def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:
