@@ -808,14 +808,14 @@ class View(NamedTuple):
             azimuth=DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
             elevation=DEFAULT_ELEVATION if self.elevation is None else self.elevation,
             animation=animation,
-            **self._fitting(size),
+            **self._fitting(scene, size),
         )
 
-    def _fitting(self, size: tuple[int, int]) -> dict[str, Any]:
+    def _fitting(self, scene: Scene, size: tuple[int, int]) -> dict[str, Any]:
         """Return what cameras that fit the scene have in common."""
         return {
             "fov_y": DEFAULT_FOV if self.fov is None else self.fov,
-            "up": self.up or (0.0, 1.0, 0.0),
+            "up": self.up or scene.up or (0.0, 1.0, 0.0),
             "zoom": 1.0 if self.zoom is None else self.zoom,
             "projection": self.projection or "perspective",
             "aspect": size[0] / size[1],
@@ -826,7 +826,7 @@ class View(NamedTuple):
         from rasterjit.scene import transforms
         from rasterjit.scene.framing import fit_camera, frame_of
 
-        fitting = self._fitting(size)
+        fitting = self._fitting(scene, size)
         frame = frame_of(fitting["up"])
         fitting["up"] = transforms.apply(frame, (0.0, 1.0, 0.0))
         return fit_camera(scene, transforms.apply(frame, DEFAULT_DIRECTION), **fitting)
@@ -835,8 +835,9 @@ class View(NamedTuple):
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
-        from rasterjit.scene.framing import CLEARANCE, near_plane
-        from rasterjit.scene.transforms import are_parallel
+        from rasterjit.scene.framing import CLEARANCE, frame_of, near_plane, triple_of
+        from rasterjit.scene.transforms import apply, are_parallel
+        from rasterjit.scene.vectors import dot
 
         center, radius = scene.bounding_sphere()
         fitted = self._fit(scene, size)
@@ -844,10 +845,11 @@ class View(NamedTuple):
         target = center if self.target is None else np.array(self.target)
         if np.array_equal(eye, target):
             raise click.UsageError("--position is the middle of the scene: give --target as well")
-        up = self.up or (0.0, 1.0, 0.0)
+        up = self.up or scene.up or (0.0, 1.0, 0.0)
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
-            up = (0.0, 0.0, math.copysign(1.0, target[1] - eye[1]))
+            sign = math.copysign(1.0, dot(triple_of(up), triple_of(target - eye)))
+            up = apply(frame_of(up), (0.0, 0.0, sign))
         x, y, z = (center - eye).tolist()
         distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":
@@ -995,7 +997,8 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                      type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
                      help="Vertical field of view, degrees; default 45."),
         click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
-        click.option("--up", type=VectorType(), help="Which way is up; default 0,1,0."),
+        click.option("--up", type=VectorType(),
+                     help="Which way is up; default: what the file says, else 0,1,0."),
     ]  # fmt: skip
     return add_options(placing + fitting, command)
 

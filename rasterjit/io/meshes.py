@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -77,6 +78,15 @@ _XML_BYTES, _OTHER_BYTES = 24, 4
 _UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
 """Turns a page over, whose y points down."""
 
+_Z_UP = ("3mf", *LAS_FORMATS)
+"""Formats by whose definition z is up."""
+
+_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>")
+"""What a COLLADA file says, near its beginning."""
+
+_HEAD = 1 << 16
+"""Bytes of a COLLADA file that are looked through for it."""
+
 _CREASE_ANGLE = 40.0
 """Degrees between faces that an edge is seen from, of meshes without normals."""
 
@@ -106,7 +116,8 @@ def load(
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
-    materials with textures, lights and camera as far as the file has them. Materials of glTF stay
+    materials with textures, lights and camera as far as the file has them. ``up`` is z for 3MF and
+    LAS, and what a COLLADA file says; no other format tells one but y. Materials of glTF stay
     metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
     vertices and faces become attributes of the meshes: other properties of a PLY file by their
     names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
@@ -189,6 +200,7 @@ def load(
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
+        scene.up = _up_of(file)
     except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
@@ -231,6 +243,18 @@ def _load(
         for node in scene.nodes:
             node.transform = compose(_UPWARDS, node.transform)
     return scene
+
+
+def _up_of(file: Path) -> tuple[float, float, float] | None:
+    """Return which way is up by a file or the definition of its format; None for y or unknown."""
+    extension = _extension(file)
+    if extension == "dae":
+        with file.open("rb") as opened:
+            said = _UP_AXIS.search(opened.read(_HEAD))
+        axis = said[1] if said else b"Y"
+    else:
+        axis = b"Z" if extension in _Z_UP else b"Y"
+    return {b"X": (1.0, 0.0, 0.0), b"Y": None, b"Z": (0.0, 0.0, 1.0)}[axis]
 
 
 def _read_parts(

@@ -175,13 +175,22 @@ class Times:
 
     def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
         """Measure the time of a quality."""
-        # The first frame compiles, and gets memory.
-        first = seconds_of(draw(quality))
+        # The first frame gets memory. While anything compiles, in whatever thread, stages count for
+        # less than they take.
+        first = self._seconds_alone(quality, draw)
         if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
             self._seconds[quality] = first / self._load
             return
-        times = [seconds_of(draw(quality)) for _ in range(FRAMES)]
+        times = [self._seconds_alone(quality, draw) for _ in range(FRAMES)]
         self._seconds[quality] = statistics.median(times) / self._load
+
+    def _seconds_alone(self, quality: Quality, draw: Draw) -> float:
+        """Return the seconds of a frame during which nothing compiled, if one of a few is such."""
+        for _ in range(FRAMES):
+            frame = draw(quality)
+            if frame.stats.seconds["compile"] == 0.0:
+                break
+        return seconds_of(frame)
 
     def predict(self, quality: Quality) -> float | None:
         """Return what a frame will take, seconds; ``None`` if that is not known."""

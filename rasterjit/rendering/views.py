@@ -10,7 +10,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import motion, table
 from rasterjit.rendering.plan import Known, plan_frame
 from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
-from rasterjit.scene.framing import fit_camera
+from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -201,7 +201,7 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
     if camera is None:
         camera = scene.camera
     if camera is None:
-        return fit_camera(scene, aspect=size[0] / size[1])
+        return fit_upright(scene, size)
     return check_camera("camera", camera)
 
 

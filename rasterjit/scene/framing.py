@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,9 @@ AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
 Projection: TypeAlias = Literal["perspective", "orthographic"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
 """Which camera is made."""
+
+DIRECTION: Vector = (0.6, 0.5, 1.0)
+"""From the scene towards the camera that fits it, for y up."""
 
 COORDINATE_SHARE = 2.0**-30
 """Least distance as a share of the largest coordinate: float64 still tells eye from target."""
@@ -86,6 +89,36 @@ def frame_of(up: ArrayLike) -> Matrix:
     sine = math.sqrt(x * x + z * z)
     axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
     return transforms.rotate(axis, transforms.arc_tangent(sine, y))
+
+
+def fit_upright(
+    scene: Bounded, size: tuple[int, int], up: ArrayLike | None = None
+) -> PerspectiveCamera:
+    """
+    Return the camera that a picture is seen from unless another is given.
+
+    Parameters
+    ----------
+    scene : object with ``bounding_sphere()``
+        Its ``up``, if it has one that is not None, says which way is up.
+    size : (width, height)
+        Of the picture, pixels.
+    up : (3,) array_like, optional, world space
+        Goes before the scene's.
+
+    Raises
+    ------
+    ValueError
+        If ``up`` is zero, or the scene has no bounds.
+    """
+    chosen = getattr(scene, "up", None) if up is None else up
+    aspect = size[0] / size[1]
+    if chosen is None:
+        return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect))
+    frame = frame_of(chosen)
+    toward = transforms.apply(frame, DIRECTION)
+    upward = transforms.apply(frame, (0.0, 1.0, 0.0))
+    return cast(PerspectiveCamera, fit_camera(scene, toward, up=upward, aspect=aspect))
 
 
 class Sight(NamedTuple):
@@ -189,7 +222,7 @@ def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, flo
 
 def fit_camera(
     scene: Bounded | Mesh | trimesh.Trimesh | trimesh.Scene,
-    direction: ArrayLike = (0.6, 0.5, 1.0),
+    direction: ArrayLike = DIRECTION,
     fov_y: float = 45.0,
     *,
     up: ArrayLike = (0.0, 1.0, 0.0),

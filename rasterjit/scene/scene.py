@@ -33,7 +33,7 @@ from rasterjit.scene.preview import Previewed
 from rasterjit.scene.section import Plane, check_section
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.scene.transforms import transform_instances
+from rasterjit.scene.transforms import transform_instances, unit_vector
 from rasterjit.scene.trs import TRS, matrix_of
 from rasterjit.scene.validation import finite_number, in_short, index_below, question
 from rasterjit.scene.vignette import Vignette
@@ -61,6 +61,12 @@ EFFECT_FIELDS: dict[str, tuple[type | tuple[type, ...], str]] = {
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
+def _direction(name: str, value: ArrayLike) -> tuple[float, float, float]:
+    """Return a direction of length 1, or raise ``ValueError``."""
+    x, y, z = unit_vector(name, value).tolist()
+    return x, y, z
+
+
 class Scene(Guarded, Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
@@ -78,6 +84,9 @@ class Scene(Guarded, Previewed):
         environment; a light of intensity 0 keeps it dark.
     camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
         The camera a file brought, if any.
+    up : (3,) tuple of float, or None
+        Which way is up, world space, where a file says so; None for y. The camera that a picture
+        without one is seen from follows it, and viewers turn about it; nothing else is turned.
     animations : list of Animation
         How its nodes can move; `at` says where they are at a time.
     wireframe : Wireframe or None
@@ -107,13 +116,19 @@ class Scene(Guarded, Previewed):
         If anything else is assigned than these.
     """
 
-    _FIELDS = ("nodes", "lights", "camera", "animations", *EFFECT_FIELDS, "variant")
-    _CHECKS = MappingProxyType({"section": lambda _, value: check_section("section", value)})
+    _FIELDS = ("nodes", "lights", "camera", "up", "animations", *EFFECT_FIELDS, "variant")
+    _CHECKS = MappingProxyType(
+        {
+            "section": lambda _, value: check_section("section", value),
+            "up": lambda name, value: None if value is None else _direction(name, value),
+        }
+    )
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self.lights: list[Light] = []
         self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
+        self.up: tuple[float, float, float] | None = None
         self.animations: list[Animation] = []
         self.wireframe: Wireframe | None = None
         self.environment: Environment | None = None

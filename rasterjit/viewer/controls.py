@@ -255,6 +255,15 @@ class Orbit:
         is_near = off <= REST * goal.distance and angle <= REST_ANGLE
         return is_near and not any(key in TURNS for key in self.held)
 
+    @property
+    def is_home(self) -> bool:
+        """Whether it is where it started, or on its way there."""
+        return self.goal == self.home
+
+    def returned(self) -> Orbit:
+        """Return the state where it started, at once."""
+        return replace(self, pose=self.home, goal=self.home)
+
     def settled(self) -> Orbit:
         """Return the state at the goal."""
         return replace(self, pose=self.goal)
@@ -486,6 +495,16 @@ class Fly:
         """Whether time changes nothing that can be seen."""
         is_steered = any(map(abs, self._wanted()))
         return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
+
+    @property
+    def is_home(self) -> bool:
+        """Whether it stands still where it started."""
+        place = self.eye, self.azimuth, self.elevation
+        return place == self.home[:3] and self.is_resting
+
+    def returned(self) -> Fly:
+        """Return the state where it started, at once."""
+        return self.reset()
 
     def settled(self) -> Fly:
         """Return the state when it has come to a stop; keys that are down stay down."""

@@ -29,7 +29,7 @@ def show(
     size: tuple[int, int] = (640, 480),
     background: Background = None,
     cull: Cull = "none",
-    up: Any = (0.0, 1.0, 0.0),
+    up: Any = None,
     time_budget: float = SMOOTH,
     title: str = "RasterJIT",
     host: str = browser.DEFAULT_HOST,
@@ -55,8 +55,9 @@ def show(
         remembered: a window of a moment, the first time.
     size : (int, int)
         Width and height at first, pixels; pages and terminals have their own.
-    up : (3,) array_like, world space
-        What stays up when the camera turns.
+    up : (3,) array_like, world space, optional
+        What stays up when the camera turns. Default: ``Scene.up``, which files of some formats
+        give, else y.
     time_budget : float
         Seconds for a picture while something moves: its quality is the best that is drawn in that
         time, or the fastest.

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.framing import Ball, fit_camera
+from rasterjit.scene.framing import Ball, fit_upright
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
@@ -58,6 +59,9 @@ pause it does not jump."""
 
 SMOOTH = 0.02
 """Seconds for a picture while something moves: with what it takes to show it, 30 in a second."""
+
+COMPILING = 0.1
+"""Share of a picture's time from which on it is said that something was compiled, or loaded."""
 
 HELP: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
@@ -94,8 +98,8 @@ class Viewer:
         As `rasterjit.render` takes it, but no picture; what is transparent is shown before white.
     cull : {"none", "back", "front"}
         Faces that are dropped.
-    up : (3,) array_like, world space
-        What stays up when the camera turns.
+    up : (3,) array_like, world space, optional
+        What stays up when the camera turns. Default: what the scene says, else y.
     time_budget : float
         Seconds for a picture while something moves, by which its quality is chosen; the fastest, if
         all take longer. Times are measured at rest; until then, and always for depth, normals and
@@ -135,7 +139,7 @@ class Viewer:
         size: tuple[int, int] = (640, 480),
         background: Background = None,
         cull: Cull = "none",
-        up: Any = (0.0, 1.0, 0.0),
+        up: Any = None,
         time_budget: float = SMOOTH,
         name: str = "",
         threads: int | None = None,
@@ -154,10 +158,14 @@ class Viewer:
         self._options = {"background": background, "cull": cull}
         self._budget = positive_number("time_budget", time_budget)
         self._times = self._new_times()
-        first = choose_camera(self.scene, camera, self.size)
+        # A view that fits the scene is fitted again where the picture has another shape.
         self._is_fitted = camera is None and self.scene.camera is None
+        self._first = choose_camera(self.scene, camera, self.size)
+        if up is not None and self._is_fitted:
+            self._first = fit_upright(self.scene, self.size, up)
         self._ball = Ball.around(self.scene)
-        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up, self.size)
+        upward = self.scene.up or (0.0, 1.0, 0.0) if up is None else up
+        self.controls: Orbit | Fly = Orbit.from_camera(self._first, self._ball, upward, self.size)
         self._threads = threads
         # Held by who takes what was found for a version, and by who begins another.
         self._lock = threading.Lock()
@@ -176,6 +184,7 @@ class Viewer:
         self._frame: Frame | None = None
         self._frame_version = -1
         self._seconds = self._drawing = 0.0
+        self._compiled = False
         self._moving = _renderer(self.size, threads)
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
@@ -252,7 +261,8 @@ class Viewer:
             quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
             if plan.pictures > 1:
                 quality += f" of {plan.pictures} pictures"
-            parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
+            compiled = ", with compiling" if self._compiled else ""
+            parts.append(f"{quality} in {_in_words(self._seconds)}{compiled}")
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
@@ -273,7 +283,8 @@ class Viewer:
         """
         Make pictures of another size from now on.
 
-        A scene that was fitted into the picture, and not moved since, is fitted again.
+        The view stays. Where it began with the whole scene in the picture, and stands there still,
+        it does so in the new shape; where it was moved, it returns to that with R.
 
         Parameters
         ----------
@@ -289,11 +300,20 @@ class Viewer:
         self._moving.close()
         self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
-        controls = self.controls
-        if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
-            fitted = fit_camera(self._ball, aspect=size[0] / size[1])
-            self.controls = Orbit.from_camera(fitted, self._ball, controls.up)
+        if self._is_fitted:
+            self._first = fit_upright(self.scene, size, self.controls.up)
+            at_home, home = self.controls.is_home, self._begun(type(self.controls)).home
+            self.controls = replace(self.controls, home=home)
+            if at_home:
+                self.controls = self.controls.returned()
         self._change()
+
+    def _begun(self, kind: type[Orbit] | type[Fly]) -> Orbit | Fly:
+        """Return controls of a kind that are where the first view is."""
+        up = self.controls.up
+        if kind is Fly:
+            return Fly.from_camera(self._first, self._ball, up)
+        return Orbit.from_camera(self._first, self._ball, up, self.size)
 
     def handle(self, event: Event) -> None:
         """Take an event in, a dictionary of ``rendercanvas``; those it does not know do nothing."""
@@ -408,10 +428,11 @@ class Viewer:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
             version = self.version
+            start = perf_counter()
             drawn = self._draw_in_time()
             self._drawing = budget.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
-            frame = self._keep(drawn, version, is_best=False)
+            frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
         return picture_of(frame, self.kind, self.numbers if self._hidden else None)
 
     def _draw_in_time(self) -> Frame:
@@ -464,10 +485,9 @@ class Viewer:
         with _renderer(self.size, self._threads) as renderer:
             renderer.before_picture = ask
             if kind != "color":
-                outputs = OUTPUTS_OF[kind]
-                self._keep(
-                    renderer.render(scene, camera, outputs=outputs, **self._options), version
-                )
+                start, outputs = perf_counter(), OUTPUTS_OF[kind]
+                frame = renderer.render(scene, camera, outputs=outputs, **self._options)
+                self._keep(frame, version, perf_counter() - start)
                 yield True
             if self._wanted_pixel is not None:
                 pixel, self._wanted_pixel = self._wanted_pixel, None
@@ -484,8 +504,8 @@ class Viewer:
                 if kind == "color"
                 else iter(())
             )
-            for number, frame in enumerate(frames):
-                self._keep(frame, version)
+            for number, (frame, seconds) in enumerate(_timed(frames)):
+                self._keep(frame, version, seconds)
                 yield True
                 if number == 1 and self._shows_costs and self.costs is None:
                     used = switches.used_effects(scene, camera, renderer.size)
@@ -515,14 +535,23 @@ class Viewer:
 
         return draw
 
-    def _keep(self, frame: Frame, version: int, is_best: bool = True) -> Frame:
-        """Show a frame, unless something else is to be seen by now; return what is to be seen."""
+    def _keep(self, frame: Frame, version: int, seconds: float, is_best: bool = True) -> Frame:
+        """
+        Show a frame that took some time, unless something else is to be seen by now.
+
+        Returns
+        -------
+        Frame
+            What is to be seen.
+        """
         with self._lock:
             if self._frame is not None and self._frame_version == version and not is_best:
                 return self._frame
             if version == self.version:
                 self._frame, self._frame_version = frame, version
-                self._seconds = budget.seconds_of(frame)
+                # Stages leave out while anything compiles, in whatever thread: here time is time.
+                self._seconds = seconds
+                self._compiled = frame.stats.seconds["compile"] > COMPILING * seconds
                 self._count += 1
         return frame
 
@@ -557,7 +586,8 @@ class Viewer:
             self._restart()
         elif key == "c":
             kind = Fly if isinstance(self.controls, Orbit) else Orbit
-            self.controls = kind.from_camera(self.camera, self._ball, self.controls.up)
+            moved = kind.from_camera(self.camera, self._ball, self.controls.up)
+            self.controls = replace(moved, home=self._begun(kind).home)
             self._change()
         elif key in switches.MODED:
             modes = None, *switches.MODED[key].modes
@@ -640,6 +670,25 @@ class Viewer:
         rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
         whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
         return [("standard quality",), whole, *rows[1:]]
+
+
+def _timed(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
+    """Yield frames and their times, seconds; one made of pictures before it took theirs as well."""
+    spent, quality = 0.0, None
+    start = perf_counter()
+    for frame in frames:
+        taken = perf_counter() - start
+        spent = taken + (spent if frame.plan.quality == quality else 0.0)
+        quality = frame.plan.quality
+        yield frame, spent
+        start = perf_counter()
+
+
+def _in_words(seconds: float) -> str:
+    """Return a time with two digits or more."""
+    if seconds >= 1.0:
+        return f"{seconds:.1f} s"
+    return f"{1e3 * seconds:.0f} ms" if seconds >= 0.01 else f"{1e3 * seconds:.1f} ms"
 
 
 def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -80,6 +81,25 @@ def test_each_format_gives_the_same_faces(tmp_path, extension):
     assert mesh.vertices[mesh.faces] == pytest.approx(source.vertices[source.faces])
     assert type(mesh.vertices) is np.ndarray
     assert mesh.normals is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "up"),
+    [
+        ("box.obj", "", None),
+        ("box.3mf", "", (0.0, 0.0, 1.0)),
+        ("box.dae", "Y_UP", None),
+        ("box.dae", "Z_UP", (0.0, 0.0, 1.0)),
+        ("box.dae", "X_UP", (1.0, 0.0, 0.0)),
+    ],
+)
+def test_scene_knows_which_way_its_file_says_is_up(tmp_path, name, said, up):
+    path = tmp_path / name
+    write_export(path, trimesh.creation.box((1, 2, 3)))
+    if said:
+        text = re.sub("<up_axis>.*</up_axis>", "", path.read_text())
+        path.write_text(text.replace("</asset>", f"<up_axis>{said}</up_axis></asset>"))
+    assert load(path).up == up
 
 
 def write_export(path, source):

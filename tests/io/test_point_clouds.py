@@ -341,6 +341,11 @@ def test_points_of_a_las_file_keep_places_to_the_millimetre_and_what_differs(tmp
     assert sorted(points.attributes) == ["classification", "heat"]
 
 
+def test_heights_of_a_las_file_are_up(tmp_path):
+    assert rj.load(las(tmp_path / "a.las")).up == (0.0, 0.0, 1.0)
+    assert rj.load(write(tmp_path / "a.pcd", pcd("binary"))).up is None
+
+
 def test_points_of_a_las_file_without_colours_are_shown_by_their_intensity(tmp_path):
     def change(data):
         data.red[:], data.green[:], data.blue[:] = 0, 0, 0

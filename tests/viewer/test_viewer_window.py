@@ -154,3 +154,65 @@ def test_missing_extra_is_named(cube, monkeypatch, backend, missing, extra):
     monkeypatch.setattr(sys, "__stdin__", Terminal())
     with pytest.raises(ImportError, match=rf'pip install "rasterjit\[{extra}\]"'):
         rj.show(cube, backend=backend, size=(8, 6))
+
+
+RESIZING = """
+import json, subprocess, sys, time
+import rasterjit as rj
+from rasterjit.viewer import canvas as viewer_window
+from rasterjit.viewer.viewer import Viewer
+
+vertices, faces = json.loads(sys.argv[1])
+viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
+canvas, loop = viewer_window.window(viewer, "cube")
+kinds, seen = [], []
+
+def tool(*words):
+    subprocess.run(["xdotool", "search", "--name", "cube", *words], check=True)
+
+async def until(wanted):
+    from rendercanvas.utils.asyncs import sleep
+    limit = time.monotonic() + 30
+    while not wanted() and time.monotonic() < limit:
+        await sleep(0.05)
+
+async def play():
+    await until(lambda: viewer.is_done)
+    viewer.controls = viewer.controls.turn(40.0, 10.0).settled()
+    viewer._change()
+    kinds.append(type(viewer.controls))
+    tool("windowfocus", "mousemove", "50", "50")
+    for _ in range(2):
+        subprocess.run(["xdotool", "key", "c"], check=True)
+        await until(lambda: type(viewer.controls) is not kinds[-1])
+        kinds.append(type(viewer.controls))
+    for size in ((230, 90), (120, 170)):
+        seen.append(viewer.camera.eye)
+        tool("windowsize", "%@", *map(str, size))
+        await until(lambda: viewer.size == size)
+        seen.append([*viewer.camera.eye, *viewer.size])
+    canvas.close()
+
+loop.add_task(play)
+loop.run()
+print(json.dumps([[kind.__name__ for kind in kinds], seen]))
+"""
+
+
+@pytest.mark.needs_jit
+def test_window_that_is_resized_shows_the_same_view():
+    missing = [name for name in ("Xvfb", "xvfb-run", "xdotool") if shutil.which(name) is None]
+    if missing or not canvas.toolkits():
+        assert not os.environ.get("CI"), missing
+        pytest.skip(f"needs {missing or 'glfw'}")
+    mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist()])
+    done = subprocess.run(
+        ["xvfb-run", "-a", "-s", "-screen 0 320x240x24", sys.executable, "-c", RESIZING, mesh],
+        capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    kinds, seen = json.loads(done.stdout.splitlines()[-1])
+    assert kinds == ["Orbit", "Fly", "Orbit"]
+    for before, after, size in ((*seen[:2], [230, 90]), (*seen[2:], [120, 170])):
+        assert after[3:] == size
+        assert after[:3] == pytest.approx(before)
