@@ -37,9 +37,11 @@ GROUPS = {
 OTHERS = "Misc"
 
 COMMON = (
-    "output", "force", "size", "outputs", "depth_file", "mask_file", "frames", "fps", "views", "layout",
-    "azimuth", "elevation", "zoom", "up", "background", "color", "light", "wireframe", "shadows",
-    "environment", "ambient_occlusion", "outline", "tone_map", "section", "samples", "preset", "backend", "pixel", "measure", "knobs", "budget", "workers", "stats", "quiet",
+    "output", "force", "size", "outputs", "depth_file", "mask_file", "frames", "fps",
+    "views", "layout", "azimuth", "elevation", "zoom", "up", "background", "color", "light",
+    "wireframe", "shadows", "environment", "ambient_occlusion", "outline", "tone_map",
+    "section", "samples", "preset", "backend", "pixel", "measure", "knobs", "budget",
+    "workers", "stats", "quiet",
 )  # fmt: skip
 """What ``--help`` shows of a command with many options."""
 
