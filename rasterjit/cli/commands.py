@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import gc
 import time
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,14 +33,12 @@ from rasterjit.cli.options import (
     SizeType,
     View,
     add_options,
-    checked_place,
     effect_options,
     gather,
     look_options,
     reading_options,
     refuse_idle,
     refuse_picture,
-    refuse_without_color,
     view_options,
 )
 from rasterjit.cli.program import (
@@ -59,20 +56,14 @@ from rasterjit.cli.program import (
     is_opaque,
     leave,
     load_scene,
-    plan_files,
     quiet_option,
     size_behind,
     size_option,
     threads_option,
-    units_per_code,
-    warn,
-    write_files,
 )
 from rasterjit.cli.report import (
     compile_notice,
-    print_diagnostics,
     print_measurement,
-    print_stats,
     progress_bar,
     status,
     with_progress,
@@ -81,13 +72,14 @@ from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
-    from rasterjit.scene.lens import Lens
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
 
 TURN_FRAMES = 36
 """Of a turn in which nothing else moves."""
+
+STANDARD_OUTPUT = "-"
 
 BACKENDS = ("auto", "window", "browser", "terminal")
 
@@ -101,7 +93,11 @@ BACKENDS = ("auto", "window", "browser", "terminal")
 @debug_option
 @click.pass_context
 def program(context: click.Context, version: bool) -> None:
-    """Render meshes to pictures and exact ground-truth buffers on a CPU."""
+    """
+    Render meshes to pictures and exact ground-truth buffers on a CPU.
+
+    "rasterjit FILE" is short for "rasterjit render FILE".
+    """
     if version:
         from rasterjit import __version__
 
@@ -111,13 +107,17 @@ def program(context: click.Context, version: bool) -> None:
         click.echo(context.get_help())
 
 
-@program.command()
-@file_argument
+@program.command(short_help="Render FILE to a picture.")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True,
+                type=click.Path(path_type=Path))  # fmt: skip
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="OUT",
+    "-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
     help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
-    "file; for a folder of meshes, a folder.",
+    "file; a folder for several files or a folder of meshes; - for a PNG on standard output. "
+    "Default: FILE's name with .png, in the current folder.",
 )  # fmt: skip
+@click.option("--force", is_flag=True,
+              help="Replace files whose names OUT does not spell out.")  # fmt: skip
 @size_option("1280x720")
 @view_options
 @moment_options
@@ -164,24 +164,16 @@ def program(context: click.Context, version: bool) -> None:
     "--diagnose", is_flag=True,
     help="Print what became of every face, exactly, and how precise the numbers are.",
 )  # fmt: skip
+@click.option("--stats", is_flag=True,
+              help="Print what became of the triangles, and where the time went.")  # fmt: skip
 @threads_option
 @quiet_option
 @debug_option
 def render(
-    file: Path,
-    output: Path,
+    files: tuple[Path, ...],
+    output: Path | None,
+    force: bool,
     size: tuple[int, int],
-    background: str | BackgroundImage | None,
-    cull: str,
-    lens: Lens | None,
-    outputs: tuple[str, ...],
-    depth_file: Path | None,
-    scale: float | None,
-    codes_per_unit: float | None,
-    mask_file: Path | None,
-    mask_of: str,
-    colorbar: bool,
-    diagnose: bool,
     threads: int | None,
     quiet: bool,
     **rest: Any,
@@ -189,77 +181,40 @@ def render(
     """
     Render FILE, any mesh file that trimesh reads, to a picture.
 
-    Without options for the camera it is the file's own, or one that fits the whole scene into
-    the picture. If FILE is a folder, all meshes below it are drawn into the folder OUT, 256x256
-    pixels each if no --size is given; those that cannot be are named, and the status is 1. OUT may
-    be FILE itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
+    "rasterjit FILE" is short for "rasterjit render FILE". Without options for the camera it is the
+    file's own, or one that fits the whole scene into the picture. If FILE is a folder, all meshes
+    below it are drawn into the folder OUT, 256x256 pixels each if no --size is given; those that
+    cannot be are named, and the status is 1. OUT may be FILE itself: the picture of a.obj is
+    a.obj.png, and replaces a file of that name.
+
+    The status is 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
-    if file.is_dir():
+    if len(files) == 1 and files[0].is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
-        refuse_picture(file, output)
+        if output is None:
+            raise click.UsageError("Missing option '-o' / '--output', a folder for the pictures.")
+        refuse_picture(files[0], output)
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
-        options = {"background": background, "cull": cull}
-        render_folder(file, output, size, threads, quiet, view, look, effects, **options)
+        options = {"background": rest["background"], "cull": rest["cull"]}
+        render_folder(files[0], output, size, threads, quiet, view, look, effects, **options)
         return
-    output = checked_place("output", output, "image")
-    size = size_behind(background, size)
-    if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
-        raise click.BadOptionUsage(
-            "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
-        )
-    if mask_file is None:
-        refuse_idle(["mask_of"], "it is for --mask")
-    besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
-    wanted, places = plan_files(output, outputs, besides)
-    scale = units_per_code(places, scale, codes_per_unit)
-    if "picture" not in places.values():
-        refuse_idle(["colorbar"], f"{output} is no picture of the colour")
-    title = look.scalars if colorbar else None
-    refuse_without_color(wanted)
-    from rasterjit.cli.warmup import first_tasks
-    from rasterjit.rendering.notices import ViewWarning, notices_of
-    from rasterjit.rendering.renderer import render as render_frame
-    from rasterjit.runtime.ahead import beside
+    from rasterjit.cli.pictures import Picture, places_of, render_file, to_standard_output
 
-    start = time.perf_counter()
-    options = {"outputs": wanted, "background": background, "cull": cull, "lens": lens}
-    quality = effects.quality()
-    with (
-        status(f"Rendering {file.name}", quiet) as shown,
-        compile_notice(quiet, shown),
-        beside(first_tasks, threads, at_once=True),
-        warnings.catch_warnings(),
-    ):
-        # Said below, as lines.
-        warnings.simplefilter("ignore", ViewWarning)
-        scene = moment.apply(load_scene(file, look, effects, quiet), file)
-        camera = view.camera(scene, size)
-        loaded = time.perf_counter()
-        frame = render_frame(
-            scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,
-            **options,
-        )  # fmt: skip
-        rendered = time.perf_counter()
-        chosen = write_files(frame, places, scale, title)
-    saved = time.perf_counter()
-    for notice in notices_of(frame.plan, frame.stats).values():
-        warn(notice, quiet)
-    if not quiet:
-        seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
-        print_stats(frame, seconds, saved - start)
-        if diagnose:
-            print_diagnostics(frame.diagnostics)
-        for place in places:
-            told = f": --scale {chosen[place]:g}, units a code" if place in chosen else ""
-            click.echo(f"wrote {place}{told}")
+    asked = gather(Picture, {**rest, "size": size, "threads": threads, "quiet": quiet})
+    described = view, look, effects, moment
+    if output is not None and str(output) == STANDARD_OUTPUT:
+        to_standard_output(files, asked, *described)
+        return
+    for file, place in places_of(files, output, force).items():
+        render_file(file, place, asked, *described)
 
 
-@program.command()
+@program.command(short_help="Render a turn around FILE to an animation.")
 @file_argument
 @click.option(
     "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
@@ -340,7 +295,7 @@ def turntable(
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
 
 
-@program.command()
+@program.command(short_help="Render a folder of meshes from all sides.")
 @dataset_options
 @quiet_option
 @debug_option
@@ -387,7 +342,7 @@ def show_options(command: Any) -> Any:
     )  # fmt: skip
 
 
-@program.command()
+@program.command(short_help="Show FILE to who moves the camera.")
 @file_argument
 @show_options
 @view_options
@@ -404,7 +359,7 @@ def view(file: Path, **options: Any) -> None:
     view_file(file, options)
 
 
-@program.command()
+@program.command(short_help="Say what FILE holds.")
 @file_argument
 @click.option(
     "--json", "as_json", is_flag=True, help="As JSON, with all nodes, materials and lights."
@@ -423,7 +378,7 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
     tell(file, as_json, **reading)
 
 
-@program.command()
+@program.command(short_help="Say what rendering FILE would do, and why.")
 @file_argument
 @size_option("1280x720")
 @view_options
@@ -494,7 +449,7 @@ def explain(
         print_measurement(measured)
 
 
-@program.command()
+@program.command(short_help="Measure what accuracy costs in time.")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
 @click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
               help="Instead of FILE, a scene made for some of the settings: floor, wires, "
@@ -555,7 +510,7 @@ def accuracy(
         context.exit(INTERRUPTED)
 
 
-@program.command()
+@program.command(short_help="Compile all kernels now.")
 @quiet_option
 @debug_option
 def warmup(quiet: bool) -> None:
@@ -583,7 +538,7 @@ def warmup(quiet: bool) -> None:
         click.echo(f"{count} entries in {folder}")
 
 
-@program.command()
+@program.command(short_help="Check versions, CPU, cache and rendering.")
 @debug_option
 def doctor() -> None:
     """Show versions, CPU and cache, and check that rendering works."""
@@ -597,6 +552,23 @@ def doctor() -> None:
             healthy = healthy and finding.passed is not False
     if not healthy:
         raise click.ClickException("the self-check failed; see the lines marked FAILED")
+
+
+@program.command(short_help="Print what completes commands in a shell.")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """
+    Print what completes commands, options and files in SHELL.
+
+    In bash and zsh: eval "$(rasterjit completion bash)", in ~/.bashrc or ~/.zshrc with the name of
+    the shell. In fish: rasterjit completion fish | source.
+    """
+    from click.shell_completion import get_completion_class
+
+    script = get_completion_class(shell)
+    if script is None:
+        raise click.ClickException(f"click completes nothing in {shell}")
+    click.echo(script(program, {}, "rasterjit", "_RASTERJIT_COMPLETE").source())
 
 
 def view_file(file: Path, options: dict[str, Any]) -> None:

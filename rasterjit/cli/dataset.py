@@ -88,8 +88,9 @@ def dataset_options(command: Callable) -> Callable:
                          help="Pictures of each mesh."),
             click.option("--outputs", type=KeptType(), default="color,depth,normal,mask",
                          show_default=True, metavar="NAMES",
-                         help="Comma-separated: color, depth, normal, mask (PNG), coco (JSON, of "
-                              "color), and any other output of a frame but motion (.npz)."),
+                         help="What to write, separated by commas: color, depth, normal, mask "
+                              "(PNG), coco (JSON, of color), and any other output of a frame but "
+                              "motion (.npz)."),
             click.option("--size", type=SquareType(), default="512", show_default=True,
                          metavar="N|WxH", help="Size of the pictures, pixels."),
             click.option("--cameras", "layout", default="sphere", show_default=True,

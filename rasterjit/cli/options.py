@@ -43,8 +43,8 @@ Vector = tuple[float, float, float]
 Options = TypeVar("Options", bound=tuple)
 
 OUTPUTS_HELP = (
-    f"Comma-separated: {', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}, "
-    "attribute:NAME."
+    "What to write, separated by commas: "
+    f"{', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}, attribute:NAME."
 )
 
 DEFAULT_DIRECTION = (0.6, 0.5, 1.0)

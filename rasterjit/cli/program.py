@@ -18,11 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import click.shell_completion
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.advice import with_advice
+from rasterjit.cli.help import Command
 from rasterjit.cli.options import (
     BackgroundType,
     ColorType,
@@ -39,6 +41,9 @@ if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.scene import Scene
+
+RENDER = "render"
+"""The command that is meant where a file stands in place of one."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -74,7 +79,25 @@ OWN_PROCESS = "own process"
 
 
 class Program(click.Group):
-    """A group of commands whose errors are one line."""
+    """A group of commands whose errors are one line; a file in place of a command is rendered."""
+
+    command_class = Command
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is named, or the one that renders the file that is."""
+        first = args[0]
+        if first not in self.commands and (Path(first).suffix or Path(first).exists()):
+            return super().resolve_command(context, [RENDER, *args])
+        return super().resolve_command(context, args)
+
+    def shell_complete(
+        self, context: click.Context, incomplete: str
+    ) -> list[click.shell_completion.CompletionItem]:
+        """Complete commands, and files."""
+        found = super().shell_complete(context, incomplete)
+        return [*found, click.shell_completion.CompletionItem(incomplete, type="file")]
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run; print an error as one line and end with its status."""

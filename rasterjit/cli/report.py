@@ -105,6 +105,12 @@ def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> 
     yield from track(items, text, total=count, console=console, disable=hidden, transient=True)
 
 
+def told_frame(frame: Frame, total: float) -> str:
+    """Return what a line says of a picture: its size, what it is of, and the seconds it took."""
+    width, height = frame.plan.size
+    return f"  {width}x{height}  {frame.stats.triangles_in:,} triangles  {total:.2f} s"
+
+
 def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     """
     Print what became of the triangles and where the time went.

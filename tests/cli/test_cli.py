@@ -86,7 +86,8 @@ def test_the_command_line_draws_what_the_library_draws(tmp_path):
 
 
 def test_the_table_accounts_for_every_triangle_and_stage(tmp_path):
-    result = run("render", CUBE, "-o", tmp_path / "t.png", "--size", "48x36", "--cull", "back")
+    options = ("--size", "48x36", "--cull", "back", "--stats")
+    result = run("render", CUBE, "-o", tmp_path / "t.png", *options)
     stats = rendered(cull="back").stats
     cells = {
         row[0].strip(): row[1].strip()
@@ -104,7 +105,7 @@ def test_the_table_accounts_for_every_triangle_and_stage(tmp_path):
     assert [int(cells[name]) for name in shown] == counts
     assert cells["pixels covered"].startswith(f"{stats.pixels_covered} ")
     assert {"load", "compile, or load compiled", "visibility", "save", "total"} <= set(cells)
-    assert result.stdout.endswith(f"wrote {tmp_path / 't.png'}\n")
+    assert f"wrote {tmp_path / 't.png'}  48x36  12 triangles" in result.stdout
 
 
 def test_position_and_target_place_the_camera(tmp_path):
@@ -1045,7 +1046,11 @@ def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
 
 
 def test_help_names_every_output():
-    names = OUTPUTS_HELP.removeprefix("Comma-separated: ").removesuffix(".").split(", ")
+    names = (
+        OUTPUTS_HELP.removeprefix("What to write, separated by commas: ")
+        .removesuffix(".")
+        .split(", ")
+    )
     assert sorted(names) == sorted([*OUTPUTS, "attribute:NAME"])
 
 

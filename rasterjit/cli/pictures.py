@@ -1,0 +1,183 @@
+"""Pictures of files: what ``rasterjit render`` does with each."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from rasterjit.cli.moments import Moment
+from rasterjit.cli.options import (
+    Effects,
+    Look,
+    View,
+    checked_place,
+    refuse_idle,
+    refuse_without_color,
+)
+from rasterjit.cli.program import (
+    is_opaque,
+    load_scene,
+    plan_files,
+    size_behind,
+    units_per_code,
+    warn,
+    write_files,
+)
+from rasterjit.cli.report import compile_notice, print_diagnostics, print_stats, status, told_frame
+
+if TYPE_CHECKING:
+    from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.lens import Lens
+
+SUFFIX = ".png"
+"""Of pictures that no name is given for."""
+
+OPAQUE = (".jpg", ".jpeg", ".bmp")
+
+
+class Picture(NamedTuple):
+    """What is asked for of a file, by the names of the options."""
+
+    size: tuple[int, int]
+    background: str | BackgroundImage | None
+    cull: str
+    lens: Lens | None
+    outputs: tuple[str, ...]
+    depth_file: Path | None
+    scale: float | None
+    codes_per_unit: float | None
+    mask_file: Path | None
+    mask_of: str
+    colorbar: bool
+    diagnose: bool
+    stats: bool
+    threads: int | None
+    quiet: bool
+
+
+def places_of(files: tuple[Path, ...], output: Path | None, force: bool) -> dict[Path, Path]:
+    """
+    Return where the picture of each file goes, or raise click's usage error.
+
+    Parameters
+    ----------
+    files : tuple of Path
+    output : Path or None
+        Of one file the name of the picture, of several a folder, which is made.
+    force : bool
+        Whether pictures whose names are not given replace files.
+    """
+    folders = [file for file in files if file.is_dir()]
+    if folders:
+        raise click.UsageError(f"{folders[0]} is a folder: give it alone")
+    if len(files) == 1 and output is not None:
+        return {files[0]: checked_place("output", output, "image")}
+    if output is not None and output.exists() and not output.is_dir():
+        raise click.BadOptionUsage(
+            "--output", f"--output: {output} is a file, and the pictures of several go to a folder"
+        )
+    folder = Path() if output is None else output
+    places = {file: folder / file.with_suffix(SUFFIX).name for file in files}
+    by_place: dict[Path, Path] = {}
+    for file, place in places.items():
+        if place in by_place:
+            raise click.UsageError(
+                f"{by_place[place]} and {file} would both be {place}: render one with -o OUT"
+            )
+        by_place[place] = file
+        if place.exists() and not force:
+            raise click.UsageError(f"{place} exists: --force replaces it, -o OUT names another")
+    if output is not None:
+        output.mkdir(exist_ok=True)
+    return places
+
+
+def to_standard_output(
+    files: tuple[Path, ...],
+    asked: Picture,
+    view: View,
+    look: Look,
+    effects: Effects,
+    moment: Moment,
+) -> None:
+    """Write the picture of a file to standard output, and nothing else."""
+    if len(files) > 1:
+        raise click.UsageError("--output - takes the picture of one FILE")
+    if asked.stats or asked.diagnose:
+        raise click.UsageError("--output - is the picture alone: leave --stats, --diagnose out")
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / f"picture{SUFFIX}"
+        if len(plan_files(place, asked.outputs, {})[1]) > 1:
+            raise click.UsageError("--output - is one picture: name one of --outputs")
+        render_file(files[0], place, asked._replace(quiet=True), view, look, effects, moment)
+        content = place.read_bytes()
+    sys.stdout.buffer.write(content)
+    sys.stdout.buffer.flush()
+
+
+def render_file(
+    file: Path, output: Path, asked: Picture, view: View, look: Look, effects: Effects,
+    moment: Moment,
+) -> None:  # fmt: skip
+    """Draw a file, write what is asked for, and say so."""
+    size, background = size_behind(asked.background, asked.size), asked.background
+    if output.suffix.lower() in OPAQUE and not is_opaque(background):
+        raise click.BadOptionUsage(
+            "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
+        )
+    if asked.mask_file is None:
+        refuse_idle(["mask_of"], "it is for --mask")
+    besides = {"--depth": (asked.depth_file, "depth"), "--mask": (asked.mask_file, asked.mask_of)}
+    wanted, places = plan_files(output, asked.outputs, besides)
+    scale = units_per_code(places, asked.scale, asked.codes_per_unit)
+    if "picture" not in places.values():
+        refuse_idle(["colorbar"], f"{output} is no picture of the colour")
+    title = look.scalars if asked.colorbar else None
+    refuse_without_color(wanted)
+    from rasterjit.cli.warmup import first_tasks
+    from rasterjit.rendering.notices import ViewWarning, notices_of
+    from rasterjit.rendering.renderer import render as render_frame
+    from rasterjit.runtime.ahead import beside
+
+    quiet, start = asked.quiet, time.perf_counter()
+    options: dict[str, Any] = {
+        "outputs": wanted, "background": background, "cull": asked.cull, "lens": asked.lens,
+    }  # fmt: skip
+    quality = effects.quality()
+    with (
+        status(f"Rendering {file.name}", quiet) as shown,
+        compile_notice(quiet, shown),
+        beside(first_tasks, asked.threads, at_once=True),
+        warnings.catch_warnings(),
+    ):
+        # Said below, as lines.
+        warnings.simplefilter("ignore", ViewWarning)
+        scene = moment.apply(load_scene(file, look, effects, quiet), file)
+        camera = view.camera(scene, size)
+        loaded = time.perf_counter()
+        frame = render_frame(
+            scene, camera, size=size, quality=quality, diagnose=asked.diagnose,
+            threads=asked.threads, **options,
+        )  # fmt: skip
+        rendered = time.perf_counter()
+        chosen = write_files(frame, places, scale, title)
+    saved = time.perf_counter()
+    for notice in notices_of(frame.plan, frame.stats).values():
+        warn(notice, quiet)
+    if quiet:
+        return
+    if asked.stats:
+        seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
+        print_stats(frame, seconds, saved - start)
+    if asked.diagnose:
+        print_diagnostics(frame.diagnostics)
+    for number, place in enumerate(places):
+        told = f": --scale {chosen[place]:g}, units a code" if place in chosen else ""
+        told += told_frame(frame, saved - start) if number == 0 else ""
+        click.echo(f"wrote {place}{told}")

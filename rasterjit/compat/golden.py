@@ -1,0 +1,241 @@
+"""
+Compare pictures with recorded ones, bit by bit: a plug-in of pytest, its fixture ``golden``.
+
+In ``conftest.py``::
+
+    pytest_plugins = ["rasterjit.compat.golden"]
+
+In a test::
+
+    def test_teapot(golden):
+        golden(rasterjit.render("teapot.obj"))
+
+``pytest --golden-update`` records what tests draw. RasterJIT's pictures have the same bits on every
+machine, so they need no tolerance.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from rasterjit.io.images import save_image
+from rasterjit.io.whole import replacing
+from rasterjit.outputs.frame import Frame
+
+FOLDER = "golden"
+"""Where recorded pictures lie, beside the file of the test."""
+
+FAILURES = "golden-failures"
+"""Where pictures that show a difference are written, below pytest's root folder."""
+
+GAP = 8
+"""Columns between the pictures of a difference, pixels."""
+
+CHANGED = (255, 0, 255)
+"""The colour of pixels that differ, in front of the recorded picture at a quarter of its light."""
+
+RECORDED = "golden-recorded"
+"""The property of a test that names what it recorded."""
+
+
+class Golden:
+    """
+    Compares pictures with those that were recorded for one test.
+
+    Attributes
+    ----------
+    folder : Path
+        Where they lie.
+    """
+
+    def __init__(self, request: pytest.FixtureRequest) -> None:
+        self.folder = request.path.parent / FOLDER / request.path.stem
+        self._test = re.sub(r"[^\w.-]+", "-", request.node.name).strip("-")
+        self._node, self._config = request.node, request.config
+        self._names: set[str] = set()
+
+    def __call__(self, picture: Frame | NDArray[Any], name: str | None = None) -> None:
+        """
+        Fail if a picture differs from the recorded one, even in one bit.
+
+        Parameters
+        ----------
+        picture : Frame or ndarray
+            Of a frame its colour. Pictures of 8 bits, (H, W), (H, W, 3) or (H, W, 4), are recorded
+            as PNG, other arrays as ``.npy``.
+        name : str, optional
+            Tells several pictures of a test apart. Default: the first has the test's name alone,
+            further ones are counted.
+
+        Raises
+        ------
+        ValueError
+            If it is no picture, or the test has used the name before.
+        """
+        array = picture.color if isinstance(picture, Frame) else np.ascontiguousarray(picture)
+        if array.dtype.hasobject or array.size == 0:
+            raise ValueError(
+                f"picture must be a Frame or an array, got {array.dtype} {array.shape}"
+            )
+        place = self.folder / f"{self._named(name)}{'.png' if _is_picture(array) else '.npy'}"
+        if self._config.getoption("golden_update"):
+            self._record(place, array)
+        elif not place.exists():
+            pytest.fail(f"no picture is recorded at {place}: run pytest --golden-update", False)
+        else:
+            self._compare(place, array)
+
+    def _named(self, name: str | None) -> str:
+        """Return the name of a picture's file, without its end."""
+        if name is None:
+            count = len(self._names) + 1
+            name = self._test if count == 1 else f"{self._test}-{count}"
+        elif re.fullmatch(r"[\w.-]+", name):
+            name = f"{self._test}-{name}"
+        else:
+            raise ValueError(f"name must be letters, digits, '_', '-' and '.', got {name!r}")
+        if name in self._names:
+            raise ValueError(f"name must be used once in a test, got {name!r} again")
+        self._names.add(name)
+        return name
+
+    def _record(self, place: Path, array: NDArray[Any]) -> None:
+        """Write a picture, if it is another than the recorded one."""
+        if place.exists() and _difference(_read(place), array) is None:
+            return
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.suffix == ".png":
+            save_image(place, array)
+        else:
+            with replacing(place) as temporary, temporary.open("wb") as file:
+                np.save(file, array)
+        other = place.with_suffix(".npy" if place.suffix == ".png" else ".png")
+        other.unlink(missing_ok=True)
+        self._node.user_properties.append((RECORDED, str(place)))
+
+    def _compare(self, place: Path, array: NDArray[Any]) -> None:
+        """Fail where a picture is another than the recorded one."""
+        recorded = _read(place)
+        told = _difference(recorded, array)
+        if told is None:
+            return
+        lines = [told, f"recorded: {place}"]
+        sheet = side_by_side(recorded, array)
+        if sheet is not None:
+            beside = self._config.rootpath / FAILURES / f"{self.folder.name}-{place.stem}.png"
+            beside.parent.mkdir(exist_ok=True)
+            save_image(beside, sheet)
+            lines.append(f"recorded, drawn and where they differ: {beside}")
+        lines.append("if the new picture is right, record it: pytest --golden-update")
+        pytest.fail("\n".join(lines), False)
+
+
+def _is_picture(array: NDArray[Any]) -> bool:
+    """Tell whether PNG holds an array as it is."""
+    return array.dtype == np.uint8 and (
+        array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (3, 4))
+    )
+
+
+def _read(place: Path) -> NDArray[Any]:
+    """Return a recorded picture."""
+    if place.suffix == ".npy":
+        return np.load(place)
+    with Image.open(place) as image:
+        return np.asarray(image)
+
+
+def _difference(recorded: NDArray[Any], drawn: NDArray[Any]) -> str | None:
+    """Say how two pictures differ; None if all bits are the same."""
+    if (recorded.shape, recorded.dtype) != (drawn.shape, drawn.dtype):
+        return (
+            f"the picture is {drawn.shape} {drawn.dtype}, the recorded one {recorded.shape} "
+            f"{recorded.dtype}"
+        )
+    if recorded.tobytes() == drawn.tobytes():
+        return None
+    differs = _differing(recorded, drawn)
+    first = tuple(int(one) for one in np.argwhere(differs)[0])
+    return (
+        f"{np.count_nonzero(differs)} of {differs.size} pixels differ, the first at row, column "
+        f"{first}: {recorded[first].tolist()} was recorded, {drawn[first].tolist()} is drawn"
+    )
+
+
+def _differing(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which pixels differ in a bit, (H, W); of other arrays, which elements."""
+    size = recorded.dtype.itemsize
+    shape = (*recorded.shape, size)
+    old, new = (np.frombuffer(one.tobytes(), np.uint8).reshape(shape) for one in (recorded, drawn))
+    differs = old != new
+    return differs.any(axis=tuple(range(min(2, recorded.ndim), differs.ndim)))
+
+
+def side_by_side(recorded: NDArray[Any], drawn: NDArray[Any]) -> NDArray[np.uint8] | None:
+    """
+    Return the recorded picture, the drawn one and where they differ, (H, W, 4) uint8.
+
+    Arrays of floats and numbers are shown between the least and largest of both. None for arrays
+    that are no pictures.
+    """
+    both = [recorded, drawn]
+    if any(one.ndim not in (2, 3) or one.shape[2:] not in ((), (3,), (4,)) for one in both):
+        return None
+    panels = [_shown(one, both) for one in both]
+    if recorded.shape == drawn.shape and recorded.dtype == drawn.dtype:
+        changes = panels[0] // 4
+        changes[..., 3] = 255
+        changes[_differing(recorded, drawn), :3] = CHANGED
+        panels.append(changes)
+    height = max(one.shape[0] for one in panels)
+    columns = []
+    for one in panels:
+        gap = 0 if one is panels[-1] else GAP
+        columns.append(np.pad(one, ((0, height - one.shape[0]), (0, gap), (0, 0))))
+    return np.hstack(columns)
+
+
+def _shown(array: NDArray[Any], both: list[NDArray[Any]]) -> NDArray[np.uint8]:
+    """Return an array as a picture, (H, W, 4) uint8."""
+    if not all(one.dtype == np.uint8 for one in both):
+        values = np.concatenate([np.asarray(one, np.float64).ravel() for one in both])
+        values = values[np.isfinite(values)]
+        low, high = (values.min(), values.max()) if len(values) else (0.0, 0.0)
+        scale = 255.0 / (high - low) if high > low else 0.0
+        found = np.nan_to_num(np.asarray(array, np.float64), nan=low, posinf=high, neginf=low)
+        array = ((found - low) * scale).astype(np.uint8)
+    if array.ndim == 2:
+        array = np.repeat(array[..., None], 3, axis=2)
+    if array.shape[2] == 4:
+        return array
+    return np.dstack([array, np.full(array.shape[:2], 255, np.uint8)])
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Golden:
+    """Compare a frame or an array with the recorded one: ``golden(frame)``."""
+    return Golden(request)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--golden-update``."""
+    parser.getgroup("rasterjit").addoption(
+        "--golden-update", action="store_true",
+        help="record what tests with the fixture golden draw, in place of comparing",
+    )  # fmt: skip
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name what was recorded; processes of pytest-xdist tell it with their reports."""
+    reports = terminalreporter.stats.get("passed", []) + terminalreporter.stats.get("failed", [])
+    for report in reports:
+        for name, place in report.user_properties:
+            if name == RECORDED and report.when == "call":
+                terminalreporter.write_line(f"golden: recorded {place}")

@@ -1,0 +1,119 @@
+"""Help in groups, and the short ways to render."""
+
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from rasterjit.cli import commands
+from rasterjit.cli import help as helping
+
+CUBE = Path(__file__).parents[2] / "models" / "cube.ply"
+SIZE = ("--size", "32x24")
+LINES = 50
+"""Of a screen that shows the short help."""
+
+
+def run(*arguments):
+    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+
+
+def options_of(command):
+    """Return the options of a command that help is to tell of."""
+    return [
+        one for one in command.params if isinstance(one, click.Option) and not one.hidden
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(commands.program.commands))
+def test_all_options_are_told_of_once(name):
+    command = commands.program.commands[name]
+    has_more = len(options_of(command)) > helping.MANY
+    told = run(name, "--help-all" if has_more else "--help").output
+    heads = re.findall(r"^  (-.*?)(?:  |$)", told, re.MULTILINE)
+    names = [spelling.split()[0] for head in heads for spelling in head.split(", ")]
+    assert len(names) == len(set(names))
+    assert {max(one.opts, key=len) for one in options_of(command)} <= set(names)
+    short = run(name, "--help").output
+    assert short.count("\n") <= LINES
+    assert ("--help-all says more" in short) == has_more
+
+
+def test_no_group_names_an_option_that_there_is_not():
+    known = {one.name for command in commands.program.commands.values() for one in command.params}
+    named = [name for names in helping.GROUPS.values() for name in names]
+    assert len(named) == len(set(named))
+    assert set(named) <= known
+    assert set(helping.COMMON) <= known
+
+
+def test_short_help_says_the_first_clause():
+    record = "--light X", "Light from far away (0,-1,0: down), beside dim light; or by name. More."
+    assert helping.in_short(record)[1] == "Light from far away (0,-1,0: down), beside dim light."
+    assert helping.in_short(("--n", "How many.  [default: 3]"))[1] == "How many.  [default: 3]"
+
+
+def test_a_file_in_place_of_a_command_is_rendered_here_and_replaces_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run(CUBE, *SIZE)
+    assert result.exit_code == 0, result.output
+    assert re.fullmatch(r"wrote cube\.png  32x24  12 triangles  \d+\.\d\d s\n", result.stdout)
+    before = (tmp_path / "cube.png").read_bytes()
+    again = run(CUBE, *SIZE, "--color", "red")
+    assert again.exit_code == 2
+    assert "cube.png exists: --force replaces it" in again.stderr
+    assert (tmp_path / "cube.png").read_bytes() == before
+    assert run(CUBE, *SIZE, "--color", "red", "--force").exit_code == 0
+    assert (tmp_path / "cube.png").read_bytes() != before
+    assert "does not exist" in run("nothing.obj").stderr
+    assert "did you mean render" in run("rendr", CUBE).stderr
+
+
+def test_several_files_go_to_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    other = tmp_path / "other.ply"
+    shutil.copy(CUBE, other)
+    result = run("render", CUBE, other, "-o", "out", *SIZE)
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["cube.png", "other.png"]
+    assert "--force" in run("render", CUBE, other, "-o", "out", *SIZE).stderr
+    assert "would both be" in run("render", CUBE, "cube.obj").stderr
+    assert "is a file" in run("render", CUBE, other, "-o", "out/cube.png").stderr
+    assert "is a folder: give it alone" in run("render", CUBE, "out").stderr
+    assert "a folder for the pictures" in run("render", "out").stderr
+
+
+def test_a_dash_writes_the_picture_to_standard_output(tmp_path):
+    result = run("render", CUBE, "-o", "-", *SIZE)
+    assert result.exit_code == 0, result.stderr
+    assert run("render", CUBE, "-o", tmp_path / "cube.png", *SIZE).exit_code == 0
+    with Image.open(io.BytesIO(result.stdout_bytes)) as image:
+        assert np.array_equal(np.asarray(image), np.asarray(Image.open(tmp_path / "cube.png")))
+    depth = run("render", CUBE, "-o", "-", *SIZE, "--outputs", "depth")
+    with Image.open(io.BytesIO(depth.stdout_bytes)) as image:
+        assert image.mode.startswith("I")
+    assert "one of --outputs" in run("render", CUBE, "-o", "-", "--outputs", "color,depth").stderr
+    assert "leave --stats" in run("render", CUBE, "-o", "-", "--stats").stderr
+    assert "of one FILE" in run("render", CUBE, CUBE, "-o", "-").stderr
+
+
+def test_a_shell_completes_commands_options_and_files():
+    assert "rasterjit" in run("completion", "bash").output
+    words = {"COMP_WORDS": "rasterjit ren", "COMP_CWORD": "1"}
+    asked = {**os.environ, "_RASTERJIT_COMPLETE": "bash_complete", **words}
+    program = "from rasterjit.cli.commands import main; main()"
+    command = [sys.executable, "-c", program]
+    told = subprocess.run(command, env=asked, capture_output=True, text=True, check=True).stdout
+    assert told.split() == ["plain,render", "file,ren"]
+    asked |= {"COMP_WORDS": "rasterjit render x --ambi", "COMP_CWORD": "3"}
+    told = subprocess.run(command, env=asked, capture_output=True, text=True, check=True).stdout
+    assert told.split() == ["plain,--ambient-occlusion"]
