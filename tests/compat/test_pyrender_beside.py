@@ -72,10 +72,8 @@ def contestants():
         one.close()
 
 
-@pytest.mark.parametrize("flag", beside.FLAGS)
-def test_pictures_are_the_originals(flag, contestants, tmp_path):
-    scenes = [scene for scene in beside.SCENES if scene not in DIFFERS]
-    rows = list(beside.pictures(*contestants, scenes, [flag], tmp_path))
-    assert len(rows) >= 12
-    assert flag in FAILS_THERE or any("like" in row for row in rows)
-    assert {row["scene"]: beside.verdict(row) for row in rows if not beside.is_met(row)} == {}
+@pytest.mark.parametrize("scene", [name for name in beside.SCENES if name not in DIFFERS])
+def test_pictures_are_the_originals(scene, contestants, tmp_path):
+    rows = list(beside.pictures(*contestants, [scene], beside.FLAGS, tmp_path))
+    assert len([row for row in rows if "like" in row]) >= len(beside.FLAGS) - len(FAILS_THERE)
+    assert {row["flag"]: beside.verdict(row) for row in rows if not beside.is_met(row)} == {}
