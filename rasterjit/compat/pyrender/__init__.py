@@ -46,6 +46,7 @@ from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.renderer import Renderer
 from rasterjit.compat.pyrender.sampler import Sampler
 from rasterjit.compat.pyrender.scene import Scene
+from rasterjit.compat.pyrender.shared_names import share as _share
 from rasterjit.compat.pyrender.texture import Texture
 from rasterjit.compat.pyrender.version import __version__
 from rasterjit.compat.pyrender.viewer import Viewer
@@ -75,3 +76,5 @@ __all__ = [
     "Viewer",
     "__version__",
 ]
+
+_share()
