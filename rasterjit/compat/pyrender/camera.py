@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import abc
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene import transforms
-from rasterjit.scene.validation import finite_number, positive_number
+from rasterjit.compat.pyrender.constants import DEFAULT_Z_FAR, DEFAULT_Z_NEAR
+from rasterjit.compat.pyrender.fields import (
+    Field,
+    above_zero,
+    above_zero_or_none,
+    at_least_zero,
+    number,
+    text_or_none,
+)
 
-Z_NEAR, Z_FAR = 0.05, 100.0
-"""Distances of the near and far plane where none are given, scene units."""
 
-
-class Camera:
+class Camera(abc.ABC):
     """
-    What all cameras have.
+    What all cameras have; one of your own returns its matrix from `get_projection_matrix`.
 
     Parameters
     ----------
@@ -26,29 +32,56 @@ class Camera:
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
+    TypeError, ValueError
+        If a value is no number, or out of range.
     """
 
     def __init__(
-        self, znear: float = Z_NEAR, zfar: float | None = Z_FAR, name: str | None = None
+        self,
+        znear: float = DEFAULT_Z_NEAR,
+        zfar: float | None = DEFAULT_Z_FAR,
+        name: str | None = None,
     ) -> None:
-        self.znear = positive_number("znear", znear)
-        self.zfar = None if zfar is None else positive_number("zfar", zfar)
-        if self.zfar is not None and self.zfar <= self.znear:
-            raise ValueError(f"zfar must be above znear = {self.znear!r}, got {zfar!r}")
         self.name = name
+        self.znear = znear
+        self.zfar = zfar
 
+    name = Field(text_or_none, "str or None: the camera's name.")
+    znear = Field(at_least_zero, "float: distance of the near plane, scene units.")
+
+    _zfar: float | None
+
+    @property
+    def zfar(self) -> float | None:
+        """Distance of the far plane, scene units."""
+        return self._zfar
+
+    @zfar.setter
+    def zfar(self, value: float | None) -> None:
+        self._zfar = self._beyond_near(value)
+
+    @abc.abstractmethod
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
     ) -> NDArray[np.float64]:
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
-        raise NotImplementedError(f"{type(self).__name__} has no projection of its own")
 
-    @property
-    def _far(self) -> float:
-        """The far plane, infinite where there is none."""
-        return math.inf if self.zfar is None else self.zfar
+    def _beyond_near(self, value: Any) -> float:
+        """Return a distance beyond the near plane, or raise ``ValueError``."""
+        far = number(value)
+        if far <= 0.0 or far <= self.znear:
+            raise ValueError(f"zfar must be above 0 and znear = {self.znear!r}, got {far!r}")
+        return far
+
+    def _with_depth(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Fill the rows of depth and of w of a perspective projection, and return it."""
+        near, far = self.znear, self.zfar
+        projection[3, 2] = -1.0
+        if far is None or far == math.inf:
+            projection[2, 2:] = -1.0, -2.0 * near
+        else:
+            projection[2, 2:] = (far + near) / (near - far), 2.0 * far * near / (near - far)
+        return projection
 
 
 class PerspectiveCamera(Camera):
@@ -67,36 +100,54 @@ class PerspectiveCamera(Camera):
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
+    TypeError, ValueError
+        If a value is no number, or out of range.
     """
 
     def __init__(
         self,
         yfov: float,
-        znear: float = Z_NEAR,
+        znear: float = DEFAULT_Z_NEAR,
         zfar: float | None = None,
         aspectRatio: float | None = None,
         name: str | None = None,
     ) -> None:
         super().__init__(znear, zfar, name)
-        self.yfov = positive_number("yfov", yfov)
-        if self.yfov >= math.pi:
-            raise ValueError(f"yfov must be below pi radians, got {yfov!r}")
-        self.aspectRatio = (
-            None if aspectRatio is None else positive_number("aspectRatio", aspectRatio)
-        )
+        self.yfov = yfov
+        self.aspectRatio = aspectRatio
+
+    yfov = Field(above_zero, "float: vertical field of view, radians.")
+    aspectRatio = Field(above_zero_or_none, "float or None: width over height of the view.")
+
+    @property
+    def zfar(self) -> float | None:
+        """Distance of the far plane, scene units; None: there is none."""
+        return self._zfar
+
+    @zfar.setter
+    def zfar(self, value: float | None) -> None:
+        self._zfar = None if value is None else self._beyond_near(value)
 
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
     ) -> NDArray[np.float64]:
-        """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
+        """
+        Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels.
+
+        Raises
+        ------
+        ValueError
+            If neither the viewport nor the aspect ratio is known.
+        """
         aspect = self.aspectRatio
         if aspect is None:
             if width is None or height is None:
                 raise ValueError("width and height must be given where aspectRatio is None")
-            aspect = width / height
-        return transforms.perspective(math.degrees(self.yfov), aspect, self.znear, self._far)
+            aspect = float(width) / float(height)
+        half = np.tan(self.yfov / 2.0)
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[1, 1] = 1.0 / (aspect * half), 1.0 / half
+        return self._with_depth(projection)
 
 
 class OrthographicCamera(Camera):
@@ -114,28 +165,35 @@ class OrthographicCamera(Camera):
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
+    TypeError, ValueError
+        If a value is no number, or out of range.
     """
 
     def __init__(
         self,
         xmag: float,
         ymag: float,
-        znear: float = Z_NEAR,
-        zfar: float = Z_FAR,
+        znear: float = DEFAULT_Z_NEAR,
+        zfar: float = DEFAULT_Z_FAR,
         name: str | None = None,
     ) -> None:
-        super().__init__(znear, positive_number("zfar", zfar), name)
-        self.xmag, self.ymag = positive_number("xmag", xmag), positive_number("ymag", ymag)
+        super().__init__(znear, zfar, name)
+        self.xmag, self.ymag = xmag, ymag
+
+    xmag = Field(above_zero, "float: half the width of what is shown, scene units.")
+    ymag = Field(above_zero, "float: half the height of what is shown, scene units.")
+    znear = Field(above_zero, "float: distance of the near plane, scene units.")
 
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
     ) -> NDArray[np.float64]:
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
         y = self.ymag
-        x = self.xmag if width is None or height is None else y * width / height
-        return transforms.orthographic(-x, x, -y, y, self.znear, self._far)
+        x = self.xmag if width is None or height is None else width / height * y
+        near, far = self.znear, self._beyond_near(self.zfar)
+        projection = np.diag([1.0 / x, 1.0 / y, 2.0 / (near - far), 1.0])
+        projection[2, 3] = (far + near) / (near - far)
+        return projection
 
 
 class IntrinsicsCamera(Camera):
@@ -154,8 +212,8 @@ class IntrinsicsCamera(Camera):
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
+    TypeError, ValueError
+        If a value is no number, or out of range.
     """
 
     def __init__(
@@ -164,22 +222,24 @@ class IntrinsicsCamera(Camera):
         fy: float,
         cx: float,
         cy: float,
-        znear: float = Z_NEAR,
-        zfar: float | None = Z_FAR,
+        znear: float = DEFAULT_Z_NEAR,
+        zfar: float = DEFAULT_Z_FAR,
         name: str | None = None,
     ) -> None:
         super().__init__(znear, zfar, name)
-        self.fx, self.fy = positive_number("fx", fx), positive_number("fy", fy)
-        self.cx, self.cy = finite_number("cx", cx), finite_number("cy", cy)
+        self.fx, self.fy = fx, fy
+        self.cx, self.cy = cx, cy
 
-    def get_projection_matrix(
-        self, width: int | None = None, height: int | None = None
-    ) -> NDArray[np.float64]:
+    fx = Field(number, "float: focal length along x, pixels.")
+    fy = Field(number, "float: focal length along y, pixels.")
+    cx = Field(number, "float: principal point from the left edge, pixels.")
+    cy = Field(number, "float: principal point from the upper edge, pixels.")
+
+    def get_projection_matrix(self, width: int, height: int) -> NDArray[np.float64]:  # type: ignore[override]
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
-        from rasterjit.scene.camera import MatrixCamera
-
-        if width is None or height is None:
-            raise ValueError("width and height must be given for an IntrinsicsCamera")
-        return MatrixCamera.from_intrinsics(
-            self.fx, self.fy, self.cx, self.cy, (width, height), near=self.znear, far=self._far
-        ).clip_from_view.copy()
+        width, height = float(width), float(height)  # type: ignore[assignment]
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[1, 1] = 2.0 * self.fx / width, 2.0 * self.fy / height
+        projection[0, 2] = 1.0 - 2.0 * self.cx / width
+        projection[1, 2] = 2.0 * self.cy / height - 1.0
+        return self._with_depth(projection)

@@ -2,35 +2,42 @@
 
 from __future__ import annotations
 
+import abc
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.compat.pyrender.fields import (
+    Field,
+    above_zero_or_none,
+    anything,
+    number,
+    text_or_none,
+)
+from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import light
-from rasterjit.scene.validation import bounded_number, finite_array, positive_number
 
-BRIGHTEST = 1e6
+_WIDEST = math.pi / 2.0 + 1e-9
+"""Of cones, radians: rounding errors of a right angle are taken."""
 
 
-class Light:
+class Light(abc.ABC):
     """
     What all lights have.
 
     Parameters
     ----------
-    color : (3,) array_like, optional
-        Linear RGB; default white.
+    color : float or (3,) array_like, optional
+        Linear RGB, whole numbers are shares of 255; default white.
     intensity : float, optional
-        Factor on the colour; default 1. A white diffuse surface that faces a directional light of
-        pi is white.
+        Factor on the colour; default 1.
     name : str, optional
 
     Raises
     ------
-    ValueError
-        If the colour or the intensity is out of range.
+    TypeError, ValueError
+        If the colour is none, or the intensity no number.
     """
 
     def __init__(
@@ -39,51 +46,32 @@ class Light:
         intensity: float | None = None,
         name: str | None = None,
     ) -> None:
+        self.name = name
         self.color = np.ones(3) if color is None else color
         self.intensity = 1.0 if intensity is None else intensity
-        self.name = name
+        self.shadow_texture = None
 
-    @property
-    def color(self) -> NDArray[np.float64]:
-        """(3,) float64: linear RGB."""
-        return self._color
+    name = Field(text_or_none, "str or None: the light's name.")
+    color = Field(lambda value: format_color_vector(value, 3), "(3,) float32: linear RGB.")
+    intensity = Field(number, "float: factor on the colour.")
+    shadow_texture = Field(anything, "As it was set, and without effect: shadow maps are not kept.")
 
-    @color.setter
-    def color(self, value: ArrayLike) -> None:
-        color = finite_array("color", np.atleast_1d(value)[:3], (3,))
-        if color.min() < 0.0:
-            raise ValueError(f"color must be at least 0, got {color.tolist()}")
-        self._color = color
-
-    @property
-    def intensity(self) -> float:
-        """Factor on the colour."""
-        return self._intensity
-
-    @intensity.setter
-    def intensity(self, value: float) -> None:
-        self._intensity = bounded_number("intensity", value, 0.0, BRIGHTEST)
-
+    @abc.abstractmethod
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        raise NotImplementedError(f"{type(self).__name__} shines nowhere")
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
 
-    def _look(self, shadow: light.Shadow | None) -> dict[str, Any]:
-        """Return colour, intensity and shadow as RasterJIT's lights take them."""
-        most = max(1.0, float(self.color.max()))
-        return {
-            "color": (self.color / most).tolist(),
-            "intensity": self.intensity * most / math.pi,
-            "shadow": shadow,
-        }
+    @property
+    def radiance(self) -> NDArray[np.float64]:
+        """(3,) float64: colour times intensity."""
+        return self.color * self.intensity
 
 
 class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.DirectionalLight(-pose[:3, 2], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.DirectionalLight(-pose[:3, 2], shadow=shadow)
 
 
 class PointLight(Light):
@@ -106,14 +94,16 @@ class PointLight(Light):
         name: str | None = None,
     ) -> None:
         super().__init__(color, intensity, name)
-        self.range = None if range is None else positive_number("range", range)
+        self.range = range
+
+    range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.PointLight(pose[:3, 3], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.PointLight(pose[:3, 3], shadow=shadow)
 
 
-class SpotLight(PointLight):
+class SpotLight(Light):
     """
     Light from a point into a cone.
 
@@ -139,16 +129,45 @@ class SpotLight(PointLight):
         outerConeAngle: float = math.pi / 4.0,
         name: str | None = None,
     ) -> None:
-        super().__init__(color, intensity, range, name)
-        self.outerConeAngle = bounded_number("outerConeAngle", outerConeAngle, 0.0, math.pi / 2.0)
-        self.innerConeAngle = bounded_number("innerConeAngle", innerConeAngle, 0.0, outerConeAngle)
+        super().__init__(color, intensity, name)
+        self.outerConeAngle = outerConeAngle
+        self.innerConeAngle = innerConeAngle
+        self.range = range
+
+    range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
+
+    @property
+    def innerConeAngle(self) -> float:
+        """Angle from the axis where the light begins to fall off, radians."""
+        return self._inner_angle
+
+    @innerConeAngle.setter
+    def innerConeAngle(self, value: float) -> None:
+        self._inner_angle = _angle("innerConeAngle", value, self.outerConeAngle)
+
+    @property
+    def outerConeAngle(self) -> float:
+        """Angle from the axis where the light ends, radians."""
+        return self._outer_angle
+
+    @outerConeAngle.setter
+    def outerConeAngle(self, value: float) -> None:
+        self._outer_angle = _angle("outerConeAngle", value, _WIDEST)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
         return light.SpotLight(
             pose[:3, 3],
             -pose[:3, 2],
             inner_angle=math.degrees(self.innerConeAngle),
             outer_angle=min(math.degrees(self.outerConeAngle), light.WIDEST_CONE),
-            **self._look(shadow),
+            shadow=shadow,
         )
+
+
+def _angle(name: str, value: float, most: float) -> float:
+    """Return an angle in 0..most, radians, or raise ``ValueError``."""
+    angle = number(value)
+    if not 0.0 <= angle <= most:
+        raise ValueError(f"{name} must be in 0..{most:g} radians, got {angle:g}")
+    return angle

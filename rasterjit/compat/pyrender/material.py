@@ -1,4 +1,4 @@
-"""Metallic-roughness materials and their textures, as glTF has them."""
+"""Materials, as glTF has them."""
 
 from __future__ import annotations
 
@@ -7,111 +7,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.io.pictures import image_pixels
+from rasterjit.compat.pyrender.constants import TexFlags
+from rasterjit.compat.pyrender.fields import (
+    Field,
+    share,
+    share_or_one,
+    text_or_none,
+    yes_or_no,
+)
+from rasterjit.compat.pyrender.texture import Texture
+from rasterjit.compat.pyrender.utils import format_color_vector, format_texture_source
 from rasterjit.scene import material
-from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.texture import Texture as SceneTexture
-from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of
 
-_WRAPS = {GLTF.REPEAT: "repeat", GLTF.CLAMP_TO_EDGE: "clamp", GLTF.MIRRORED_REPEAT: "mirror"}
+_ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
-class Sampler:
-    """
-    How a texture is read; takes glTF's codes.
+def _texture_of(channels: str) -> Field[Texture | None]:
+    """Return the field of a texture, which is made of a picture if need be."""
 
-    Parameters
-    ----------
-    name : str, optional
-    magFilter, minFilter : int, optional
-        ``GLTF.NEAREST`` for both shows texels; all else is filtered trilinearly.
-    wrapS, wrapT : int
+    def checked(value: Any) -> Texture | None:
+        if value is None or isinstance(value, Texture):
+            return value
+        pixels = format_texture_source(value, channels)
+        return Texture(source=pixels, source_channels=channels)
 
-    Raises
-    ------
-    ValueError
-        If a code is unknown.
-    """
-
-    def __init__(
-        self,
-        name: str | None = None,
-        magFilter: int | None = None,
-        minFilter: int | None = None,
-        wrapS: int = GLTF.REPEAT,
-        wrapT: int = GLTF.REPEAT,
-    ) -> None:
-        self.name = name
-        self.magFilter, self.minFilter = magFilter, minFilter
-        self.wrapS = one_of("wrapS", int(wrapS), [int(code) for code in _WRAPS])
-        self.wrapT = one_of("wrapT", int(wrapT), [int(code) for code in _WRAPS])
-
-    def _options(self) -> dict[str, Any]:
-        """Return what RasterJIT's textures take."""
-        is_nearest = self.magFilter == GLTF.NEAREST and self.minFilter in (None, GLTF.NEAREST)
-        return {
-            "wrap": (_WRAPS[GLTF(self.wrapS)], _WRAPS[GLTF(self.wrapT)]),
-            "filter": "nearest" if is_nearest else "trilinear",
-        }
+    return Field(checked, f"Texture or None: a picture is made one, of channels {channels}.")
 
 
-class Texture:
-    """
-    A picture and how it is read.
+def _color_of(channels: int, default: float | None = None) -> Field[NDArray[np.float32]]:
+    """Return the field of a colour; None, where it is taken, is a default of all channels."""
 
-    Parameters
-    ----------
-    name : str, optional
-    sampler : Sampler, optional
-    source : (H, W) or (H, W, C) array_like or PIL.Image
-        Floats in 0..1 or bytes.
-    source_channels : str, optional
-        Such as ``"RGB"``; ``"R"`` and ``"GB"`` say which channels two maps are in.
-    width, height : int, optional
-        Taken and without effect: the source has a size.
+    def checked(value: Any) -> NDArray[np.float32]:
+        is_default = value is None and default is not None
+        return format_color_vector(np.full(channels, default) if is_default else value, channels)
 
-    Raises
-    ------
-    ValueError
-        If the source is no picture.
-    """
+    return Field(checked, f"({channels},) float32: linear light.")
 
-    def __init__(
-        self,
-        name: str | None = None,
-        sampler: Sampler | None = None,
-        source: Any = None,
-        source_channels: str | None = None,
-        width: int | None = None,
-        height: int | None = None,
-    ) -> None:
-        self.name = name
-        self.sampler = Sampler() if sampler is None else sampler
-        self.source_channels = source_channels
-        self.source = source
 
-    @property
-    def source(self) -> NDArray[Any]:
-        """(H, W) or (H, W, C) uint8: the picture."""
-        return self._source
-
-    @source.setter
-    def source(self, value: Any) -> None:
-        self._source = _pixels(value)
-        self._drawn: dict[str, SceneTexture] = {}
-
-    def drawn(self, color_space: str) -> SceneTexture:
-        """Return the texture as RasterJIT has it; made once."""
-        if color_space not in self._drawn:
-            pixels = self.source
-            if self.source_channels == "GB" and pixels.shape[2:] == (2,):
-                # Where glTF has them in an RGB picture.
-                pixels = np.dstack([np.zeros_like(pixels[..., 0]), pixels])
-            self._drawn[color_space] = SceneTexture(
-                pixels, color_space=color_space, **self.sampler._options()
-            )
-        return self._drawn[color_space]
+def _alpha_mode(value: Any) -> str:
+    """Return a mode if it is one."""
+    if not isinstance(value, str) or value not in _ALPHA_MODES:
+        raise ValueError(f"must be one of {', '.join(_ALPHA_MODES)}")
+    return value
 
 
 class Material:
@@ -121,22 +58,22 @@ class Material:
     Parameters
     ----------
     name : str, optional
-    normalTexture, occlusionTexture, emissiveTexture : Texture, array_like or PIL.Image, optional
-    emissiveFactor : (3,) array_like, optional
-        Linear RGB; default none.
+    normalTexture, occlusionTexture, emissiveTexture : Texture, array or PIL.Image, optional
+    emissiveFactor : float or (3,) array_like, optional
+        Linear RGB, whole numbers are shares of 255; default none.
     alphaMode : {"OPAQUE", "MASK", "BLEND"}
     alphaCutoff : float, optional
-        Default 0.5.
+        In 0..1; default 0.5.
     doubleSided : bool
         Whether back faces are drawn.
     smooth : bool
-        Taken for meshes' sake and without effect by itself.
+        Kept and without effect: see `Mesh.from_trimesh`.
     wireframe : bool
         Whether edges are drawn in place of faces.
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         Naming what is wrong.
     """
 
@@ -154,20 +91,72 @@ class Material:
         wireframe: bool = False,
     ) -> None:
         self.name = name
-        self.normalTexture = _texture(normalTexture)
-        self.occlusionTexture = _texture(occlusionTexture)
-        self.emissiveTexture = _texture(emissiveTexture)
-        self.emissiveFactor = color_of(
-            "emissiveFactor", np.zeros(3) if emissiveFactor is None else emissiveFactor, 3
-        )
-        self.alphaMode = one_of(
-            "alphaMode", "OPAQUE" if alphaMode is None else alphaMode, ("OPAQUE", "MASK", "BLEND")
-        )
-        self.alphaCutoff = bounded_number(
-            "alphaCutoff", 0.5 if alphaCutoff is None else alphaCutoff, 0.0, 1.0
-        )
-        self.doubleSided = bool(doubleSided)
+        self.normalTexture = normalTexture
+        self.occlusionTexture = occlusionTexture
+        self.emissiveTexture = emissiveTexture
+        self.emissiveFactor = emissiveFactor
+        self.alphaMode = "OPAQUE" if alphaMode is None else alphaMode
+        self.alphaCutoff = 0.5 if alphaCutoff is None else alphaCutoff
+        self.doubleSided = doubleSided
         self.smooth, self.wireframe = smooth, wireframe
+
+    name = Field(text_or_none, "str or None: the material's name.")
+    normalTexture = _texture_of("RGB")
+    occlusionTexture = _texture_of("R")
+    emissiveTexture = _texture_of("RGB")
+    emissiveFactor = _color_of(3, 0.0)
+    alphaMode = Field(_alpha_mode, "str: OPAQUE, MASK or BLEND.")
+    alphaCutoff = Field(share, "float: the least alpha that is seen under MASK.")
+    doubleSided = Field(yes_or_no, "bool: whether back faces are drawn.")
+    smooth = Field(yes_or_no, "bool: as it was given.")
+    wireframe = Field(yes_or_no, "bool: whether edges are drawn in place of faces.")
+
+    @property
+    def is_transparent(self) -> bool:
+        """Whether its alpha lets through what is behind; see `Texture.is_transparent`."""
+        if self.alphaMode == "OPAQUE":
+            return False
+        least = 1.0 if self.alphaMode == "BLEND" else self.alphaCutoff
+        color, picture = self._base()
+        return bool(color[3] < least) or (picture is not None and picture.is_transparent(least))
+
+    @property
+    def least_alpha(self) -> float:
+        """The least alpha of its base colour, in 0..1; 0 where a texture has some below 1."""
+        color, picture = self._base()
+        is_seen_through = picture is not None and not picture.is_opaque
+        return 0.0 if is_seen_through else min(max(float(color[3]), 0.0), 1.0)
+
+    @property
+    def tex_flags(self) -> int:
+        """Which textures it has, `TexFlags`."""
+        given = [flag for flag, texture in self._flagged() if texture is not None]
+        return int(sum(given))
+
+    @property
+    def textures(self) -> set[Texture]:
+        """Its textures."""
+        return {texture for _, texture in self._flagged() if texture is not None}
+
+    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+        """Return its colour, (4,), and the picture that this multiplies."""
+        return np.ones(4, np.float32), None
+
+    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+        """Return all the textures that it may have, and their flags."""
+        return [
+            (TexFlags.NORMAL, self.normalTexture),
+            (TexFlags.OCCLUSION, self.occlusionTexture),
+            (TexFlags.EMISSIVE, self.emissiveTexture),
+        ]
+
+    def drawn(
+        self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
+    ) -> material.Material:
+        """Return the material as RasterJIT has it, or raise ``TypeError`` if it is of no kind."""
+        raise TypeError(
+            f"material must be a MetallicRoughnessMaterial to be drawn, got {type(self).__name__}"
+        )
 
 
 class MetallicRoughnessMaterial(Material):
@@ -179,15 +168,15 @@ class MetallicRoughnessMaterial(Material):
     name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode, alphaCutoff,
     doubleSided, smooth, wireframe
         As `Material` takes them.
-    baseColorFactor : (3,) or (4,) array_like, optional
-        Linear RGBA, floats in 0..1 or bytes; default white.
-    baseColorTexture, metallicRoughnessTexture : Texture, array_like or PIL.Image, optional
+    baseColorFactor : float, (3,) or (4,) array_like, optional
+        Linear RGBA, whole numbers are shares of 255; default white.
+    baseColorTexture, metallicRoughnessTexture : Texture, array or PIL.Image, optional
     metallicFactor, roughnessFactor : float
         In 0..1.
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         Naming what is wrong.
     """
 
@@ -213,13 +202,27 @@ class MetallicRoughnessMaterial(Material):
             name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode,
             alphaCutoff, doubleSided, smooth, wireframe,
         )  # fmt: skip
-        self.baseColorFactor = color_of(
-            "baseColorFactor", np.ones(4) if baseColorFactor is None else baseColorFactor, 4
-        )
-        self.baseColorTexture = _texture(baseColorTexture)
-        self.metallicRoughnessTexture = _texture(metallicRoughnessTexture)
-        self.metallicFactor = _share("metallicFactor", metallicFactor)
-        self.roughnessFactor = _share("roughnessFactor", roughnessFactor)
+        self.baseColorFactor = baseColorFactor
+        self.baseColorTexture = baseColorTexture
+        self.metallicFactor = metallicFactor
+        self.roughnessFactor = roughnessFactor
+        self.metallicRoughnessTexture = metallicRoughnessTexture
+
+    baseColorFactor = _color_of(4, 1.0)
+    baseColorTexture = _texture_of("RGBA")
+    metallicFactor = Field(share_or_one, "float: share of metal.")
+    roughnessFactor = Field(share_or_one, "float: roughness.")
+    metallicRoughnessTexture = _texture_of("GB")
+
+    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+        return self.baseColorFactor, self.baseColorTexture
+
+    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+        return [
+            *super()._flagged(),
+            (TexFlags.BASE_COLOR, self.baseColorTexture),
+            (TexFlags.METALLIC_ROUGHNESS, self.metallicRoughnessTexture),
+        ]
 
     def drawn(
         self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
@@ -239,84 +242,119 @@ class MetallicRoughnessMaterial(Material):
             Of the mesh's colours.
         """
         maps = {
-            "base_color_texture": (self.baseColorTexture, "srgb"),
-            "normal_texture": (self.normalTexture, "linear"),
-            "metallic_roughness_texture": (self.metallicRoughnessTexture, "linear"),
-            "occlusion_texture": (self.occlusionTexture, "linear"),
-            "emissive_texture": (self.emissiveTexture, "srgb"),
+            "base_color_texture": self.baseColorTexture,
+            "normal_texture": self.normalTexture,
+            "metallic_roughness_texture": self.metallicRoughnessTexture,
+            "occlusion_texture": self.occlusionTexture,
+            "emissive_texture": self.emissiveTexture,
         }
+        # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
-            field: texture.drawn(space)
-            for field, (texture, space) in maps.items()
+            field: texture.drawn(are_facets=field == "metallic_roughness_texture")
+            for field, texture in maps.items()
             if texture is not None and has_uv
         }
         picture = textures.get("base_color_texture")
         color = np.clip(np.asarray(self.baseColorFactor, np.float64), 0.0, 1.0)
-        if not is_lit:
-            color = as_shown(color[None])[0]
-        mode = self.alphaMode.lower()
+        mode = "blend" if self.alphaMode == "BLEND" else "opaque"
         is_opaque = color[3] * least_alpha >= 1.0 and (picture is None or picture.is_opaque)
-        if mode == "opaque" or (mode == "blend" and is_opaque):
+        if mode == "opaque" or is_opaque:
             # What hides all behind it needs no layers.
             mode, color[3] = "opaque", 1.0
         return material.Material(
             "pbr" if is_lit else "unlit",
             color.tolist(),
-            metallic=_share("metallicFactor", self.metallicFactor),
-            roughness=_share("roughnessFactor", self.roughnessFactor),
-            emissive=np.asarray(self.emissiveFactor, np.float64).tolist(),
+            metallic=self.metallicFactor,
+            roughness=self.roughnessFactor,
+            # The factor counts twice, as in pyrender's shader.
+            emissive=np.square(np.asarray(self.emissiveFactor, np.float64)).tolist(),
             alpha_mode=mode,
-            alpha_cutoff=self.alphaCutoff,
             double_sided=self.doubleSided or not is_culled,
             **textures,
         )
 
 
-def color_of(name: str, value: ArrayLike, channels: int) -> NDArray[np.float64]:
+class SpecularGlossinessMaterial(Material):
     """
-    Return a colour as floats: one number is that of all channels, channels that are missing are 1.
+    A glTF material of the extension ``KHR_materials_pbrSpecularGlossiness``.
 
-    Whole numbers are shares of 255, 1 as well; floats are taken as they are.
+    It is drawn as a metallic-roughness material that is no metal, with the diffuse colour as its
+    base colour and a roughness of 1 less the glossiness; pyrender 0.1.45 cannot draw it at all.
+
+    Parameters
+    ----------
+    name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode, alphaCutoff,
+    doubleSided, smooth, wireframe
+        As `Material` takes them.
+    diffuseFactor : float, (3,) or (4,) array_like, optional
+        Linear RGBA, whole numbers are shares of 255; default white.
+    specularFactor : float or (3,) array_like, optional
+        Linear RGB; kept and without effect.
+    glossinessFactor : float
+        In 0..1.
+    diffuseTexture, specularGlossinessTexture : Texture, array or PIL.Image, optional
+        The latter is kept and without effect.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming what is wrong.
     """
-    array = np.asarray(value)
-    if array.dtype.kind in "iu":
-        array = array / 255.0
-    if array.ndim == 0:
-        array = np.repeat(array, channels)
-    color = np.ones(channels)
-    given = array[:channels]
-    color[: len(given)] = finite_array(name, given, (len(given),))
-    if array.ndim != 1 or not len(array) or color.min() < 0.0:
-        raise ValueError(f"{name} must be a colour, got {in_short(value)}")
-    return color
 
+    def __init__(
+        self,
+        name: str | None = None,
+        normalTexture: Any = None,
+        occlusionTexture: Any = None,
+        emissiveTexture: Any = None,
+        emissiveFactor: ArrayLike | None = None,
+        alphaMode: str | None = None,
+        alphaCutoff: float | None = None,
+        doubleSided: bool = False,
+        smooth: bool = True,
+        wireframe: bool = False,
+        diffuseFactor: ArrayLike | None = None,
+        diffuseTexture: Any = None,
+        specularFactor: ArrayLike | None = None,
+        glossinessFactor: float = 1.0,
+        specularGlossinessTexture: Any = None,
+    ) -> None:
+        super().__init__(
+            name, normalTexture, occlusionTexture, emissiveTexture, emissiveFactor, alphaMode,
+            alphaCutoff, doubleSided, smooth, wireframe,
+        )  # fmt: skip
+        self.diffuseFactor = np.ones(4) if diffuseFactor is None else diffuseFactor
+        self.diffuseTexture = diffuseTexture
+        self.specularFactor = np.ones(3) if specularFactor is None else specularFactor
+        self.glossinessFactor = glossinessFactor
+        self.specularGlossinessTexture = specularGlossinessTexture
 
-def as_shown(colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the linear light, (N, 4), that looks like colours that are shown as they are."""
-    light = colors.copy()
-    codes = np.floor(np.clip(colors[:, :3], 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-    light[:, :3] = srgb_to_linear(codes)
-    return light
+    diffuseFactor = _color_of(4)
+    diffuseTexture = _texture_of("RGBA")
+    specularFactor = _color_of(3)
+    glossinessFactor = Field(share, "float: 1 less the roughness.")
+    specularGlossinessTexture = _texture_of("GB")
 
+    def _base(self) -> tuple[NDArray[np.float32], Texture | None]:
+        return self.diffuseFactor, self.diffuseTexture
 
-def _share(name: str, value: float | None) -> float:
-    """Return a factor in 0..1, 1 where there is none."""
-    return 1.0 if value is None else bounded_number(name, value, 0.0, 1.0)
+    def _flagged(self) -> list[tuple[TexFlags, Texture | None]]:
+        return [
+            *super()._flagged(),
+            (TexFlags.DIFFUSE, self.diffuseTexture),
+            (TexFlags.SPECULAR_GLOSSINESS, self.specularGlossinessTexture),
+        ]
 
-
-def _texture(value: Any) -> Texture | None:
-    """Return a texture, made of a picture if need be."""
-    return value if value is None or isinstance(value, Texture) else Texture(source=value)
-
-
-def _pixels(source: Any) -> NDArray[Any]:
-    """Return a picture as bytes, or raise ``ValueError``."""
-    if hasattr(source, "mode") and hasattr(source, "convert"):
-        return image_pixels(source)
-    pixels = np.asarray(source)
-    if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif" or pixels.size == 0:
-        raise ValueError(f"source must be a picture, got {in_short(source)}")
-    if pixels.dtype.kind == "f":
-        pixels = np.clip(np.nan_to_num(pixels), 0.0, 1.0) * 255.0
-    pixels = pixels.astype(np.uint8)
-    return pixels[..., 0] if pixels.shape[2:] == (1,) else pixels
+    def drawn(
+        self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
+    ) -> material.Material:
+        """Return the metallic-roughness material nearest to it, as RasterJIT has that."""
+        alike = MetallicRoughnessMaterial(
+            self.name, self.normalTexture, self.occlusionTexture, self.emissiveTexture,
+            self.emissiveFactor, self.alphaMode, self.alphaCutoff, self.doubleSided, self.smooth,
+            self.wireframe, self.diffuseFactor, self.diffuseTexture, metallicFactor=0.0,
+            roughnessFactor=1.0 - self.glossinessFactor,
+        )  # fmt: skip
+        return alike.drawn(
+            has_uv=has_uv, is_lit=is_lit, is_culled=is_culled, least_alpha=least_alpha
+        )

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.camera import Camera
+from rasterjit.compat.pyrender.fields import Field, text_or_none
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.compat.pyrender.material import color_of
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
+from rasterjit.compat.pyrender.primitive import diagonal
+from rasterjit.compat.pyrender.utils import format_color_vector
 from rasterjit.scene import transforms
 from rasterjit.scene.validation import in_short
 
@@ -27,9 +29,10 @@ class Scene:
     Parameters
     ----------
     nodes : iterable of Node, optional
-    bg_color : (3,) or (4,) array_like, optional
-        Background as the picture shows it: floats in 0..1 or bytes; default white.
-    ambient_light : (3,) array_like, optional
+    bg_color : float, (3,) or (4,) array_like, optional
+        Background as the picture shows it: floats in 0..1 or whole numbers in 0..255; default
+        white.
+    ambient_light : float or (3,) array_like, optional
         Linear RGB; default none.
     name : str, optional
 
@@ -47,33 +50,27 @@ class Scene:
         name: str | None = None,
     ) -> None:
         self.name = name
-        self.bg_color = bg_color
-        self.ambient_light = ambient_light
+        self.bg_color = 1.0 if bg_color is None else bg_color
+        self.ambient_light = 0.0 if ambient_light is None else ambient_light
         self._parents: dict[Node, Node | None] = {}
         self._main_camera_node: Node | None = None
         given = list(nodes or ())
         below = [child for node in given for child in node.children]
+        if len(set(below)) < len(below):
+            raise ValueError("nodes must have one parent each, got one that has two")
         for node in given:
             if node not in below:
                 self.add_node(node)
 
-    @property
-    def bg_color(self) -> NDArray[np.float64]:
-        """(4,) float64: background as the picture shows it, and alpha."""
-        return self._bg_color
-
-    @bg_color.setter
-    def bg_color(self, value: ArrayLike | None) -> None:
-        self._bg_color = color_of("bg_color", np.ones(4) if value is None else value, 4)
-
-    @property
-    def ambient_light(self) -> NDArray[np.float64]:
-        """(3,) float64: linear RGB."""
-        return self._ambient_light
-
-    @ambient_light.setter
-    def ambient_light(self, value: ArrayLike | None) -> None:
-        self._ambient_light = color_of("ambient_light", np.zeros(3) if value is None else value, 3)
+    name = Field(text_or_none, "str or None: the scene's name.")
+    bg_color = Field(
+        lambda value: np.ones(4) if value is None else format_color_vector(value, 4),
+        "(4,) float32: background as the picture shows it, and alpha; None is white.",
+    )
+    ambient_light = Field(
+        lambda value: np.zeros(3) if value is None else format_color_vector(value, 3),
+        "(3,) float32: linear RGB; None is none.",
+    )
 
     @property
     def nodes(self) -> set[Node]:
@@ -96,6 +93,21 @@ class Scene:
         return self._holding(lambda node: node.light is not None)
 
     @property
+    def directional_lights(self) -> set[DirectionalLight]:
+        """All directional lights."""
+        return _lights_of(self.directional_light_nodes)
+
+    @property
+    def spot_lights(self) -> set[SpotLight]:
+        """All spot lights."""
+        return _lights_of(self.spot_light_nodes)
+
+    @property
+    def point_lights(self) -> set[PointLight]:
+        """All point lights."""
+        return _lights_of(self.point_light_nodes)
+
+    @property
     def directional_light_nodes(self) -> set[Node]:
         """Nodes that hold a directional light."""
         return self._holding(lambda node: isinstance(node.light, DirectionalLight))
@@ -108,7 +120,7 @@ class Scene:
     @property
     def point_light_nodes(self) -> set[Node]:
         """Nodes that hold a point light."""
-        return self._holding(lambda node: type(node.light) is PointLight)
+        return self._holding(lambda node: isinstance(node.light, PointLight))
 
     @property
     def meshes(self) -> set[Mesh]:
@@ -118,7 +130,7 @@ class Scene:
     @property
     def lights(self) -> set[Light]:
         """All lights."""
-        return {node.light for node in self.light_nodes if node.light is not None}
+        return _lights_of(self.light_nodes)
 
     @property
     def cameras(self) -> set[Camera]:
@@ -132,8 +144,8 @@ class Scene:
 
     @main_camera_node.setter
     def main_camera_node(self, value: Node) -> None:
-        if value not in self._parents or value.camera is None:
-            raise ValueError(f"main_camera_node must be a camera's node of the scene, got {value}")
+        if value not in self._parents:
+            raise ValueError(f"main_camera_node must be in the scene, got {value}")
         self._main_camera_node = value
 
     @property
@@ -141,7 +153,8 @@ class Scene:
         """(2, 3) float64: corners of a box around all meshes, 0 if there are none."""
         corners = [
             transforms.apply(self.get_pose(node), _corners(node.mesh.bounds))
-            for node in self.mesh_nodes
+            for node in self._ordered()
+            if node.mesh is not None and np.isfinite(node.mesh.bounds).all()
         ]
         if not corners:
             return np.zeros((2, 3))
@@ -161,10 +174,9 @@ class Scene:
         return high - low
 
     @property
-    def scale(self) -> float:
+    def scale(self) -> np.float64:
         """The diagonal of the bounds."""
-        x, y, z = self.extents.tolist()
-        return float(np.sqrt(x * x + y * y + z * z))
+        return diagonal(self.extents)
 
     def add(
         self,
@@ -183,7 +195,8 @@ class Scene:
         name : str, optional
             Of the node.
         pose : (4, 4) array_like, optional
-            Relative to the parent; default the identity.
+            Relative to the parent; default the identity. Shears and mirrors are lost, as
+            `Node` says.
         parent_node : Node, optional
             Default: none.
         parent_name : str, optional
@@ -196,11 +209,15 @@ class Scene:
         ValueError
             If the parent is not in the scene, or not one.
         """
-        held = {"mesh": Mesh, "light": Light, "camera": Camera}
-        kinds = [kind for kind, sort in held.items() if isinstance(obj, sort)]
-        if not kinds:
+        node = Node(name=name, matrix=pose)
+        if isinstance(obj, Mesh):
+            node.mesh = obj
+        elif isinstance(obj, Light):
+            node.light = obj
+        elif isinstance(obj, Camera):
+            node.camera = obj
+        else:
             raise TypeError(f"obj must be a Mesh, a Light or a Camera, got {in_short(obj)}")
-        node = Node(name=name, matrix=np.eye(4) if pose is None else pose, **{kinds[0]: obj})
         if parent_node is None and parent_name is not None:
             named = self.get_nodes(name=parent_name)
             if len(named) != 1:
@@ -290,7 +307,10 @@ class Scene:
 
     def set_pose(self, node: Node, pose: ArrayLike) -> None:
         """
-        Move a node: its pose relative to its parent becomes ``pose``, (4, 4).
+        Move a node: its pose relative to its parent becomes ``pose``, (4, 4), whatever it is.
+
+        As in pyrender the array is kept, not copied, and the node's ``rotation``, ``scale`` and
+        ``translation`` stay as they were.
 
         Raises
         ------
@@ -299,7 +319,7 @@ class Scene:
         """
         if node not in self._parents:
             raise ValueError(f"node must be in the scene, got {node}")
-        node.matrix = pose
+        node._keep(pose)
 
     def clear(self) -> None:
         """Take all nodes out."""
@@ -312,7 +332,11 @@ class Scene:
         bg_color: ArrayLike | None = None,
         ambient_light: ArrayLike | None = None,
     ) -> Scene:
-        """Return the meshes of a trimesh scene, where they stand; other arguments as `Scene`."""
+        """
+        Return the meshes of a trimesh scene, where they stand; other arguments as `Scene`.
+
+        Those with face colours are flat, all others smooth.
+        """
         smooth = {
             name: Mesh.from_trimesh(one, smooth=one.visual.kind != "face")
             for name, one in trimesh_scene.geometry.items()
@@ -342,3 +366,8 @@ class Scene:
 def _corners(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the eight corners of a box, (8, 3)."""
     return np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])
+
+
+def _lights_of(nodes: set[Node]) -> set[Any]:
+    """Return the lights of nodes."""
+    return {node.light for node in nodes if node.light is not None}

@@ -1,0 +1,115 @@
+"""Attributes whose values are checked whenever they are set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
+
+from rasterjit.scene.validation import cut_short
+
+T = TypeVar("T")
+
+
+class Field(Generic[T]):
+    """
+    An attribute that keeps what a check returns.
+
+    Parameters
+    ----------
+    check : callable
+        ``check(value)`` returns what is kept, or raises an error whose message begins with a verb,
+        such as "must be above 0": the attribute's name is put before it.
+    doc : str
+        What the attribute is.
+    """
+
+    def __init__(self, check: Callable[[Any], T], doc: str) -> None:
+        self._check, self.__doc__ = check, doc
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name, self._kept = name, "_" + name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Field[T]: ...
+
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
+
+    def __get__(self, instance: object | None, owner: type) -> Field[T] | T:
+        if instance is None:
+            return self
+        try:
+            return instance.__dict__[self._kept]  # type: ignore[no-any-return]
+        except KeyError:
+            raise AttributeError(f"{self._name} of {owner.__name__} was not set") from None
+
+    def __set__(self, instance: object, value: Any) -> None:
+        try:
+            kept = self._check(value)
+        except (TypeError, ValueError) as error:
+            message = f"{self._name} {error}, got {cut_short(value)}"
+            raise type(error)(message) from None
+        instance.__dict__[self._kept] = kept
+
+
+def anything(value: Any) -> Any:
+    """Return a value as it is."""
+    return value
+
+
+def text_or_none(value: Any) -> str | None:
+    """Return a name as text, None where there is none."""
+    return None if value is None else str(value)
+
+
+def number(value: Any) -> float:
+    """Return a number, also that of an array of one, or raise what ``float`` raises."""
+    try:
+        return float(value.reshape(()) if isinstance(value, np.ndarray) else value)
+    except TypeError:
+        raise TypeError("must be a number") from None
+    except ValueError:
+        raise ValueError("must be a number") from None
+
+
+def above_zero(value: Any) -> float:
+    """Return a number above 0."""
+    given = number(value)
+    if given <= 0.0:
+        raise ValueError("must be above 0")
+    return given
+
+
+def at_least_zero(value: Any) -> float:
+    """Return a number of at least 0."""
+    given = number(value)
+    if given < 0.0:
+        raise ValueError("must be at least 0")
+    return given
+
+
+def above_zero_or_none(value: Any) -> float | None:
+    """Return a number above 0, or None."""
+    return None if value is None else above_zero(value)
+
+
+def share(value: Any) -> float:
+    """Return a number in 0..1."""
+    given = number(value)
+    if not 0.0 <= given <= 1.0:
+        raise ValueError("must be in 0..1")
+    return given
+
+
+def share_or_one(value: Any) -> float:
+    """Return a number in 0..1, 1 where there is none."""
+    return 1.0 if value is None else share(value)
+
+
+def yes_or_no(value: Any) -> bool:
+    """Return a bool; what is none raises ``TypeError``."""
+    if not isinstance(value, bool):
+        raise TypeError("must be True or False")
+    return value

@@ -1,0 +1,409 @@
+"""Primitives: triangles, lines or points of one material."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.compat.pyrender.constants import GLTF, BufFlags
+from rasterjit.compat.pyrender.fields import Field, anything
+from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
+from rasterjit.compat.pyrender.utils import format_color_array
+from rasterjit.scene.material import Material as SceneMaterial
+from rasterjit.scene.mesh import Mesh as SceneMesh
+from rasterjit.scene.validation import in_short
+
+Float32 = NDArray[np.float32]
+
+_EXACT = 1 << 24
+"""Whole numbers up to it are exact in float32."""
+
+
+class Primitive:
+    """
+    Triangles, lines or points of one material.
+
+    Arrays are kept as float32. What was drawn is kept until an array is set; numbers that are
+    changed inside an array after that are not seen.
+
+    Parameters
+    ----------
+    positions : (V, 3) array_like
+    normals : (V, 3) array_like, optional
+        Default: those of the surface.
+    tangents : (V, 4) array_like, optional
+        Kept and without effect.
+    texcoord_0 : (V, 2) array_like, optional
+        Texture coordinates.
+    texcoord_1 : (V, 2) array_like, optional
+        Kept and without effect.
+    color_0 : (V, 3) or (V, 4) array_like, or one colour, optional
+        Floats in 0..1 or whole numbers in 0..255; they multiply what the material shows.
+    joints_0, weights_0, targets : optional
+        Kept and without effect.
+    indices : (M,) or (F, 3) array_like of int, optional
+        Vertices in the order of drawing; default: one after the other.
+    material : Material, optional
+    mode : int
+        ``GLTF.TRIANGLES`` or another of the seven from ``GLTF.POINTS`` to ``GLTF.TRIANGLE_FAN``.
+    poses : (N, 4, 4) or (4, 4) array_like, optional
+        Where instances of it stand, relative to the node.
+
+    Raises
+    ------
+    TypeError
+        If the material is none.
+    ValueError
+        If an array is no such thing, or the mode is unknown.
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike | None = None,
+        tangents: ArrayLike | None = None,
+        texcoord_0: ArrayLike | None = None,
+        texcoord_1: ArrayLike | None = None,
+        color_0: ArrayLike | None = None,
+        joints_0: Any = None,
+        weights_0: Any = None,
+        indices: ArrayLike | None = None,
+        material: Material | None = None,
+        mode: int | None = None,
+        targets: Any = None,
+        poses: ArrayLike | None = None,
+    ) -> None:
+        self.positions = positions
+        self.normals = normals
+        self.tangents = tangents
+        self.texcoord_0, self.texcoord_1 = texcoord_0, texcoord_1
+        self.color_0 = color_0
+        self.joints_0, self.weights_0 = joints_0, weights_0
+        self.indices = indices
+        self.material = material
+        self.mode = GLTF.TRIANGLES if mode is None else mode
+        self.targets = targets
+        self.poses = poses
+
+    _drawn: dict[Any, Any]
+    # What was made of it, by what it was made for.
+    _bounds: Float32 | None
+
+    joints_0 = Field(anything, "As it was given: nothing here has skins.")
+    weights_0 = Field(anything, "As it was given: nothing here has skins.")
+    targets = Field(anything, "As it was given: nothing here changes shape.")
+
+    @property
+    def positions(self) -> Float32:
+        """(V, 3) float32: positions of the vertices."""
+        return self._positions
+
+    @positions.setter
+    def positions(self, value: ArrayLike) -> None:
+        given = _floats("positions", value)
+        if given.ndim != 2 or given.shape[1] != 3:
+            raise ValueError(f"positions must have shape (n, 3), got {given.shape}")
+        self._positions = given
+        self._forget()
+
+    @property
+    def normals(self) -> Float32 | None:
+        """(V, 3) float32, or None: normals of the vertices."""
+        return self._normals
+
+    @normals.setter
+    def normals(self, value: ArrayLike | None) -> None:
+        self._normals = self._of_vertices("normals", value, 3)
+
+    @property
+    def tangents(self) -> Float32 | None:
+        """(V, 4) float32, or None: as they were given."""
+        return self._tangents
+
+    @tangents.setter
+    def tangents(self, value: ArrayLike | None) -> None:
+        self._tangents = self._of_vertices("tangents", value, 4)
+
+    @property
+    def texcoord_0(self) -> Float32 | None:
+        """(V, 2) float32, or None: texture coordinates of the vertices."""
+        return self._texcoord_0
+
+    @texcoord_0.setter
+    def texcoord_0(self, value: ArrayLike | None) -> None:
+        if value is not None:
+            given = np.asarray(value)
+            value = given[:, :2] if given.ndim == 2 else given
+        self._texcoord_0 = self._of_vertices("texcoord_0", value, 2)
+
+    @property
+    def texcoord_1(self) -> Float32 | None:
+        """(V, 2) float32, or None: as they were given."""
+        return self._texcoord_1
+
+    @texcoord_1.setter
+    def texcoord_1(self, value: ArrayLike | None) -> None:
+        self._texcoord_1 = self._of_vertices("texcoord_1", value, 2)
+
+    @property
+    def color_0(self) -> Float32 | None:
+        """(V, 4) float32, or None: colours of the vertices."""
+        return self._color_0
+
+    @color_0.setter
+    def color_0(self, value: ArrayLike | None) -> None:
+        colors = None
+        if value is not None:
+            try:
+                colors = format_color_array(value, (len(self.positions), 4))
+            except ValueError as error:
+                raise ValueError(f"color_0 {error}") from None
+        self._color_0 = self._of_vertices("color_0", colors, 4)
+
+    @property
+    def indices(self) -> NDArray[Any] | None:
+        """
+        Vertices in the order of drawing, or None; of the shape they were given in.
+
+        As in pyrender they are float32; float64 where that is not exact.
+        """
+        return self._indices
+
+    @indices.setter
+    def indices(self, value: ArrayLike | None) -> None:
+        self._indices = None
+        if value is not None:
+            given = np.asarray(value)
+            if given.dtype.kind not in "buif":
+                raise ValueError(f"indices must be whole numbers, got {in_short(given)}")
+            is_large = given.size > 0 and given.max() > _EXACT
+            self._indices = np.ascontiguousarray(given, np.float64 if is_large else np.float32)
+        self._forget()
+
+    @property
+    def material(self) -> Material:
+        """Its material, never None."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material | None) -> None:
+        if value is not None and not isinstance(value, Material):
+            raise TypeError(f"material must be a Material, got {in_short(value)}")
+        self._material = MetallicRoughnessMaterial() if value is None else value
+
+    @property
+    def mode(self) -> int:
+        """What is drawn: a code of `GLTF`, from ``POINTS`` to ``TRIANGLE_FAN``."""
+        return self._mode
+
+    @mode.setter
+    def mode(self, value: int) -> None:
+        mode = int(value)
+        if not GLTF.POINTS <= mode <= GLTF.TRIANGLE_FAN:
+            raise ValueError(f"mode must be in 0..6, from GLTF.POINTS on, got {mode}")
+        self._mode = mode
+        self._forget()
+
+    @property
+    def poses(self) -> Float32 | None:
+        """(N, 4, 4) float32, or None: where instances of it stand, relative to the node."""
+        return self._poses
+
+    @poses.setter
+    def poses(self, value: ArrayLike | None) -> None:
+        self._poses = None
+        if value is not None:
+            given = _floats("poses", value)
+            given = given[None] if given.ndim == 2 else given
+            if given.ndim != 3 or given.shape[1:] != (4, 4):
+                raise ValueError(f"poses must have shape (n, 4, 4), got {given.shape}")
+            self._poses = given
+        self._forget()
+
+    @property
+    def bounds(self) -> Float32:
+        """
+        (2, 3) float32: least and largest coordinates; of nothing, infinity and -infinity.
+
+        As in pyrender, instances count as if they were moved and not turned.
+        """
+        if self._bounds is None:
+            points = self.positions
+            low, high = np.full(3, np.inf, np.float32), np.full(3, -np.inf, np.float32)
+            if len(points):
+                low, high = points.min(axis=0), points.max(axis=0)
+            if self.poses is not None and len(self.poses):
+                places = self.poses[:, :3, 3]
+                low, high = low + places.min(axis=0), high + places.max(axis=0)
+            self._bounds = np.stack([low, high])
+        return self._bounds
+
+    @property
+    def centroid(self) -> Float32:
+        """(3,) float32: the middle of its bounds."""
+        return np.asarray(np.mean(self.bounds, axis=0))
+
+    @property
+    def extents(self) -> Float32:
+        """(3,) float32: the sides of its bounds."""
+        low, high = self.bounds
+        return high - low
+
+    @property
+    def scale(self) -> np.floating[Any]:
+        """The diagonal of its bounds."""
+        return diagonal(self.extents)
+
+    @property
+    def buf_flags(self) -> int:
+        """Which arrays it has, `BufFlags`."""
+        arrays = {
+            BufFlags.NORMAL: self.normals,
+            BufFlags.TANGENT: self.tangents,
+            BufFlags.TEXCOORD_0: self.texcoord_0,
+            BufFlags.TEXCOORD_1: self.texcoord_1,
+            BufFlags.COLOR_0: self.color_0,
+            BufFlags.JOINTS_0: self.joints_0,
+            BufFlags.WEIGHTS_0: self.weights_0,
+        }
+        return int(sum(flag for flag, array in arrays.items() if array is not None))
+
+    @property
+    def is_transparent(self) -> bool:
+        """Whether its material is, or any vertex."""
+        has_alpha = self.color_0 is not None and bool((self.color_0[:, 3] != 1.0).any())
+        return self.material.is_transparent or has_alpha
+
+    def delete(self) -> None:
+        """Let go of what was made to draw it."""
+        self._forget()
+
+    @property
+    def least_alpha(self) -> float:
+        """The least alpha of any vertex, in 0..1."""
+        if self.color_0 is None or not len(self.color_0):
+            return 1.0
+        return min(max(float(self.color_0[:, 3].min()), 0.0), 1.0)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has nothing to draw: no vertices, or too few for a triangle."""
+        count = len(self.positions) if self.indices is None else self.indices.size
+        return not len(self.positions) or count < (3 if self.mode >= GLTF.TRIANGLES else 1)
+
+    def order(self) -> NDArray[np.int64]:
+        """Return the vertices in the order of drawing, (M,) int64."""
+        if self.indices is None:
+            return np.arange(len(self.positions))
+        return self.indices.reshape(-1).astype(np.int64)
+
+    def faces(self) -> NDArray[np.int64]:
+        """
+        Return its triangles, (F, 3) int64; none of lines and points.
+
+        Vertices at the end that make no whole triangle are left out. Those of a strip turn the
+        same way as its first.
+        """
+        order = self.order()
+        if self.mode == GLTF.TRIANGLES:
+            return order[: len(order) // 3 * 3].reshape(-1, 3)
+        if self.mode == GLTF.TRIANGLE_STRIP and len(order) >= 3:
+            faces = np.stack([order[:-2], order[1:-1], order[2:]], axis=1)
+            faces[1::2, :2] = faces[1::2, 1::-1]
+            return faces
+        if self.mode == GLTF.TRIANGLE_FAN and len(order) >= 3:
+            first = np.full(len(order) - 2, order[0])
+            return np.stack([first, order[1:-1], order[2:]], axis=1)
+        return np.zeros((0, 3), np.int64)
+
+    def drawn(self, is_lit: bool, look: SceneMaterial, is_turned: bool = False) -> SceneMesh:
+        """
+        Return its triangles as RasterJIT has them; the same as long as the look is the same.
+
+        Parameters
+        ----------
+        is_lit : bool
+            Whether light counts.
+        look : Material
+        is_turned : bool
+            Whether faces go the other way round.
+        """
+        key = is_lit, is_turned, look.shading
+        if key not in self._drawn:
+            faces = self.faces()
+            self._drawn[key] = made = SceneMesh(
+                self.positions, faces[:, ::-1] if is_turned else faces, normals=self.normals,
+                uv=self.texcoord_0, colors=self.colors(), material=look,
+            )  # fmt: skip
+            if is_lit:
+                # Copies have them, too.
+                made.vertex_normals()
+        if self._drawn[key].material != look:
+            # What was drawn before keeps its own.
+            self._drawn[key] = copy.copy(self._drawn[key])
+            self._drawn[key].material = look
+        return self._drawn[key]
+
+    @property
+    def fades(self) -> bool:
+        """Whether its alpha is below 1 anywhere, whatever its material's mode."""
+        return self.least_alpha * self.material.least_alpha < 1.0
+
+    def of_alphas(self) -> Primitive:
+        """Return the same whose colours, without lights, are its alpha in all channels."""
+        color, texture = self.material._base()
+        known = self._drawn.get("alphas")
+        if known is None or known[0] is not texture or not np.array_equal(known[1], color):
+            grey = copy.copy(self)
+            if self.color_0 is not None:
+                grey.color_0 = np.repeat(self.color_0[:, 3:], 4, axis=1)
+            pixels = None if texture is None else texture.of_alphas()
+            known = self._drawn["alphas"] = texture, color.copy(), grey, pixels
+        _, _, grey, pixels = known
+        own = self.material
+        grey.material = MetallicRoughnessMaterial(
+            alphaMode=own.alphaMode, doubleSided=own.doubleSided, wireframe=own.wireframe,
+            baseColorFactor=np.repeat(color[3], 4), baseColorTexture=pixels,
+        )  # fmt: skip
+        return grey
+
+    def colors(self) -> NDArray[np.float64] | None:
+        """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
+        if self.color_0 is None:
+            return None
+        return np.clip(self.color_0.astype(np.float64), 0.0, 1.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied and pickled: no copy shares what was drawn."""
+        return {**self.__dict__, "_drawn": {}}
+
+    def _forget(self) -> None:
+        """Let go of what follows from the arrays."""
+        self._drawn = {}
+        self._bounds = None
+
+    def _of_vertices(self, name: str, value: ArrayLike | None, width: int) -> Float32 | None:
+        """Return an array with a row for each vertex, or raise ``ValueError``."""
+        self._forget()
+        if value is None:
+            return None
+        array, count = _floats(name, value), len(self.positions)
+        if array.shape != (count, width):
+            raise ValueError(f"{name} must have shape ({count}, {width}), got {array.shape}")
+        return array
+
+
+def diagonal(extents: NDArray[Any]) -> Any:
+    """Return the length of a vector, of its own precision."""
+    return np.sqrt((extents * extents).sum())
+
+
+def _floats(name: str, value: ArrayLike) -> Float32:
+    """Return numbers as float32 in rows, or raise ``ValueError``."""
+    try:
+        return np.ascontiguousarray(value, np.float32)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of numbers, got {in_short(value)}") from None

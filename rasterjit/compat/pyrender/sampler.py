@@ -1,0 +1,54 @@
+"""How textures are read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rasterjit.compat.pyrender.constants import GLTF
+from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
+from rasterjit.scene.validation import one_of
+
+_WRAPS = {GLTF.REPEAT: "repeat", GLTF.CLAMP_TO_EDGE: "clamp", GLTF.MIRRORED_REPEAT: "mirror"}
+
+
+class Sampler:
+    """
+    How a texture is read; takes glTF's codes.
+
+    Parameters
+    ----------
+    name : str, optional
+    magFilter, minFilter : int, optional
+        ``GLTF.NEAREST`` for both shows texels; all else is filtered trilinearly.
+    wrapS, wrapT : int
+        ``GLTF.REPEAT``, ``GLTF.CLAMP_TO_EDGE`` or ``GLTF.MIRRORED_REPEAT``; other codes are
+        refused when the texture is drawn.
+    """
+
+    def __init__(
+        self,
+        name: str | None = None,
+        magFilter: int | None = None,
+        minFilter: int | None = None,
+        wrapS: int = GLTF.REPEAT,
+        wrapT: int = GLTF.REPEAT,
+    ) -> None:
+        self.name = name
+        self.magFilter, self.minFilter = magFilter, minFilter
+        self.wrapS, self.wrapT = wrapS, wrapT
+
+    name = Field(text_or_none, "str or None: the sampler's name.")
+    magFilter = Field(anything, "int or None: how texels are enlarged.")
+    minFilter = Field(anything, "int or None: how texels are made smaller.")
+    wrapS = Field(anything, "int: what lies beyond the left and right edge.")
+    wrapT = Field(anything, "int: what lies beyond the lower and upper edge.")
+
+    def drawn(self) -> dict[str, Any]:
+        """Return what RasterJIT's textures take, or raise ``ValueError`` of an unknown code."""
+        is_nearest = self.magFilter == GLTF.NEAREST and self.minFilter in (None, GLTF.NEAREST)
+        codes = [int(code) for code in _WRAPS]
+        wraps = one_of("wrapS", self.wrapS, codes), one_of("wrapT", self.wrapT, codes)
+        return {
+            "wrap": tuple(_WRAPS[GLTF(wrap)] for wrap in wraps),
+            "filter": "nearest" if is_nearest else "trilinear",
+        }

@@ -1,0 +1,143 @@
+"""
+Turn the camera by a hand on a ball.
+
+References
+----------
+pyrender 0.1.45, module ``trackball``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_BALL = 0.3
+"""A drag of this share of the window's shorter side turns by a radian."""
+_PAN = 5.0
+"""A drag of a radian moves by the scene's diagonal over this."""
+_CLICK = 0.9
+"""Factor on the distance at each click of the wheel."""
+
+Float64 = NDArray[np.float64]
+
+
+class Trackball:
+    """
+    The pose of a camera that drags of the mouse turn, roll, move and zoom.
+
+    Parameters
+    ----------
+    pose : (4, 4) array_like
+        Of the camera, in the world.
+    size : (float, float), pixels
+        Width and height of the window.
+    scale : float, scene units
+        Diagonal of the scene: how fast drags move.
+    target : (3,) array_like, scene units
+        What the camera turns around.
+    """
+
+    STATE_ROTATE, STATE_PAN, STATE_ROLL, STATE_ZOOM = 0, 1, 2, 3
+
+    def __init__(
+        self,
+        pose: ArrayLike,
+        size: ArrayLike,
+        scale: float,
+        target: ArrayLike = np.array([0.0, 0.0, 0.0]),  # noqa: B008
+    ) -> None:
+        self._size = np.array(size)
+        self._scale = float(scale)
+        self._pressed_pose = self._pose = np.asarray(pose, np.float64)
+        self._pressed_target = self._target = np.asarray(target, np.float64)
+        self._state = self.STATE_ROTATE
+        self._pressed = np.zeros(2)
+
+    @property
+    def pose(self) -> Float64:
+        """(4, 4) float64: the camera's pose in the world."""
+        return self._pose
+
+    def set_state(self, state: int) -> None:
+        """Choose what drags do: one of ``STATE_ROTATE``, ``_PAN``, ``_ROLL`` and ``_ZOOM``."""
+        self._state = state
+
+    def resize(self, size: ArrayLike) -> None:
+        """Take the window's new width and height, pixels."""
+        self._size = np.array(size)
+
+    def down(self, point: ArrayLike) -> None:
+        """Begin a drag at a pixel (x, y), y up."""
+        self._pressed = np.array(point, np.float64)
+        self._pressed_pose, self._pressed_target = self._pose, self._target
+
+    def drag(self, point: ArrayLike) -> None:
+        """Drag from where the mouse went down to a pixel (x, y), y up."""
+        here = np.array(point, np.float64)
+        pose, target = self._pressed_pose, self._pressed_target
+        right, up, back, eye = pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3]
+        step = here - self._pressed
+        turned = step / (_BALL * self._size.min())
+        if self._state == self.STATE_ROTATE:
+            around_up = _turn(-turned[0], up, target)
+            self._pose = _turn(turned[1], right, target) @ around_up @ pose
+        elif self._state == self.STATE_ROLL:
+            middle = self._size / 2.0
+            before, after = _angle(self._pressed - middle), _angle(here - middle)
+            self._pose = _turn(before - after, back, target) @ pose
+        elif self._state == self.STATE_PAN:
+            x, y = -turned / _PAN * self._scale
+            move = x * right + y * up
+            self._target = target + move
+            self._pose = _moved(pose, move)
+        elif self._state == self.STATE_ZOOM:
+            # Growing towards the camera as the mouse goes down, and shrinking towards 0 as up.
+            dy = step[1] / (0.5 * self._size[1])
+            share = np.expm1(dy) if dy > 0.0 else 1.0 - np.exp(dy)
+            move = -np.sign(dy) * share * _length(eye - target) * back
+            self._pose = _moved(pose, move)
+
+    def scroll(self, clicks: float) -> None:
+        """Come nearer by clicks of the wheel, or go away where they are negative."""
+        self._pose = self._scrolled(self._pose, clicks)
+        self._pressed_pose = self._scrolled(self._pressed_pose, clicks)
+
+    def rotate(self, azimuth: float, axis: ArrayLike | None = None) -> None:
+        """Turn by an angle in radians around an axis, (3,); default the camera's own up."""
+        self._pose = self._rotated(self._pose, azimuth, axis)
+        self._pressed_pose = self._rotated(self._pressed_pose, azimuth, axis)
+
+    def _scrolled(self, pose: Float64, clicks: float) -> Float64:
+        distance = _length(pose[:3, 3] - self._pressed_target)
+        return _moved(pose, (_CLICK**clicks - 1.0) * distance * pose[:3, 2])
+
+    def _rotated(self, pose: Float64, azimuth: float, axis: ArrayLike | None) -> Float64:
+        around = pose[:3, 1] if axis is None else np.asarray(axis, np.float64)
+        return _turn(azimuth, around, self._pressed_target) @ pose
+
+
+def _turn(angle: float, axis: Float64, center: Float64) -> Float64:
+    """Return a rotation by radians around an axis through a point, (4, 4)."""
+    from trimesh.transformations import rotation_matrix
+
+    turn: Any = rotation_matrix(angle, axis, center)
+    return np.asarray(turn, np.float64)
+
+
+def _moved(pose: Float64, move: Float64) -> Float64:
+    """Return a pose moved in the world."""
+    moved = pose.copy()
+    moved[:3, 3] += move
+    return moved
+
+
+def _angle(vector: Float64) -> float:
+    """Return the direction of a vector, radians."""
+    return float(np.arctan2(vector[1], vector[0]))
+
+
+def _length(vector: Float64) -> float:
+    """Return the length of a vector."""
+    return float(np.sqrt((vector * vector).sum()))
