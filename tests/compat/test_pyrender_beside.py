@@ -20,8 +20,6 @@ likeness = importlib.import_module("benchmarks.pyrender_beside.likeness")
 
 PYTHON = os.environ.get("PYRENDER_PYTHON")
 
-DIFFERS: dict[str, str] = {}
-"""Scenes that are drawn otherwise on purpose, and why."""
 
 FAILS_THERE = ("SHADOWS_POINT", "SHADOWS_ALL")
 """Flags whose shader the original cannot use on Mesa."""
@@ -72,7 +70,7 @@ def contestants():
         one.close()
 
 
-@pytest.mark.parametrize("scene", [name for name in beside.SCENES if name not in DIFFERS])
+@pytest.mark.parametrize("scene", beside.SCENES)
 def test_pictures_are_the_originals(scene, contestants, tmp_path):
     rows = list(beside.pictures(*contestants, [scene], beside.FLAGS, tmp_path))
     assert len([row for row in rows if "like" in row]) >= len(beside.FLAGS) - len(FAILS_THERE)
