@@ -272,6 +272,27 @@ def sun_and_spot(pr: Any) -> Built:
 
 
 @scene_of
+def smooth_floor(pr: Any) -> Built:
+    """A floor, z up, whose corners share their normals with its sides, under one low sun."""
+    scene = pr.Scene(ambient_light=(0.2, 0.2, 0.2))
+    upright = trimesh.transformations.rotation_matrix(np.pi / 2.0, (1.0, 0.0, 0.0))
+    scene.add(
+        pr.PerspectiveCamera(yfov=np.pi / 4.0),
+        pose=upright @ towards((1.8, 1.4, -1.2), (0, 0.3, 0)),
+    )
+    scene.add(
+        pr.Mesh.from_trimesh(trimesh.creation.box(extents=(2.0, 2.0, 0.02))), pose=at(z=-0.26)
+    )
+    post = trimesh.creation.cylinder(radius=0.05, height=0.5, sections=48)
+    scene.add(pr.Mesh.from_trimesh(post))
+    scene.add(pr.Mesh.from_trimesh(post), pose=at(0.2, 0.0, 0.5))
+    scene.add(pr.Mesh.from_trimesh(ball()), pose=at(0.4, 0.2, -0.1) @ scaled(0.15))
+    turn = trimesh.transformations.euler_matrix(-0.7, 0.3, 0.0)
+    scene.add(pr.DirectionalLight(intensity=4.0), pose=turn)
+    return scene
+
+
+@scene_of
 def six_suns(pr: Any) -> Built:
     """More lights of a kind than four: the nearest of the mesh count."""
     scene = seen_from(pr, sun=0.0)

@@ -2,8 +2,8 @@
 A process that draws with the original or with the adapter, as it is told line by line.
 
 ``python -m benchmarks.pyrender_beside.worker egl|osmesa|rasterjit`` answers each line of JSON with
-one: ``draw`` writes colour and depth to a file, ``warm`` times a second picture of a scene that is
-kept, ``cold`` a first one of a scene, a renderer and meshes that are all made anew.
+one: ``draw`` writes colour and depth to a file, ``warm`` times a second picture, both of a scene
+and a renderer that are kept, ``cold`` a first one of scene, renderer and meshes made anew.
 """
 
 from __future__ import annotations
@@ -68,30 +68,26 @@ def release(held: dict[str, Held]) -> None:
 def answer(module: Any, held: dict[str, Held], order: dict[str, Any]) -> dict[str, Any]:
     """Do what one line asks for."""
     name, flag = order["scene"], order["flag"]
-    if order["task"] in ("cold", "draw"):
+    if order["task"] == "cold":
         # Deleting a renderer of the original's ends what others share with it.
         release(held)
-    if order["task"] == "cold":
         started = time.perf_counter()
         made = Held(module, name)
         made.draw(flag)
         made.renderer.delete()
         return {"seconds": time.perf_counter() - started}
-    if order["task"] == "draw":
-        made = Held(module, name)
-        try:
-            picture = made.draw(flag)
-        finally:
-            made.renderer.delete()
-        camera = made.scene.main_camera_node.camera
-        np.savez(order["to"], near=camera.znear, far=camera.zfar or np.inf, **picture)
-        return {"drawn": sorted(picture)}
     if name not in held:
         release(held)
         held[name] = Held(module, name)
-    held[name].draw(flag)
+    made = held[name]
+    if order["task"] == "draw":
+        picture = made.draw(flag)
+        camera = made.scene.main_camera_node.camera
+        np.savez(order["to"], near=camera.znear, far=camera.zfar or np.inf, **picture)
+        return {"drawn": sorted(picture)}
+    made.draw(flag)
     started = time.perf_counter()
-    held[name].draw(flag)
+    made.draw(flag)
     return {"seconds": time.perf_counter() - started}
 
 
@@ -104,6 +100,8 @@ def main(contestant: str) -> None:
         try:
             found = answer(module, held, json.loads(line))
         except Exception as error:
+            # A picture that failed halfway leaves OpenGL as it was then.
+            release(held)
             text = str(error).strip().split("\n")[0]
             found = {"error": f"{type(error).__name__}: {text}"}
         print(json.dumps(found), flush=True)

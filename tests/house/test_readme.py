@@ -15,7 +15,7 @@ from rasterjit.cli import commands
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = ("docs/point_clouds.md", "docs/animation.md")
 """Pages whose programs go on from one to the next: they are one."""
-PAGES = ("README.md", "models/README.md", "docs/cameras.md", *NOTEBOOKS)
+PAGES = ("README.md", "models/README.md", "docs/cameras.md", "docs/pyrender.md", *NOTEBOOKS)
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"

@@ -125,7 +125,7 @@ class OffscreenRenderer:
             Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
             Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
-            surface at the middle of each pixel. Where nothing is, normals are 0, positions NaN and
+            surface where depth is that of. Where nothing is, normals are 0, positions NaN and
             distances infinite.
 
         Raises
@@ -247,7 +247,8 @@ class OffscreenRenderer:
         """Render what else was asked for."""
         solid = flags | RenderFlags.ALL_SOLID
         drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
-        frame = self._draw_shapes(drawing, seen, names, (0.0, 0.0))
+        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
+        frame = self._draw_shapes(drawing, seen, names, place)
         if frame is not None:
             return {name: getattr(frame, name)[::-1].copy() for name in names}
         empty, size = {}, (self.viewport_height, self.viewport_width)
