@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import ColorPart, LightTerm, LightTerms
 from rasterjit.pipeline import records
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
@@ -282,8 +281,9 @@ def shade(
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     stages = Shading(
-        geometry, placement, surface, lit.lighting, lit.effects, encoding_table(), plan.background
-    )
+        geometry, placement, surface, lit.lighting, lit.effects, plan.facts.encoding,
+        plan.background,
+    )  # fmt: skip
     stages.shade(row, y, linear, no_color)
     return linear[0, x].copy()
 

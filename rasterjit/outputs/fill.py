@@ -471,8 +471,12 @@ def metric_depth(
     rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
     for row in range(0, len(depth), rows):
         band = slice(row, row + rows)
-        seen = coverage.face_id[band] >= 0
-        stored = coverage.depth[band][seen]
+        if coverage.first_depth is None:
+            stored, seen = coverage.depth[band], coverage.face_id[band] >= 0
+        else:
+            stored = coverage.first_depth[band]
+            seen = stored != draw.nearest.empty_depth(stored.dtype)
+        stored = stored[seen]
         if not depth_format.is_reversed:
             down, across = np.nonzero(seen)
             x = (2.0 * (left + across) + 1.0) / width - 1.0

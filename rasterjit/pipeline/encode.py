@@ -1,5 +1,5 @@
 """
-Turn linear light into sRGB ``uint8``.
+Turn linear light into sRGB ``uint8``; or into codes of another curve, if a scene asks for one.
 
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
 up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import bisect
 import functools
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,33 +35,41 @@ BUCKETS = 1 << (32 - BUCKET_BITS)
 
 INFINITY_BITS = 0x7F800000
 
+Encoding: TypeAlias = Literal["srgb", "gamma 2.2", "as is"]
+"""What codes show: light by sRGB's curve, by the power 1 / 2.2, or numbers as they are."""
 
-def reaches_code(bits: int, code: int) -> bool:
+
+def reaches_code(bits: int, code: int, encoding: Encoding = "srgb") -> bool:
     """
     Tell exactly whether the float32 with these bits, in 0..1, encodes to a code or a higher one.
 
-    A code c begins at the encoded value e = (2 c - 1) / 510, which decodes to e / 12.92 up to
-    0.04045, and above to ((e + 0.055) / 1.055)**(12/5): powers of whole numbers decide.
+    A code c begins at the encoded value e = (2 c - 1) / 510. That decodes to e / 12.92 up to
+    0.04045, and above to ((e + 0.055) / 1.055)**(12/5); or to e**(11/5); or to itself: powers of
+    whole numbers decide.
     """
     numerator, denominator = float(np.uint32(bits).view(np.float32)).as_integer_ratio()
     e = 2 * code - 1
+    if encoding == "as is":
+        return 510 * numerator >= e * denominator
+    if encoding == "gamma 2.2":
+        return 510**11 * numerator**5 >= e**11 * denominator**5
     if 100000 * e <= 4045 * 510:
         return 1292 * 510 * numerator >= 100 * e * denominator
     return (211 * 510) ** 12 * numerator**5 >= (200 * e + 11 * 510) ** 12 * denominator**5
 
 
 @functools.cache
-def code_thresholds() -> np.ndarray:
+def code_thresholds(encoding: Encoding = "srgb") -> np.ndarray:
     """Return the least float32 of each code from 1 to 255, (255,) float32, ascending."""
     bits, one = [0], int(np.float32(1.0).view(np.uint32))
     for code in range(1, 256):
-        reaches = functools.partial(reaches_code, code=code)
+        reaches = functools.partial(reaches_code, code=code, encoding=encoding)
         bits.append(bits[-1] + bisect.bisect_left(range(bits[-1], one), True, key=reaches))
     return np.array(bits[1:], np.uint32).view(np.float32)
 
 
 @functools.cache
-def encoding_table() -> np.ndarray:
+def encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
     """
     Return what to add to the low bits of a value in each bucket, (65536,) int32.
 
@@ -69,7 +78,7 @@ def encoding_table() -> np.ndarray:
     where the whole bucket has one.
     """
     # Behind infinity, the last value of code 255, the codes begin again at 0.
-    places = np.append(code_thresholds().view(np.int32), np.int32(INFINITY_BITS + 1))
+    places = np.append(code_thresholds(encoding).view(np.int32), np.int32(INFINITY_BITS + 1))
     first = -(-places.astype(np.int64) >> BUCKET_BITS)
     buckets_of_codes = np.diff(first, prepend=0, append=BUCKETS)
     table = np.repeat(np.arange(len(buckets_of_codes)) << BUCKET_BITS, buckets_of_codes)
@@ -79,10 +88,10 @@ def encoding_table() -> np.ndarray:
     return table.astype(np.int32)
 
 
-def code_of(color: NDArray[np.float32]) -> int:
+def code_of(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
     """Return a linear RGBA colour, (4,), as a pixel: what `encode_rows` makes of it."""
     *light, alpha = (value if value > 0.0 else 0.0 for value in color.tolist())
-    red, green, blue = (bisect.bisect_right(code_thresholds(), value) for value in light)
+    red, green, blue = (bisect.bisect_right(code_thresholds(encoding), value) for value in light)
     return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 

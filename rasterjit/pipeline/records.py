@@ -307,6 +307,15 @@ class Surface(NamedTuple):
     """Varnish, fibres, own mirrors | None -> none in view."""
 
 
+class Imitated(NamedTuple):
+    """What pyrender's shader is given of each object."""
+
+    taken: Any
+    """(O, L) uint8: 1 where a light falls on an object."""
+    faces_viewer: Any
+    """(O,) uint8: 1 where normals point to the viewer | None -> nowhere."""
+
+
 NO_LAMPS = np.empty((0, 7), np.float32)
 
 
@@ -327,3 +336,6 @@ class Lighting(NamedTuple):
     lamps: Any = NO_LAMPS
     """(P, 7) float32: all lamps of the scene, whatever they reach, for bounds of lit samples in
     float32, see ``surface.lamps``."""
+    imitated: Imitated | None = None
+    """What else pyrender's shader is given, see ``lighting.pyrender`` | None -> it is not
+    imitated."""

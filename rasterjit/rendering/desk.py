@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import fill
-from rasterjit.pipeline import encode
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
@@ -378,7 +377,7 @@ class Desk:
         if plan.layers is not None:
             finder = bands.at_samples(finder, plan.layers.samples)
         shading = Shading(
-            finder.geometry, placement, surface, lighting, effects, encode.encoding_table(),
+            finder.geometry, placement, surface, lighting, effects, plan.facts.encoding,
             plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)

@@ -126,7 +126,7 @@ def add_layering(
         deepest = np.zeros(3, np.int64)
         found = calls.bound(
             fragments.find_layers, rows, lists.starts, middles, points, viewport, shifts, opaque,
-            layers, used, deepest, *drawer[:3], alone,
+            points[0], layers, used, deepest, *drawer[:3], alone,
         )  # fmt: skip
         calls.call(found)
         calls.limit(deepest.ctypes.data, MOST_LAYERS)

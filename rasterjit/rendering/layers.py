@@ -28,7 +28,14 @@ from rasterjit.pipeline.fragments.bands import (
     part_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.records import AlphaTests, Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.records import (
+    AlphaTests,
+    Geometry,
+    Imitated,
+    Lighting,
+    Placement,
+    Surface,
+)
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Kept, Memory, Workers
@@ -60,15 +67,17 @@ class Shader(NamedTuple):
     """The objects that have holes."""
     has_codes: bool = False
     """Whether colours become codes before they are mixed; else light is mixed."""
+    encoding: encode.Encoding = "srgb"
+    """What codes show."""
     shading: Shading | None = None
     """The stages, made by `ready` when nothing above changes any more."""
 
     def ready(self, kept: Kept | None = None) -> Shader:
         """Return this shader with its stages made, or with those of the picture before."""
         read = self.geometry, self.placement, self.surface, self.lighting, self.effects
-        table, background = encode.encoding_table(), self.background
+        encoding, background = self.encoding, self.background
         if kept is None or not kept.lasts:
-            return self._replace(shading=Shading(*read, table, background))
+            return self._replace(shading=Shading(*read, encoding, background))
         lighting, viewer = self.lighting, self.placement.toward_viewer
         if lighting is not None:
             # Lights lie relative to the eye.
@@ -76,9 +85,10 @@ class Shader(NamedTuple):
                 lights=kept.copied("light rows", lighting.lights),
                 ambient=kept.copied("light from all around", lighting.ambient),
                 lamps=kept.copied("lamps", lighting.lamps),
+                imitated=_kept_imitated(lighting.imitated, kept),
             )
         shading = kept.made(
-            "stages", Shading, *read[:3], lighting, self.effects, table,
+            "stages", Shading, *read[:3], lighting, self.effects, encoding,
             kept.made("color behind", _color_of, background.tobytes()),
             kept.copied("viewer", viewer, np.float32),
         )  # fmt: skip
@@ -139,7 +149,7 @@ class Shader(NamedTuple):
 
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
         """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
-        color[:] = encode.code_of(self.background)
+        color[:] = encode.code_of(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
         self.show_behind(nothing, first_row, _no_linear(color), color)
 
@@ -154,6 +164,17 @@ class Shader(NamedTuple):
         """Write an image of faces, (R, W), and what is seen behind all where no face is."""
         self.shading.shade(faces, first_row, _no_linear(color), color)
         self.show_behind(faces, first_row, _no_linear(color), color)
+
+
+def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
+    """Return what pyrender's shader is given, where that of the picture before lay."""
+    if imitated is None:
+        return None
+    faces_viewer = imitated.faces_viewer
+    if faces_viewer is not None:
+        faces_viewer = kept.copied("facing the viewer", faces_viewer)
+    taken = kept.copied("lights taken", imitated.taken)
+    return kept.made("imitated", Imitated, taken, faces_viewer)
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -240,7 +261,7 @@ def mix_faces(
     if shader.has_codes:
         weights.finish_codes(shares[0], rest, mixed, target.color)
     else:
-        weights.finish_mix(shares[0], rest, mixed, encode.encoding_table(), *target)
+        weights.finish_mix(shares[0], rest, mixed, encode.encoding_table(shader.encoding), *target)
 
 
 def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
@@ -349,7 +370,7 @@ def shade(
             mixed[0].at("mixed", rows, given_rows, shown)
             rows = shown
         if color is not None and not at_once:
-            encode.encode_rows(rows, encode.encoding_table(), packed[first:last])
+            encode.encode_rows(rows, encode.encoding_table(shader.encoding), packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
 

@@ -156,7 +156,7 @@ def add_mixing(
         # Of opaque faces alone, lists end where transparent ones would begin.
         found = calls.bound(
             fragments.find_layers, rows, lists.starts, lists.starts[1:], points, viewport, shifts,
-            opaque, none, used, deepest, *drawer[:3], alone,
+            opaque, points[0], none, used, deepest, *drawer[:3], alone,
         )  # fmt: skip
         calls.call(found)
         for part in parts_of(height, ROWS_MIXED_AT_ONCE):

@@ -42,7 +42,7 @@ from rasterjit.survey.contents import (
 from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.lights import headlight, lighting_of
+from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.precision import rows_of_lamps
@@ -120,6 +120,17 @@ def plan_frame(
     # Ask each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
+    layers = layers_of(
+        facts.transparency,
+        facts.mixes_samples,
+        facts.picture_samples or quality.samples,
+        scene.nodes,
+        quality,
+    )
+    if layers is not None and facts.imitation is not None:
+        # Far beside a face that is seen from its edge there may be no place to look things up.
+        at_centers = not (facts.needs_textures or facts.casts_shadows)
+        layers = layers._replace(in_order=True, at_centers=at_centers)
     plan = RenderPlan(
         size=size,
         camera=camera,
@@ -128,13 +139,7 @@ def plan_frame(
         facts=facts,
         effects=effects,
         lighting=_lighting(camera, facts, effects),
-        layers=layers_of(
-            facts.transparency,
-            facts.mixes_samples,
-            facts.picture_samples or quality.samples,
-            scene.nodes,
-            quality,
-        ),
+        layers=layers,
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
         look=beside,
@@ -201,6 +206,8 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     if facts.has_headlight:
         lights = headlight(camera)
     lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
+    if facts.imitation is not None:
+        return imitated_lighting(lighting, facts.imitation, facts.lights)
     if facts.limits is None or not facts.lamps:
         return lighting
     rows = lighting_of(facts.lamps, camera, 0).lights

@@ -253,6 +253,9 @@ def draw_frame(
         if seen.coverage.covered is None:
             # The statistics look at the faces later.
             shared = None
+        if plan.takes_first_depth:
+            first_depth = workers.memory.empty(seen.coverage.face_id.shape, plan.depth_format.kind)
+            seen = seen._replace(coverage=seen.coverage._replace(first_depth=first_depth))
         context = FrameContext(plan, cache, *seen[2:], workers)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:

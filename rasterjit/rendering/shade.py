@@ -93,7 +93,7 @@ def shade_faces(
         surface = surface._replace(points=coverage.points.read)
     shader = layers.Shader(
         geometry, placement, surface, plan.lighting, plan.background, effects,
-        find_alpha_tests(plan, cache),
+        find_alpha_tests(plan, cache), encoding=plan.facts.encoding,
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.
     if plan.layers is not None:
@@ -278,7 +278,7 @@ def shade_nothing(
     if linear is not None:
         linear[0] = shader.background
     if color is not None:
-        color.view(np.uint32)[0] = code_of(shader.background)
+        color.view(np.uint32)[0] = code_of(shader.background, shader.encoding)
     # All rows are alike.
     for picture in pictures:
         picture[1:] = picture[0]

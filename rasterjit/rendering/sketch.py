@@ -116,7 +116,8 @@ def _output_steps(
 
 def _geometry(plan: RenderPlan) -> Geometry:
     """Return a geometry of no faces, with samples at the centres of pixels or beside them."""
-    is_beside = plan.layers is not None and plan.layers.samples != 1
+    layers = plan.layers
+    is_beside = layers is not None and layers.samples != 1 and not layers.at_centers
     viewport = Viewport(0, 0, 0.0, 0.0, 0, 0, reach=int(is_beside))
     w = np.empty(0 if plan.is_affine else 1)
     none = np.empty((0, 3), np.int32)

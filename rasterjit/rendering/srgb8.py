@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.fragments import bands, compositing, encoded
+from rasterjit.pipeline.fragments import bands, compositing, drawing_order, encoded
 from rasterjit.pipeline.fragments.bands import MOST_BYTES, Band, Lists
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Coverage
@@ -90,6 +90,8 @@ def code_rows(
     for band in bands.find_layers(rows, lists, samples, shader, memory, plan.most):
         start = band.first_row - rows[0]
         part = slice(start, start + band.opaque.shape[1])
+        if plan.in_order and band.transparent.shape[1] > 1:
+            drawing_order.keep_drawn(band.transparent)
         if samples == 1:
             lay_layers(band, shader, color[part], memory)
         elif band.transparent.shape[1] == 0:
@@ -107,6 +109,8 @@ def kernels_of(plan: RenderPlan) -> Rows:
         names = ["encoded.hide_behind", "encoded.lay_codes"]
         if has_samples:
             names = ["compositing.list_faces", "encoded.mix_codes"]
+        if plan.layers.in_order:
+            names = ["drawing_order.keep_drawn", *names]
     rows += [(name, "", layers.SEVERAL) for name in names]
     if "linear" in plan.outputs:
         rows.append(("encoded.decode_rows", "", ""))
@@ -131,7 +135,11 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted, and all are seen.
     """
-    shader = bands.at_samples(shader, plan.samples)._replace(has_codes=True).ready()
+    shader = shader._replace(has_codes=True)
+    if plan.at_centers:
+        shader = bands.at_samples(shader.ready(), plan.samples)
+    else:
+        shader = bands.at_samples(shader, plan.samples).ready()
     viewport = shader.geometry.viewport
     lists = bands.part_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.encode import code_of
+from rasterjit.pipeline.encode import Encoding, code_of, encoding_table
 from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
@@ -75,8 +75,13 @@ def surface_steps(
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
     if lighting is not None and surface.limits is not None and not surface.mixes_precision:
-        return planar_steps(geometry, placement, surface, lighting.lamps, effects)
+        return planar_steps(geometry, placement, surface, lighting, effects)
     is_mixed = lighting is not None and surface.limits is not None
+    # What they are multiplied by comes last: until then they stand alone.
+    are_apart = shows_colors_apart(surface, lighting)
+    own_materials = surface.materials
+    if are_apart:
+        surface = surface._replace(materials=whitened(surface.materials))
     materials = surface.materials
     steps = []
     own = surface.textures
@@ -109,6 +114,8 @@ def surface_steps(
         steps += [
             *place_steps(placement, surface), Step(float32_planes.take_back_sure, ()),
         ]  # fmt: skip
+    if are_apart:
+        steps += set_colors_apart(own_materials)
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
     if surface.lit_vertices is not None:
         lit = surface.lit_vertices, materials, rows.RED
@@ -125,7 +132,8 @@ def surface_steps(
         steps += [*field_steps(surface.fields, geometry), multiply_step(surface)]
     has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
     if has_textures:
-        steps += texture_steps(surface)
+        is_imitated = lighting is not None and lighting.imitated is not None
+        steps += texture_steps(surface, decoding_steps() if is_imitated else ())
     if surface.alphas is not None:
         steps.append(alpha_step(surface, has_textures))
         if surface.fields is not None:
@@ -206,11 +214,14 @@ def float32_steps(
 
 
 def planar_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, lamps: NDArray[np.float32],
+    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting,
     effects: Sequence[Active],
 ) -> list[Step]:  # fmt: skip
     """Return the stages that find what surfaces are like where all take float32."""
-    materials = surface.materials
+    lamps, materials = lighting.lamps, surface.materials
+    are_apart = shows_colors_apart(surface, lighting)
+    if are_apart:
+        surface = surface._replace(materials=whitened(materials))
     steps = float32_steps(geometry, placement, surface, lamps, effects)
     if len(lamps):
         if not (geometry.viewport.reach != 0 or reads_weights(surface, effects)):
@@ -222,6 +233,8 @@ def planar_steps(
             Step(attributes.find_smooth_normals, turned),
             Step(float32_planes.take_back_sure, ()),
         ]
+    if are_apart:
+        steps += set_colors_apart(materials)
     if surface.face_colors is not None:
         steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
     if surface.alphas is not None:
@@ -231,6 +244,37 @@ def planar_steps(
         facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
     return steps
+
+
+def without_sides(placement: Placement, surface: Surface) -> Placement:
+    """Return a placement of which no face's back is seen: its normals are left as they are."""
+    placement = placement._replace(front_turns=np.zeros_like(placement.front_turns))
+    if surface.maps is not None and surface.maps.counts[textures.NORMAL]:
+        # Which way round a normal map lies is read there.
+        return placement
+    return placement._replace(mirrored=np.zeros_like(placement.mirrored))
+
+
+def shows_colors_apart(surface: Surface, lighting: Lighting | None) -> bool:
+    """Return whether colours of vertices multiply what is seen, not what light falls on."""
+    is_imitated = lighting is not None and lighting.imitated is not None
+    return is_imitated and surface.vertex_colors is not None
+
+
+def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return materials with white base colours."""
+    white = materials.copy()
+    white[:, :3] = 1.0
+    return white
+
+
+def set_colors_apart(materials: NDArray[np.float32]) -> list[Step]:
+    """Return the stages that put colours of vertices aside, and base colours in their place."""
+    from rasterjit.pipeline.lighting import pyrender
+    from rasterjit.pipeline.surface import layers as moves
+
+    aside = Step(moves.copy_rows, (rows.RED, pyrender.COLOR_RED, 3))
+    return [aside, Step(attributes.tint_samples, (materials,))]
 
 
 def alpha_step(surface: Surface, has_textures: bool) -> Step:
@@ -283,10 +327,17 @@ def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
     return steps
 
 
-def texture_steps(surface: Surface) -> list[Step]:
-    """Return the stages that multiply base colours by what textures show."""
+def texture_steps(surface: Surface, decoding: Sequence[Step]) -> list[Step]:
+    """Return the stages that multiply base colours by what textures show, when that is decoded."""
     read = textures.BASE_COLOR, surface.textures
-    return [Step(texture_lookup.read_textures, read), multiply_step(surface)]
+    return [Step(texture_lookup.read_textures, read), *decoding, multiply_step(surface)]
+
+
+def decoding_steps() -> list[Step]:
+    """Return the stage that decodes what textures show as codes."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    return [Step(pyrender.decode_textures, ())]
 
 
 def multiply_step(surface: Surface) -> Step:
@@ -406,8 +457,9 @@ def layer_steps(surface: Surface, geometry: Geometry, placement: Placement) -> l
 
 
 def emission_steps(
-    surface: Surface, shown: int, geometry: Geometry, placement: Placement
-) -> list[Step]:
+    surface: Surface, shown: int, geometry: Geometry, placement: Placement,
+    decoding: Sequence[Step] = (),
+) -> list[Step]:  # fmt: skip
     """Return the stages that add what surfaces send out to three rows from ``shown`` on."""
     laid, own = surface.maps, surface.textures
     if laid is None:
@@ -415,13 +467,15 @@ def emission_steps(
     steps = [Step(maps.find_emission, (laid.factors,))]
     if own is not None and laid.counts[textures.EMISSIVE]:
         steps += read_steps(textures.EMISSIVE, own, laid, geometry, placement)
-        steps.append(Step(maps.scale_emission_by_maps, ()))
+        steps += [*decoding, Step(maps.scale_emission_by_maps, ())]
     return [*steps, Step(maps.show_emission, (shown,))]
 
 
 def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> list[Step]:
     """Return the stages that turn base colours into seen colours."""
     lighting, viewer = look.lighting, look.viewer
+    if lighting.imitated is not None:
+        return imitating_steps(look, effects, geometry)
     steps = through_steps(look.surface, geometry, look.placement)
     steps += effect_steps(effects, "rows", look)
     steps.append(Step(lights.show_ambient, (lighting.ambient,)))
@@ -439,6 +493,30 @@ def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> li
         steps += layered.finishing_steps(layers, viewer, look.surface.through)
     steps += seen_steps(effects, rows.OUT_RED)
     return steps + covering_steps(look, effects)
+
+
+def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> list[Step]:
+    """Return the stages that turn base colours into seen colours as pyrender's shader does."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    lighting, surface = look.lighting, look.surface
+    steps = []
+    if lighting.imitated.faces_viewer is not None:
+        turned = lighting.imitated.faces_viewer, look.viewer
+        steps.append(Step(pyrender.face_viewer, turned))
+    steps += effect_steps(effects, "rows", look)
+    steps += [
+        Step(pyrender.show_ambient_on_base, (lighting.ambient,)),
+        Step(lights.normalize_normals, ()),
+        *steps_of_lights(look, effects),
+    ]
+    if surface.maps is not None and surface.maps.counts[textures.OCCLUSION]:
+        steps.append(Step(pyrender.dim_by_occlusion, ()))
+    emitted = surface, rows.OUT_RED, geometry, look.placement
+    steps += emission_steps(*emitted, decoding_steps())
+    if surface.vertex_colors is not None:
+        steps.append(Step(pyrender.multiply_by_vertex_colors, ()))
+    return steps + seen_steps(effects, rows.OUT_RED) + effect_steps(effects, "sample", look)
 
 
 def covering_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
@@ -496,6 +574,12 @@ def add_steps(look: Look, first: int, end: int) -> list[Step]:
     """Return the stages that add lights ``first`` to ``end``; none if these are none."""
     if first == end:
         return []
+    lighting = look.lighting
+    if lighting.imitated is not None:
+        from rasterjit.pipeline.lighting import pyrender
+
+        own = lighting.lights, first, end, lighting.imitated.taken, look.viewer
+        return [Step(pyrender.add_lights_as_pyrender, own)]
     if look.surface.layers is not None:
         return [step for n in range(first, end) for step in layered_light_steps(look, n)]
     return [*shiny_steps(look, first, end), *facet_steps(look, first, end)]
@@ -535,7 +619,10 @@ def shading_steps(
     viewer: NDArray[np.float32] | None = None,
 ) -> tuple[list[Step], int]:
     """Return the stages from listed samples to their colours, and the first row of these."""
-    steps = surface_steps(geometry, placement, surface, lighting, effects)
+    seen = placement
+    if lighting is not None and lighting.imitated is not None:
+        seen = without_sides(placement, surface)
+    steps = surface_steps(geometry, seen, surface, lighting, effects)
     if lighting is None:
         return steps + seen_steps(effects, rows.RED), rows.RED
     look = Look(placement, surface, lighting, viewer_of(placement, viewer))
@@ -663,8 +750,8 @@ class Shading:
     geometry, placement, surface, lighting : records
         ``lighting`` None: every object shows its own colour.
     effects : sequence of Active
-    table : (65536,) int32
-        `encode.encoding_table`.
+    encoding : str
+        What codes show: see ``encode.Encoding``.
     background : (4,) float32, linear
         What `shade` paints where no face is.
     viewer : (4,) float32, optional
@@ -678,15 +765,19 @@ class Shading:
         surface: Surface,
         lighting: Lighting | None,
         effects: Sequence[Active],
-        table: NDArray[np.int32],
+        encoding: Encoding,
         background: NDArray[np.float32],
         viewer: NDArray[np.float32] | None = None,
     ) -> None:
         steps, self._shown = shading_steps(geometry, placement, surface, lighting, effects, viewer)
         self._stages = StageList(steps)
         self._faces, self._face_starts = geometry.faces, placement.face_starts
-        self._surface, self._effects, self._table = surface, tuple(effects), table
-        self._painted = background, code_of(background)
+        self._surface, self._effects, self._table = (
+            surface,
+            tuple(effects),
+            encoding_table(encoding),
+        )
+        self._painted = background, code_of(background, encoding)
         self._spare: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
 
     def shade(

@@ -102,6 +102,8 @@ class Lines(Mesh):
     """
 
     primitive: ClassVar[Primitive] = "lines"
+    depth_place: ClassVar[tuple[float, float]] = (0.0, 0.0)
+    """Where depths are taken from: how far to the right of each sample and below it, pixels."""
     _INSTEAD = "make other Lines"
     _PLACES = "points", "point"
     _PLAIN = Material("unlit", base_color=INK)

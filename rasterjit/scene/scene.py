@@ -20,6 +20,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
@@ -128,6 +129,8 @@ class Scene(Guarded, Previewed):
         self._removed = 0
         # Nodes that carry a label, in the order in which they came.
         self._labelled: dict[Node, None] = {}
+        # What another program's shader would do, for who asks for it.
+        self._imitation: Imitation | None = None
         # Names of variants that a file has, and the one that is shown.
         self._variants: tuple[str, ...] = ()
         self._variant: str | None = None

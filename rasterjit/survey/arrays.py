@@ -158,7 +158,8 @@ def _join_primitives(
     for number, mesh in enumerate(meshes):
         rule: LineRule | PointRule
         if isinstance(mesh, Lines):
-            sizes, rule = mesh.widths, LineRule(mesh.links, mesh.dashes, mesh.caps == "round")
+            sizes = mesh.widths
+            rule = LineRule(mesh.links, mesh.dashes, mesh.caps == "round", mesh.depth_place)
         elif isinstance(mesh, Points):
             sizes, rule = mesh.sizes, PointRule(mesh.shape)
         else:

@@ -25,6 +25,11 @@ class Layers(NamedTuple):
     """Transparent surfaces seen at a sample, the nearest ones; ``None`` -> all."""
     mixes_codes: bool = False
     """Whether colours are mixed as 8-bit sRGB codes, not as light."""
+    in_order: bool = False
+    """Whether a face is seen through another only if it was drawn before, as OpenGL has it."""
+    at_centers: bool = False
+    """Whether faces are shaded at the pixel's centre though that lies beside them, as OpenGL does
+    it."""
 
 
 class Transparency(NamedTuple):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.surface.lamps import LIMITS
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
@@ -208,6 +209,12 @@ class Inventory:
             # Lights that change have changed for good.
             self._limits = {key: np.ascontiguousarray(own[self._numbers])}
         return self._limits[key]
+
+    @cached_property
+    def free_limits(self) -> NDArray[np.float32]:
+        """The same, where errors of float32 are of no account: all that is plain takes it."""
+        bounds = np.array([-1.0 if gloss is None else 0.0 for gloss in self._glosses], np.float32)
+        return np.repeat(bounds[self._numbers, np.newaxis], LIMITS, axis=1)
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:

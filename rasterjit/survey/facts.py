@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.encode import Encoding
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight, Light
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
@@ -79,6 +81,13 @@ class Facts:
     """The sum of all light from directions."""
     lamps: tuple[Light, ...]
     """The lights of the scene that have a place, whatever they reach."""
+    imitation: Imitation | None = None
+    """As which other program's shader the scene is lit and shown; ``None`` -> as none."""
+
+    @property
+    def encoding(self) -> Encoding:
+        """What codes of colours show."""
+        return "srgb" if self.imitation is None else self.imitation.encoding
 
     @cached_property
     def wireframe(self) -> Wireframe | None:
@@ -203,6 +212,9 @@ class Facts:
     @cached_property
     def own_limits(self) -> NDArray[np.float32]:
         """What bounds errors of each object in float32, (O, 9); -1 where it takes float64."""
+        if self.imitation is not None:
+            # The other program knows nothing but float32.
+            return self.inventory.free_limits
         return self.inventory.limits(self.brightness, bool(self.lamps))
 
     @cached_property
@@ -390,6 +402,8 @@ def look(
     asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
     brightness = brightness_of(scene.lights) if scene.lights else HEADLIGHT_INTENSITY
     lamps = lamps_among(scene.lights)
+    if scene._imitation is not None:
+        brightness, lamps = 0.0, ()
     picture = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
@@ -402,6 +416,7 @@ def look(
         and last.has_lights == bool(scene.lights)
         and last.brightness == brightness
         and last.lamps == lamps
+        and _are_same(last.imitation, scene._imitation)
         and last.has_background == (background is not None)
         and last.in_view.tobytes() == in_view.tobytes()
     ):
@@ -429,6 +444,7 @@ def look(
             },
             brightness=brightness,
             lamps=lamps,
+            imitation=scene._imitation,
         )
     transparency = facts.transparency
     if facts is not last or facts.contents.blended > 0:
@@ -451,6 +467,11 @@ def look(
     if is_same and (lights is facts.lights or lights == facts.lights):
         return facts
     return replace(facts, transparency=transparency, lights=lights)
+
+
+def _are_same(one: Imitation | None, other: Imitation | None) -> bool:
+    """Tell whether the same is imitated, or nothing each time."""
+    return one is other or (one is not None and one.same(other))
 
 
 def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
-from rasterjit.pipeline.records import Lighting
+from rasterjit.pipeline.records import Imitated, Lighting
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import (
     MOST_TEXELS,
     AmbientLight,
@@ -422,6 +423,22 @@ def lighting_of(
         np.array(ambient, np.float32),
         np.int64(highlights) if highlights else None,
         renormalizes=renormalizes,
+    )
+
+
+def imitated_lighting(lighting: Lighting, imitation: Imitation, planned: PlannedLights) -> Lighting:
+    """Return lights as rows with the brightness that they have in another program's shader."""
+    # Light from all around has no row.
+    numbers = [
+        n
+        for n, light in zip(planned.numbers, planned.lights, strict=True)
+        if not isinstance(light, AmbientLight)
+    ]
+    lighting.lights[:, 4:7] = imitation.radiance[numbers]
+    faces_viewer = imitation.faces_viewer if imitation.faces_viewer.any() else None
+    taken = np.ascontiguousarray(imitation.taken[:, numbers])
+    return lighting._replace(
+        ambient=imitation.ambient, highlights=None, imitated=Imitated(taken, faces_viewer)
     )
 
 

@@ -72,6 +72,8 @@ class Shading(MaterialRow):
         if facts.mixes_precision:
             others = next(reason for is_so, reason in furnished_reasons(facts) if is_so)
             colors += f", others in float64: {others}"
+        if facts.imitation is not None:
+            colors += f"; as pyrender's shader does, in codes of {facts.encoding!r}"
         return f"{shadings}{settings_asked(facts, 'shading')}; {colors}"
 
 

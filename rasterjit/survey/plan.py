@@ -171,6 +171,16 @@ class RenderPlan:
         return "depth" in self.outputs or self.reads_depth or self.facts.diagnose
 
     @cached_property
+    def takes_first_depth(self) -> bool:
+        """Whether the output depth is that of the first of several samples: as in pyrender."""
+        return (
+            self.facts.imitation is not None
+            and self.layers is not None
+            and self.layers.samples not in (1, "area")
+            and "depth" in self.outputs
+        )
+
+    @cached_property
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
         done = {} if self.drawn is None else self.drawn[0]

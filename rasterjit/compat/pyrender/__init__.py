@@ -11,8 +11,7 @@ lights do not. Vectors, matrices, colours and angles (radians) are as there.
 
 What differs: any number of lights counts, not the nearest four of a kind; point lights cast
 shadows, and so do points, which are squares that face the camera; transparent surfaces are sorted
-pixel by pixel; wireframes have one colour; normals are not drawn as lines, nor lines and strips as
-primitives. What cannot be drawn is refused with a ``ValueError``.
+pixel by pixel. What cannot be drawn is refused with a ``ValueError``.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`

@@ -44,14 +44,14 @@ class RenderFlags(IntFlag):
     FLIP_WIREFRAME = 4
     ALL_WIREFRAME = 8
     ALL_SOLID = 16
+    """Taken and without effect, as in pyrender's renderer."""
     SHADOWS_DIRECTIONAL = 32
     SHADOWS_POINT = 64
     SHADOWS_SPOT = 128
     SHADOWS_ALL = 32 | 64 | 128
     VERTEX_NORMALS = 256
-    """Refused."""
+    """Draw normals as lines, in a viewer: in arrays they are not, as in pyrender's."""
     FACE_NORMALS = 512
-    """Refused."""
     SKIP_CULL_FACES = 1024
     """Draw back faces, too."""
     RGBA = 2048
@@ -132,5 +132,5 @@ class ProgramFlags(IntFlag):
     FACE_NORMALS = 4
 
 
-REFUSED = RenderFlags.VERTEX_NORMALS | RenderFlags.FACE_NORMALS
-"""Flags that cannot be honoured."""
+NORMALS = RenderFlags.VERTEX_NORMALS | RenderFlags.FACE_NORMALS
+"""Flags that draw normals as lines."""

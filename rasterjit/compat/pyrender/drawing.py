@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.constants import GLTF, REFUSED, RenderFlags
-from rasterjit.compat.pyrender.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.compat.pyrender import wires
+from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
+from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.io.cameras import view_from_pose
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import MatrixCamera
+from rasterjit.scene.camera import MatrixCamera, mirrors
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
@@ -28,6 +31,22 @@ _SHADOW_FLAGS = {
     SpotLight: RenderFlags.SHADOWS_SPOT,
     PointLight: RenderFlags.SHADOWS_POINT,
 }
+_MOST = {DirectionalLight: 4, SpotLight: 4, PointLight: 4}
+"""Most lights of a kind that fall on an object."""
+_SPARE_TEXTURES = 26
+"""Textures that are left for shadow maps where a fragment shader has 32 and materials 6."""
+_SHAPE_FLAGS = RenderFlags.DEPTH_ONLY | RenderFlags.SEG
+"""Flags with which materials do not count: faces are filled, and culled."""
+
+
+class Seen(NamedTuple):
+    """How a scene is seen."""
+
+    camera: MatrixCamera
+    size: tuple[int, int]
+    """Of the viewport, pixels."""
+    point_size: float
+    """Side of points, pixels."""
 
 
 class Drawing(NamedTuple):
@@ -38,17 +57,16 @@ class Drawing(NamedTuple):
     """The node that each of its objects belongs to."""
     is_blended: bool
     """Whether anything is seen through."""
+    fades: bool
+    """Whether any alpha is below 1, seen through or not."""
 
 
 def check_flags(flags: int) -> RenderFlags:
-    """Return the flags, or raise ``ValueError`` if they cannot be honoured."""
+    """Return the flags, or raise ``ValueError`` if they are none."""
     try:
-        found = RenderFlags(int(flags))
+        return RenderFlags(int(flags))
     except (TypeError, ValueError):
         raise ValueError(f"flags must be RenderFlags, got {flags!r}") from None
-    if found & REFUSED:
-        raise ValueError(f"flags must not hold {found & REFUSED!r}: normals are not drawn as lines")
-    return found
 
 
 def background_codes(scene: Scene) -> NDArray[np.uint8]:
@@ -56,13 +74,26 @@ def background_codes(scene: Scene) -> NDArray[np.uint8]:
     return np.floor(np.clip(scene.bg_color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
+def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
+    """Return what is shown as codes, (4,)."""
+    shown = np.float32(codes) / np.float32(255.0)
+    if not flags & RenderFlags.FLAT:
+        shown[:3] = shown[:3].astype(np.float64) ** 2.2
+    return shown
+
+
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     """Return the main camera for a viewport, or raise ``ValueError`` if there is none."""
     node = scene.main_camera_node
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
-    projection = node.camera.get_projection_matrix(*size)
-    return MatrixCamera(view_from_pose(scene.get_pose(node)), projection)
+    clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
+    view = np.linalg.inv(scene.get_pose(node))
+    view[3] = 0.0, 0.0, 0.0, 1.0
+    if mirrors(view):
+        # The same picture, of axes that are a right hand's.
+        view[0], clip[:, 0] = -view[0], -clip[:, 0]
+    return MatrixCamera(view, clip)
 
 
 def convert(
@@ -71,7 +102,8 @@ def convert(
     *,
     only: set[Node] | None = None,
     shapes_alone: bool = False,
-    points: tuple[MatrixCamera, tuple[int, int], float] | None = None,
+    alphas_alone: bool = False,
+    seen: Seen | None = None,
 ) -> Drawing:
     """
     Return a scene with its lights, in the order in which nodes were added.
@@ -84,12 +116,16 @@ def convert(
         What is drawn; default: all that is visible.
     shapes_alone : bool
         Whether nothing but depth and numbers is asked for: then all is opaque.
-    points : (MatrixCamera, (int, int), float), optional
-        Camera, viewport and size in pixels of points; without it they are left out.
+    alphas_alone : bool
+        Whether alphas are shown as greys, without lights.
+    seen : Seen, optional
+        How it is seen; without it points are left out, and edges of all faces are drawn.
     """
-    is_lit = not flags & RenderFlags.FLAT
-    drawn, owners, wires, is_blended = scenes.Scene(), [], [], False
-    for node in scene._ordered():
+    drawn, owners, is_blended, fades = scenes.Scene(), [], False, False
+    if alphas_alone:
+        flags |= RenderFlags.FLAT
+    faces_viewer: list[bool] = []
+    for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
             continue
@@ -97,30 +133,57 @@ def convert(
         for primitive in mesh.primitives:
             if primitive.is_empty:
                 continue
+            fades = fades or primitive.fades
+            if alphas_alone:
+                primitive = primitive.of_alphas()
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
                 place = transforms.compose(pose, instance)
-                if primitive.mode == GLTF.POINTS:
-                    squares = (
-                        None if points is None else _squares(primitive, place, is_lit, *points)
-                    )
-                    if squares is None:
-                        continue
-                    squares.material = look
-                    drawn.add(squares, name=node.name or "points")
-                else:
-                    drawn.add(primitive.drawn(is_lit, look), place, node.name)
-                    wires.append((_is_wire(primitive, flags), look))
-                owners.append(node)
-    drawn.wireframe = _wireframe(wires)
+                shape, own = _shape(primitive, place, look, flags, seen)
+                if shape is not None:
+                    drawn.add(shape, own, node.name or "points")
+                    owners.append(node)
+                    faces_viewer.append(primitive.normals is None)
     if not shapes_alone:
-        _light(drawn, scene, flags)
-    return Drawing(drawn, owners, is_blended)
+        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
+    return Drawing(drawn, owners, is_blended, fades)
+
+
+def _drawing_order(scene: Scene) -> list[Node]:
+    """Return the nodes that have meshes, those seen through last and from far to near."""
+    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    blended = [node for node in nodes if node.mesh.is_transparent]
+    if not blended or scene.main_camera_node is None:
+        return nodes
+    eye = scene.get_pose(scene.main_camera_node)[:3, 3]
+    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    solid = [node for node in nodes if node not in away]
+    return solid + sorted(blended, key=away.__getitem__, reverse=True)
+
+
+def _shape(
+    primitive: Primitive, place: Float64, look: Material, flags: RenderFlags, seen: Seen | None
+) -> tuple[SceneMesh | None, Float64]:
+    """Return what a primitive is drawn by, None if by nothing, and its pose."""
+    if primitive.mode == GLTF.POINTS:
+        shape = None if seen is None else _squares(primitive, place, seen)
+        if shape is not None:
+            shape.material = look
+        return shape, np.eye(4)
+    if primitive.mode in wires.LINE_MODES:
+        return wires.lines_of(primitive, look), place
+    if _is_wire(primitive, flags):
+        culling = None if seen is None or look.double_sided else seen.camera
+        return wires.edges_of(primitive, place, look, culling), place
+    is_turned = seen is not None and wires.turns(seen.camera, place)
+    return primitive.drawn(not flags & RenderFlags.FLAT, look, is_turned), place
 
 
 def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> Material:
     """Return the look of a primitive."""
+    if flags & _SHAPE_FLAGS:
+        return Material("unlit", double_sided=False)
     is_culled = not flags & RenderFlags.SKIP_CULL_FACES and primitive.mode != GLTF.POINTS
     if shapes_alone:
         return Material("unlit", double_sided=primitive.material.doubleSided or not is_culled)
@@ -134,54 +197,88 @@ def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> M
 
 def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
     """Tell whether a primitive's edges are drawn in place of its faces."""
-    if flags & RenderFlags.ALL_SOLID:
+    if flags & _SHAPE_FLAGS:
         return False
     is_flipped = bool(flags & RenderFlags.FLIP_WIREFRAME)
     return bool(flags & RenderFlags.ALL_WIREFRAME) or primitive.material.wireframe != is_flipped
 
 
-def _wireframe(wires: list[tuple[bool, Material]]) -> scenes.Wireframe | None:
-    """Return how edges are drawn, or raise ``ValueError`` if only some meshes' are."""
-    if not any(is_wire for is_wire, _ in wires):
-        return None
-    if not all(is_wire for is_wire, _ in wires):
-        raise ValueError(
-            "wireframe must be that of all meshes or of none; RenderFlags.ALL_WIREFRAME draws all "
-            "edges, ALL_SOLID all faces"
-        )
-    return scenes.Wireframe(wires[0][1].base_color_over(False), "only")
+def _imitation(
+    drawn: scenes.Scene, owners: list[Node], faces_viewer: list[bool], scene: Scene,
+    flags: RenderFlags,
+) -> Imitation:  # fmt: skip
+    """Add the lights; return how bright they are, what they fall on and what codes show of it."""
+    nodes = [node for node in scene._ordered() if node.light is not None]
+    if flags & RenderFlags.FLAT:
+        nodes = []
+    # What is black by intent is lit, too.
+    drawn.lights.append(AmbientLight())
+    radiance = np.zeros((len(nodes) + 1, 3), np.float32)
+    for n, node in enumerate(nodes, start=1):
+        casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
+        drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
+        radiance[n] = node.light.radiance
+    taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
+    kinds = [next(kind for kind in _MOST if isinstance(node.light, kind)) for node in nodes]
+    most = _most_lights(flags)
+    if any(kinds.count(kind) > most[kind] for kind in _MOST):
+        rows = {node: _nearest(scene, node, nodes, kinds, most) for node in {*owners}}
+        taken[:, 1:] = [rows[node] for node in owners]
+    return Imitation(
+        "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
+        np.float32(scene.ambient_light), taken, np.array(faces_viewer, np.uint8),
+    )  # fmt: skip
 
 
-def _light(drawn: scenes.Scene, scene: Scene, flags: RenderFlags) -> None:
-    """Add the lights; even none at all is light that was chosen."""
-    most = max(1.0, float(scene.ambient_light.max()))
-    drawn.lights.append(AmbientLight((scene.ambient_light / most).tolist(), most))
-    for node in scene._ordered():
-        if node.light is not None:
-            casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
-            drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
+def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
+    """Add lights at their poses to a scene that was converted; they fall on all objects."""
+    before, count = drawn._imitation, len(added)
+    drawn.lights += [light.placed(pose, None) for light, pose in added]
+    radiance = np.array([light.radiance for light, _ in added], np.float32).reshape(-1, 3)
+    taken = np.ones((len(before.taken), count), np.uint8)
+    drawn._imitation = replace(
+        before, radiance=np.concatenate([before.radiance, radiance]),
+        taken=np.hstack([before.taken, taken]),
+    )  # fmt: skip
 
 
-def _squares(
-    primitive: Primitive,
-    place: Float64,
-    is_lit: bool,
-    camera: MatrixCamera,
-    size: tuple[int, int],
-    point_size: float,
-) -> SceneMesh | None:
+def _most_lights(flags: RenderFlags) -> dict[type, int]:
+    """Return how many lights of a kind fall on an object."""
+    most, shaded = dict(_MOST), [kind for kind in _MOST if flags & _SHADOW_FLAGS[kind]]
+    for kind in shaded:
+        most[kind] = _SPARE_TEXTURES // len(shaded)
+    if DirectionalLight in shaded:
+        most[DirectionalLight] += _SPARE_TEXTURES % len(shaded)
+    return most
+
+
+def _nearest(
+    scene: Scene, owner: Node, nodes: list[Node], kinds: list[type], most: dict[type, int]
+) -> NDArray[np.uint8]:
+    """Return 1 for each light that is among the nearest of its kind to a node, else 0."""
+    place = scene.get_pose(owner)[:3, 3]
+    away = [np.linalg.norm(scene.get_pose(node)[:3, 3] - place) for node in nodes]
+    left, taken = dict(most), np.zeros(len(nodes), np.uint8)
+    for n in np.argsort(away, kind="stable"):
+        taken[n] = left[kinds[n]] > 0
+        left[kinds[n]] -= 1
+    return taken
+
+
+def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | None:
     """Return a square of so many pixels that faces the camera at each point in front of it."""
+    camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
     centers = transforms.apply(place, primitive.positions)
     depth = -transforms.apply(view, centers)[:, 2]
     w = depth * -clip[3, 2] + clip[3, 3]
-    seen = w > 0.0
-    if not seen.any():
+    is_seen = w > 0.0
+    if not is_seen.any():
         return None
     right = point_size / size[0] / clip[0, 0] * view[0, :3]
     up = point_size / size[1] / clip[1, 1] * view[1, :3]
     steps = np.stack([-right - up, right - up, right + up, up - right])
-    corners = centers[seen, None] + w[seen, None, None] * steps
+    corners = centers[is_seen, None] + w[is_seen, None, None] * steps
     first = 4 * np.arange(len(corners))[:, None]
     faces = np.concatenate([first + (0, 1, 2), first + (0, 2, 3)], axis=1).reshape(-1, 3)
     if primitive.normals is None:
@@ -191,8 +288,8 @@ def _squares(
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = primitive.normals.T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.colors(is_lit)
+    colors = primitive.colors()
     return SceneMesh(
-        corners.reshape(-1, 3), faces, normals=np.repeat(normals[seen], 4, axis=0),
-        colors=None if colors is None else np.repeat(colors[seen], 4, axis=0),
+        corners.reshape(-1, 3), faces, normals=np.repeat(normals[is_seen], 4, axis=0),
+        colors=None if colors is None else np.repeat(colors[is_seen], 4, axis=0),
     )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,24 +58,20 @@ class Light(abc.ABC):
 
     @abc.abstractmethod
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
 
-    def _look(self, shadow: light.Shadow | None) -> dict[str, Any]:
-        """Return colour, intensity and shadow as RasterJIT's lights take them."""
-        most = max(1.0, float(self.color.max()))
-        return {
-            "color": (self.color / most).tolist(),
-            "intensity": self.intensity * most / math.pi,
-            "shadow": shadow,
-        }
+    @property
+    def radiance(self) -> NDArray[np.float64]:
+        """(3,) float64: colour times intensity."""
+        return self.color * self.intensity
 
 
 class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.DirectionalLight(-pose[:3, 2], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.DirectionalLight(-pose[:3, 2], shadow=shadow)
 
 
 class PointLight(Light):
@@ -104,8 +99,8 @@ class PointLight(Light):
     range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
-        return light.PointLight(pose[:3, 3], **self._look(shadow))
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        return light.PointLight(pose[:3, 3], shadow=shadow)
 
 
 class SpotLight(Light):
@@ -160,13 +155,13 @@ class SpotLight(Light):
         self._outer_angle = _angle("outerConeAngle", value, _WIDEST)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light as RasterJIT has it, at a node's pose."""
+        """Return the light at a node's pose, of brightness 1: see `radiance`."""
         return light.SpotLight(
             pose[:3, 3],
             -pose[:3, 2],
             inner_angle=math.degrees(self.innerConeAngle),
             outer_angle=min(math.degrees(self.outerConeAngle), light.WIDEST_CONE),
-            **self._look(shadow),
+            shadow=shadow,
         )
 
 

@@ -18,7 +18,6 @@ from rasterjit.compat.pyrender.fields import (
 from rasterjit.compat.pyrender.texture import Texture
 from rasterjit.compat.pyrender.utils import format_color_vector, format_texture_source
 from rasterjit.scene import material
-from rasterjit.scene.color import srgb_to_linear
 
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
@@ -120,6 +119,13 @@ class Material:
         least = 1.0 if self.alphaMode == "BLEND" else self.alphaCutoff
         color, picture = self._base()
         return bool(color[3] < least) or (picture is not None and picture.is_transparent(least))
+
+    @property
+    def least_alpha(self) -> float:
+        """The least alpha of its base colour, in 0..1; 0 where a texture has some below 1."""
+        color, picture = self._base()
+        is_seen_through = picture is not None and not picture.is_opaque
+        return 0.0 if is_seen_through else min(max(float(color[3]), 0.0), 1.0)
 
     @property
     def tex_flags(self) -> int:
@@ -236,24 +242,23 @@ class MetallicRoughnessMaterial(Material):
             Of the mesh's colours.
         """
         maps = {
-            "base_color_texture": (self.baseColorTexture, "srgb"),
-            "normal_texture": (self.normalTexture, "linear"),
-            "metallic_roughness_texture": (self.metallicRoughnessTexture, "linear"),
-            "occlusion_texture": (self.occlusionTexture, "linear"),
-            "emissive_texture": (self.emissiveTexture, "srgb"),
+            "base_color_texture": self.baseColorTexture,
+            "normal_texture": self.normalTexture,
+            "metallic_roughness_texture": self.metallicRoughnessTexture,
+            "occlusion_texture": self.occlusionTexture,
+            "emissive_texture": self.emissiveTexture,
         }
+        # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
-            field: texture.drawn(space)
-            for field, (texture, space) in maps.items()
+            field: texture.drawn(are_facets=field == "metallic_roughness_texture")
+            for field, texture in maps.items()
             if texture is not None and has_uv
         }
         picture = textures.get("base_color_texture")
         color = np.clip(np.asarray(self.baseColorFactor, np.float64), 0.0, 1.0)
-        if not is_lit:
-            color = as_shown(color[None])[0]
-        mode = self.alphaMode.lower()
+        mode = "blend" if self.alphaMode == "BLEND" else "opaque"
         is_opaque = color[3] * least_alpha >= 1.0 and (picture is None or picture.is_opaque)
-        if mode == "opaque" or (mode == "blend" and is_opaque):
+        if mode == "opaque" or is_opaque:
             # What hides all behind it needs no layers.
             mode, color[3] = "opaque", 1.0
         return material.Material(
@@ -261,9 +266,9 @@ class MetallicRoughnessMaterial(Material):
             color.tolist(),
             metallic=self.metallicFactor,
             roughness=self.roughnessFactor,
-            emissive=np.asarray(self.emissiveFactor, np.float64).tolist(),
+            # The factor counts twice, as in pyrender's shader.
+            emissive=np.square(np.asarray(self.emissiveFactor, np.float64)).tolist(),
             alpha_mode=mode,
-            alpha_cutoff=self.alphaCutoff,
             double_sided=self.doubleSided or not is_culled,
             **textures,
         )
@@ -353,11 +358,3 @@ class SpecularGlossinessMaterial(Material):
         return alike.drawn(
             has_uv=has_uv, is_lit=is_lit, is_culled=is_culled, least_alpha=least_alpha
         )
-
-
-def as_shown(colors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the linear light, (N, 4), that looks like colours that are shown as they are."""
-    light = colors.copy()
-    codes = np.floor(np.clip(colors[:, :3], 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-    light[:, :3] = srgb_to_linear(codes)
-    return light

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.constants import RenderFlags
+from rasterjit.compat.pyrender.constants import NORMALS, RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
+    Seen,
     background_codes,
+    background_light,
     camera_of,
     check_flags,
     convert,
@@ -22,8 +24,10 @@ from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import TABLE
+from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS, STEPS
 from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
 
 if TYPE_CHECKING:
@@ -33,6 +37,27 @@ EXTRA_OUTPUTS = (
     "normal", "normal_camera", "geometric_normal", "position", "position_camera", "distance",
 )  # fmt: skip
 """What `OffscreenRenderer.render` can return beside colour and depth."""
+
+_PICTURE = Quality(samples=4, blending="srgb8", subpixel_bits=12)
+"""How colour is drawn: the mean of four samples' codes."""
+
+_SHAPES = Quality(subpixel_bits=12)
+"""How depth and numbers are drawn: at one place of each pixel. Mesa rounds vertices to 1/256 of a
+pixel, but finds depths by what was not rounded."""
+
+_X, _Y = SAMPLE_POSITIONS[4][0]
+_FIRST_SAMPLE = _X / STEPS, -_Y / STEPS
+"""Where the first sample lies, from the centre of a pixel to the right and down: its depth is the
+pixel's."""
+
+_AS_IS = (0.0, 1.0), (1.0, 0.0)
+"""`Depths` that are told as they are."""
+
+_SAME = 1e-9
+"""Share by which factors may differ that are the same but for rounding."""
+
+_NOTHING = np.float32(np.inf).view(np.uint32)
+"""Depth where nothing is, as bits."""
 
 
 class OffscreenRenderer:
@@ -55,7 +80,7 @@ class OffscreenRenderer:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
         self._platform = Platform(self.viewport_width, self.viewport_height)
-        self._engine: Engine | None = None
+        self._engines: dict[Quality, Engine] = {}
 
     viewport_width = Field(int, "int: width of the picture, pixels.")
     viewport_height = Field(int, "int: height of the picture, pixels.")
@@ -99,9 +124,9 @@ class OffscreenRenderer:
         depth : (H, W) float32, scene units
             Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
-            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
-            surface at the middle of each pixel. Where nothing is, normals are 0, positions NaN and
-            distances infinite.
+            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the surface that
+            the depth is of; where edges are drawn, of the faces. Where nothing is, normals are 0,
+            positions NaN and distances infinite.
 
         Raises
         ------
@@ -110,94 +135,122 @@ class OffscreenRenderer:
         """
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
-        wanted = check_flags(flags)
+        # Offscreen pyrender draws normals too late for its picture.
+        wanted = check_flags(flags) & ~NORMALS
         extra = _names(outputs)
         size = image_size(
             "viewport_width, viewport_height", (self.viewport_width, self.viewport_height)
         )
-        camera = camera_of(scene, size)
-        points = camera, size, positive_number("point_size", self.point_size)
+        seen = Seen(camera_of(scene, size), size, positive_number("point_size", self.point_size))
+        depths = Depths.of(seen.camera, scene)
         if wanted & RenderFlags.SEG:
-            found = self._segmented(scene, camera, wanted, dict(seg_node_map or {}), points)
+            found = self._segmented(scene, seen, wanted, dict(seg_node_map or {}), depths)
         elif wanted & RenderFlags.DEPTH_ONLY:
-            drawing = convert(scene, wanted, shapes_alone=True, points=points)
-            found = None, _depth(self._draw(drawing, camera, ("depth",)), size)
+            drawing = convert(scene, wanted, shapes_alone=True, seen=seen)
+            shapes = self._draw_shapes(drawing, seen, ("depth",), _FIRST_SAMPLE)
+            found = None, depths.read(shapes, size)
         else:
-            found = self._colored(scene, camera, wanted, points)
+            found = self._colored(scene, seen, wanted, depths)
         color, depth = found
         arrays = (depth,) if wanted & RenderFlags.DEPTH_ONLY else (color, depth)
         if extra:
             only = set(seg_node_map or {}) if wanted & RenderFlags.SEG else None
-            arrays += (self._extra(scene, camera, wanted, only, points, extra),)
+            arrays += (self._extra(scene, seen, wanted, only, extra),)
         return arrays if len(arrays) > 1 else depth
 
     def delete(self) -> None:
         """Let threads and memory go; a later render takes them again."""
-        if self._engine is not None:
-            self._engine.close()
-            self._engine = None
+        for engine in self._engines.values():
+            engine.close()
+        self._engines.clear()
 
     def _colored(
-        self, scene: Scene, camera: MatrixCamera, flags: RenderFlags, points: Any
+        self, scene: Scene, seen: Seen, flags: RenderFlags, depths: Depths
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Render colour and depth."""
         codes = background_codes(scene)
-        channels = 4 if flags & RenderFlags.RGBA else 3
-        if channels == 3:
-            codes[3] = 255
-        size = (self.viewport_width, self.viewport_height)
-        drawing = convert(scene, flags, points=points)
-        # What is seen through has a depth in OpenGL's buffer, and none in ours.
-        outputs = ("color",) if drawing.is_blended else ("color", "depth")
-        frame = self._draw(drawing, camera, outputs, codes)
+        has_alpha = bool(flags & RenderFlags.RGBA)
+        drawing = convert(scene, flags, seen=seen)
+        behind = codes.copy()
+        # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
+        behind[3] = 0 if has_alpha and not drawing.fades else 255
+        light = background_light(behind, flags)
+        frame = self._draw(drawing, seen, ("color", "depth"), _PICTURE, light)
         if frame is None:
-            color = np.broadcast_to(codes, (size[1], size[0], 4))
+            channels = 4 if has_alpha else 3
+            color = np.tile(codes[:channels], (seen.size[1], seen.size[0], 1))
+        elif has_alpha and drawing.fades:
+            color = frame.color[::-1].copy()
+            color[..., 3] = self._alphas(scene, seen, flags, codes[3])
+        elif has_alpha:
+            color = _over(frame.color[::-1], codes)
         else:
-            color = frame.color
-        if drawing.is_blended:
-            solid = convert(scene, flags, shapes_alone=True, points=points)
-            frame = self._draw(solid, camera, ("depth",))
-        return np.ascontiguousarray(color[..., :channels]), _depth(frame, size)
+            color = _opaque(frame.color[::-1])
+        return color, depths.read(frame, seen.size)
+
+    def _alphas(
+        self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
+    ) -> NDArray[np.uint8]:
+        """
+        Return the alpha, (H, W), that is left where some is below 1.
+
+        OpenGL mixes alphas as it mixes colours, by themselves: as greys would be mixed.
+        """
+        greys = convert(scene, flags, alphas_alone=True, seen=seen)
+        codes = np.array([behind, behind, behind, 255], np.uint8)
+        light = background_light(codes, RenderFlags.FLAT)
+        frame = self._draw(greys, seen, ("color",), _PICTURE, light)
+        return frame.color[::-1, :, 0]
 
     def _segmented(
         self,
         scene: Scene,
-        camera: MatrixCamera,
+        seen: Seen,
         flags: RenderFlags,
         colors: dict[Node, Any],
-        points: Any,
+        depths: Depths,
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Render the nodes of a map in their colours, and their depth."""
-        size = (self.viewport_width, self.viewport_height)
-        drawing = convert(
-            scene, flags | RenderFlags.ALL_SOLID, only=set(colors), shapes_alone=True,
-            points=points,
-        )  # fmt: skip
-        frame = self._draw(drawing, camera, ("object_id", "depth"))
-        table = np.zeros((len(drawing.owners) + 1, 3), np.uint8)
+        drawing = convert(scene, flags, only=set(colors), shapes_alone=True, seen=seen)
+        # Multisampling is off there, so both are those of the centres of pixels.
+        frame = self._draw_shapes(drawing, seen, ("object_id", "depth"), (0.0, 0.0))
+        table = np.zeros((len(drawing.owners) + 1, 4), np.uint8)
+        table[:, 3] = 255
         for row, node in enumerate(drawing.owners):
-            table[row] = _seg_color(colors[node])
+            table[row, :3] = _seg_color(colors[node])
         if frame is None:
-            return np.zeros((size[1], size[0], 3), np.uint8), _depth(None, size)
-        # Nothing is number -1: the last row, black.
-        return table[frame.object_id], _depth(frame, size)
+            picture = np.tile(table[-1], (seen.size[1], seen.size[0], 1))
+        else:
+            # Nothing is number -1: the last row, black.
+            picture = table.view(np.uint32)[:, 0][frame.object_id[::-1]][..., np.newaxis]
+            picture = picture.view(np.uint8)
+        color = picture if flags & RenderFlags.RGBA else _opaque(picture)
+        return color, depths.read(frame, seen.size)
+
+    def _draw_shapes(
+        self, drawing: Drawing, seen: Seen, outputs: tuple[str, ...], place: tuple[float, float]
+    ) -> Frame | None:
+        """Render what is seen at a place of each pixel, from its centre to the right and down."""
+        camera = seen.camera
+        if place != (0.0, 0.0):
+            camera = _moved(camera, seen.size, place)
+        return self._draw(drawing, seen._replace(camera=camera), outputs, _SHAPES)
 
     def _extra(
         self,
         scene: Scene,
-        camera: MatrixCamera,
+        seen: Seen,
         flags: RenderFlags,
         only: set[Node] | None,
-        points: Any,
         names: tuple[str, ...],
     ) -> dict[str, NDArray[Any]]:
-        """Render what else was asked for."""
-        solid = convert(
-            scene, flags | RenderFlags.ALL_SOLID, only=only, shapes_alone=True, points=points
-        )
-        frame = self._draw(solid, camera, names)
+        """Render what else was asked for, at the place of each pixel that its depth is of."""
+        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
+        solid = flags | RenderFlags.ALL_SOLID
+        drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
+        frame = self._draw_shapes(drawing, seen, names, place)
         if frame is not None:
-            return {name: getattr(frame, name) for name in names}
+            return {name: getattr(frame, name)[::-1].copy() for name in names}
         empty, size = {}, (self.viewport_height, self.viewport_width)
         for name, row in TABLE.items():
             if name in names:
@@ -208,26 +261,118 @@ class OffscreenRenderer:
     def _draw(
         self,
         drawing: Drawing,
-        camera: MatrixCamera,
+        seen: Seen,
         outputs: tuple[str, ...],
+        quality: Quality,
         background: Any = None,
     ) -> Frame | None:
-        """Render, or return None if there is nothing to draw."""
+        """Render upside down, or return None if there is nothing to draw."""
         if not drawing.owners:
             return None
-        size = (self.viewport_width, self.viewport_height)
-        if self._engine is None or self._engine.size != size:
-            self.delete()
-            self._engine = Engine(size)
-        return self._engine.render(drawing.scene, camera, outputs=outputs, background=background)
+        engine = self._engines.get(quality)
+        if engine is None or engine.size != seen.size:
+            if engine is not None:
+                engine.close()
+            engine = self._engines[quality] = Engine(seen.size, quality=quality)
+        camera = _upside_down(seen.camera)
+        return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
-def _depth(frame: Frame | None, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the depth with 0 where nothing is."""
-    if frame is None:
-        return np.zeros((size[1], size[0]), np.float32)
-    depth = frame.depth
-    return np.where(np.isfinite(depth), depth, np.float32(0.0))
+class Depths(NamedTuple):
+    """
+    How depths are told: as pyrender reads them from OpenGL's depth buffer.
+
+    It takes any projection for that of a perspective with the camera's planes. Others, such as
+    parallel ones, get what that makes of their NDC z; see its ``Renderer``.
+    """
+
+    numerator: tuple[float, float]
+    """Constant and factor of our depth d, of what is divided by ..."""
+    denominator: tuple[float, float]
+    """... the same below it."""
+
+    @classmethod
+    def of(cls, camera: MatrixCamera, scene: Scene) -> Depths:
+        """Return how depths of the main camera are told."""
+        planes = scene.main_camera_node.camera
+        near, far = planes.znear, planes.zfar
+        (*z_across, z_scale, z_offset), (*w_across, w_scale, w_offset) = camera.clip_from_view[2:]
+        if any(z_across) or any(w_across):
+            # Not along the viewing axis: told as it is.
+            return cls(*_AS_IS)
+        # NDC z is (a + b d) / (e + g d), of our depth d.
+        if w_scale != 0.0:
+            # Depth is w over its slope.
+            slope = abs(w_scale)
+            a, b = z_offset - z_scale * w_offset / w_scale, z_scale * slope / w_scale
+            e, g = 0.0, slope
+        else:
+            a, b, e, g = z_offset, abs(z_scale), w_offset, 0.0
+        top, total, difference = 2.0 * near, 1.0, 1.0
+        if far is not None:
+            top, total, difference = 2.0 * near * far, far + near, far - near
+        constant, slope = total * e - difference * a, total * g - difference * b
+        reach = near if far is None else far
+        is_same = e == 0.0 and abs(constant - top * g) <= _SAME * constant
+        if is_same and abs(slope) * reach <= _SAME * constant:
+            return cls(*_AS_IS)
+        return cls((top * e, top * g), (constant, slope))
+
+    def read(self, frame: Frame | None, size: tuple[int, int]) -> NDArray[np.float32]:
+        """Return the depth, (H, W) float32, 0 where nothing is, of a frame drawn upside down."""
+        if frame is None:
+            return np.zeros((size[1], size[0]), np.float32)
+        depth = frame.depth[::-1].copy()
+        bits = depth.view(np.uint32)
+        is_seen = bits != _NOTHING
+        if self != _AS_IS:
+            (a, b), (e, g) = self
+            exact = depth.astype(np.float64)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                depth[:] = (a + b * exact) / (e + g * exact)
+        bits *= is_seen
+        return depth
+
+
+def _upside_down(camera: MatrixCamera) -> MatrixCamera:
+    """
+    Return a camera whose first row of pixels is the lowest, as OpenGL's is.
+
+    So the samples of a pixel, and edges through centres, lie where they lie there.
+    """
+    clip = camera.clip_from_view.copy()
+    clip[1] = -clip[1]
+    return MatrixCamera(camera.view_from_world, clip)
+
+
+def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, float]) -> MatrixCamera:
+    """Return a camera that sees at the centres of pixels what lies at another place of them."""
+    clip = camera.clip_from_view.copy()
+    clip[0] -= 2.0 * place[0] / size[0] * clip[3]
+    clip[1] += 2.0 * place[1] / size[1] * clip[3]
+    return MatrixCamera(camera.view_from_world, clip)
+
+
+def _opaque(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return three of four channels, (H, W, 3) uint8: one after the other, four times as fast."""
+    found = np.empty((*color.shape[:2], 3), np.uint8)
+    for channel in range(3):
+        found[..., channel] = color[..., channel]
+    return found
+
+
+def _over(color: NDArray[np.uint8], codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a picture with straight alpha, (H, W, 4) uint8, over a background as samples mix."""
+    found = np.ascontiguousarray(color)
+    alpha = found[..., 3]
+    rows, columns = np.nonzero((alpha != 255) & (alpha != 0))
+    # Where nothing is its colour is there.
+    alpha[alpha == 0] = codes[3]
+    pixels = found[rows, columns].astype(np.float64)
+    share = pixels[:, 3:] / 255.0
+    pixels[:, 3] = 255.0
+    found[rows, columns] = np.floor(share * pixels + (1.0 - share) * codes + 0.5)
+    return found
 
 
 def _names(outputs: str | Sequence[str] | None) -> tuple[str, ...]:

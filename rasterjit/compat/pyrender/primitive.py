@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF, BufFlags
 from rasterjit.compat.pyrender.fields import Field, anything
-from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial, as_shown
+from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
 from rasterjit.scene.mesh import Mesh as SceneMesh
@@ -88,7 +88,8 @@ class Primitive:
         self.targets = targets
         self.poses = poses
 
-    _drawn: dict[bool, SceneMesh]
+    _drawn: dict[Any, Any]
+    # What was made of it, by what it was made for.
     _bounds: Float32 | None
 
     joints_0 = Field(anything, "As it was given: nothing here has skins.")
@@ -318,28 +319,62 @@ class Primitive:
             return np.stack([first, order[1:-1], order[2:]], axis=1)
         return np.zeros((0, 3), np.int64)
 
-    def drawn(self, is_lit: bool, look: SceneMaterial) -> SceneMesh:
-        """Return its triangles as RasterJIT has them; the same as long as the look is the same."""
-        if is_lit not in self._drawn:
-            self._drawn[is_lit] = made = SceneMesh(
-                self.positions, self.faces(), normals=self.normals, uv=self.texcoord_0,
-                colors=self.colors(is_lit), material=look,
+    def drawn(self, is_lit: bool, look: SceneMaterial, is_turned: bool = False) -> SceneMesh:
+        """
+        Return its triangles as RasterJIT has them; the same as long as the look is the same.
+
+        Parameters
+        ----------
+        is_lit : bool
+            Whether light counts.
+        look : Material
+        is_turned : bool
+            Whether faces go the other way round.
+        """
+        key = is_lit, is_turned, look.shading
+        if key not in self._drawn:
+            faces = self.faces()
+            self._drawn[key] = made = SceneMesh(
+                self.positions, faces[:, ::-1] if is_turned else faces, normals=self.normals,
+                uv=self.texcoord_0, colors=self.colors(), material=look,
             )  # fmt: skip
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
-        if self._drawn[is_lit].material != look:
+        if self._drawn[key].material != look:
             # What was drawn before keeps its own.
-            self._drawn[is_lit] = copy.copy(self._drawn[is_lit])
-            self._drawn[is_lit].material = look
-        return self._drawn[is_lit]
+            self._drawn[key] = copy.copy(self._drawn[key])
+            self._drawn[key].material = look
+        return self._drawn[key]
 
-    def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
-        """Return its colours, (V, 4) float64, as linear light; without lights they are codes."""
+    @property
+    def fades(self) -> bool:
+        """Whether its alpha is below 1 anywhere, whatever its material's mode."""
+        return self.least_alpha * self.material.least_alpha < 1.0
+
+    def of_alphas(self) -> Primitive:
+        """Return the same whose colours, without lights, are its alpha in all channels."""
+        color, texture = self.material._base()
+        known = self._drawn.get("alphas")
+        if known is None or known[0] is not texture or not np.array_equal(known[1], color):
+            grey = copy.copy(self)
+            if self.color_0 is not None:
+                grey.color_0 = np.repeat(self.color_0[:, 3:], 4, axis=1)
+            pixels = None if texture is None else texture.of_alphas()
+            known = self._drawn["alphas"] = texture, color.copy(), grey, pixels
+        _, _, grey, pixels = known
+        own = self.material
+        grey.material = MetallicRoughnessMaterial(
+            alphaMode=own.alphaMode, doubleSided=own.doubleSided, wireframe=own.wireframe,
+            baseColorFactor=np.repeat(color[3], 4), baseColorTexture=pixels,
+        )  # fmt: skip
+        return grey
+
+    def colors(self) -> NDArray[np.float64] | None:
+        """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
         if self.color_0 is None:
             return None
-        colors = np.clip(self.color_0.astype(np.float64), 0.0, 1.0)
-        return colors if is_lit else as_shown(colors)
+        return np.clip(self.color_0.astype(np.float64), 0.0, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied and pickled: no copy shares what was drawn."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -83,11 +84,25 @@ class Texture:
                 self._source = format_texture_source(value, self.source_channels)  # type: ignore[arg-type]
             except (TypeError, ValueError) as error:
                 raise type(error)(f"source {error}") from None
-        self._drawn: dict[str, SceneTexture] = {}
+        self._drawn: dict[bool, SceneTexture] = {}
 
     def is_transparent(self, cutoff: float = 1.0) -> bool:
         """Return False: as in pyrender 0.1.45, what a picture's alpha is does not count here."""
         return False
+
+    @property
+    def is_opaque(self) -> bool:
+        """Whether its alpha is 1 everywhere."""
+        return self.drawn().is_opaque
+
+    def of_alphas(self) -> Texture:
+        """Return a texture that is read like it and shows its alpha in all channels."""
+        pixels, grey = np.asarray(self.source), copy.copy(self)
+        has_alpha = pixels.ndim == 3 and pixels.shape[2] == 4
+        alphas = pixels[..., 3] if has_alpha else np.full(pixels.shape[:2], 255, np.uint8)
+        grey.source_channels = "RGBA"
+        grey.source = np.repeat(alphas[..., np.newaxis], 4, axis=2)
+        return grey
 
     def delete(self) -> None:
         """Let go of what was made to draw it."""
@@ -97,25 +112,31 @@ class Texture:
         """Return what is copied and pickled: no copy shares what was drawn."""
         return {**self.__dict__, "_drawn": {}}
 
-    def drawn(self, color_space: str) -> SceneTexture:
+    def drawn(self, *, are_facets: bool = False) -> SceneTexture:
         """
-        Return the texture as RasterJIT has it; made once.
+        Return the texture as RasterJIT has it, its codes as they are; made once.
+
+        Parameters
+        ----------
+        are_facets : bool
+            Whether the first two channels are roughness and metallic: they go where glTF has them.
 
         Raises
         ------
         ValueError
             If it has no source, or its sampler an unknown code.
         """
-        if color_space not in self._drawn:
+        if are_facets not in self._drawn:
             pixels = self.source
             if pixels is None:
                 raise ValueError("source must be a picture where a texture is drawn, got None")
-            if pixels.ndim == 3 and pixels.shape[2] == 2:
-                # Green and blue are where glTF has them in an RGB picture.
-                none = np.zeros_like(pixels[..., :1])
-                is_late = self.source_channels == "GB"
-                pixels = np.dstack([none, pixels] if is_late else [pixels, none])
-            self._drawn[color_space] = SceneTexture(
-                pixels, color_space=color_space, **self.sampler.drawn()
+            if are_facets or (pixels.ndim == 3 and pixels.shape[2] == 2):
+                # OpenGL has 0 where a channel is missing.
+                channels = np.atleast_3d(pixels)
+                none = np.zeros_like(channels[..., :1])
+                rough, metal = channels[..., :1], channels[..., 1:2] if pixels.ndim == 3 else none
+                pixels = np.dstack([none, rough, metal] if are_facets else [rough, metal, none])
+            self._drawn[are_facets] = SceneTexture(
+                pixels, color_space="linear", **self.sampler.drawn()
             )
-        return self._drawn[color_space]
+        return self._drawn[are_facets]

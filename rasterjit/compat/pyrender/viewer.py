@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.camera import PerspectiveCamera
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import background_codes, camera_of, check_flags, convert
+from rasterjit.compat.pyrender.drawing import (
+    add_lights,
+    background_codes,
+    background_light,
+    camera_of,
+    check_flags,
+    convert,
+)
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import transforms
@@ -88,7 +95,8 @@ class Viewer:
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        shown_in = show.show(shown, size=size, background=background_codes(scene))
+        behind = background_light(background_codes(scene), flags_of(options))
+        shown_in = show.show(shown, size=size, background=behind)
         if is_notebook and shown_in is not None:
             from IPython.display import display
 
@@ -98,11 +106,7 @@ class Viewer:
 
 def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
     """Return what the viewer shows: the scene with its camera, and the lights asked for."""
-    flags = RenderFlags.NONE if options.get("cull_faces", True) else RenderFlags.SKIP_CULL_FACES
-    for name, flag in _FLAGS.items():
-        if options.get(name):
-            flags |= flag
-    drawn = convert(scene, check_flags(flags)).scene
+    drawn = convert(scene, flags_of(options)).scene
     if scene.main_camera_node is not None:
         pose = scene.get_pose(scene.main_camera_node)
         drawn.camera = _movable(scene.main_camera_node.camera, pose) or camera_of(scene, size)
@@ -115,11 +119,21 @@ def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any
         added += [transforms.compose(pose, turn) for turn in _raymond_turns()]
     if options.get("use_direct_lighting"):
         added.append(pose)
-    drawn.lights += [DirectionalLight().placed(place, None) for place in added]
+    lights = [(DirectionalLight(), place) for place in added]
     if not scene.light_nodes and not added and not scene.ambient_light.any():
-        # A window that is black helps nobody: RasterJIT's headlight.
-        drawn.lights.clear()
+        # A window that is black helps nobody.
+        lights.append((DirectionalLight(intensity=math.pi), pose))
+    add_lights(drawn, lights)
     return drawn
+
+
+def flags_of(options: Mapping[str, Any]) -> RenderFlags:
+    """Return the flags that the options of a viewer ask for."""
+    flags = RenderFlags.NONE if options.get("cull_faces", True) else RenderFlags.SKIP_CULL_FACES
+    for name, flag in _FLAGS.items():
+        if options.get(name):
+            flags |= flag
+    return check_flags(flags)
 
 
 def _movable(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | None:

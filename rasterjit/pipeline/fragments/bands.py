@@ -82,6 +82,8 @@ class Lists(NamedTuple):
     """What depths are rounded to before they are compared."""
     points: tuple[NDArray[Any], NDArray[np.int32]]
     """Depth and face number, (H, W), of opaque points that are no triangles; (0, 0) without."""
+    first_depth: NDArray[Any]
+    """(H, W), written: the depth of the nearest surface at each first sample; (0, 0) without."""
 
 
 class Band(NamedTuple):
@@ -141,7 +143,8 @@ def part_lists(
     points = no_points(kind)
     if coverage.points is not None and coverage.points.picture is not None:
         points = coverage.points.picture
-    return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points)
+    first_depth = np.empty((0, 0), kind) if coverage.first_depth is None else coverage.first_depth
+    return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points, first_depth)
 
 
 def peeling_kernels(depth_type: Any, has_holes: bool) -> list[tuple[str, str, str]]:
@@ -209,8 +212,8 @@ def find_layers(
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
         fragments.find_layers(
-            rows, lists.starts, lists.middles, lists.points, viewport, shifts, opaque, found, used,
-            deepest, *drawer[:3], alone,
+            rows, lists.starts, lists.middles, lists.points, viewport, shifts, opaque,
+            lists.first_depth[slice(*rows)], found, used, deepest, *drawer[:3], alone,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
         needed = needed if kept is None else min(needed, kept)

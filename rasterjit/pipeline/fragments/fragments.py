@@ -284,11 +284,24 @@ def put_points(points, window, scratch):
                 put(np.uintp(column - left), depth[row, column], face, depths, faces)
 
 
+@helper
+def keep_first(depths, layers, levels, window, first_depth):
+    """Write the depth of the nearest surface of a tile, opaque or transparent, at one sample."""
+    left, top, right, bottom = window
+    for row in range(bottom + 1 - top):
+        copy_row(depths[row, : right + 1 - left], first_depth[row, left : right + 1])
+        if levels == 0 or layers[1].shape[1] == 0:
+            continue
+        for column in range(left, right + 1):
+            if layers[1][0, 0, row, column] >= 0:
+                first_depth[row, column] = layers[0][0, 0, row, column]
+
+
 @kernel
 def find_layers(
     rows: (int64, int64), starts: int64[::1], middles: int64[::1],
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
-    opaque: int32[:, :, ::1],
+    opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
     scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
 ):  # fmt: skip
@@ -310,6 +323,8 @@ def find_layers(
         the sub-pixel grid.
     opaque : (N, R, W) int32
         Written: the nearest opaque face at each sample, -1 where there is none.
+    first_depth : (R, W)
+        Written: the stored depth of the nearest surface at the first sample; (0, 0) if unwanted.
     layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
         Written: the transparent surfaces in front of it, nearest first: stored depth, of the type
         of the scratch memory's, and face number, of as many layers as the samples have; -1 where a
@@ -347,6 +362,8 @@ def find_layers(
                 most = deepest_of(counts, window, most)
             for row in range(rows[1] - rows[0]):
                 copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
+            if sample == 0 and first_depth.shape[0] != 0:
+                keep_first(scratch[0], layers, used[sample, column], window, first_depth)
     # Empty the layers that only other tiles use.
     needed = min(most[0], np.int64(layers[1].shape[1]))
     for sample in range(shifts.shape[0]):

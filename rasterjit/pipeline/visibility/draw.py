@@ -140,6 +140,9 @@ class Coverage(NamedTuple):
     """The points of the picture; ``None`` if no object is of points."""
     covered: int | None = None
     """How many pixels show a face; ``None`` if they were not counted."""
+    first_depth: NDArray[Any] | None = None
+    """(H, W), as ``depth``, at the first of several samples: what the output shows in its place;
+    ``None`` if it does not."""
 
 
 def transform(

@@ -116,11 +116,29 @@ def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
     return column, row, stored_depth(z, w, depth_coefficients), w
 
 
+@helper
+def moved_depths(first, last, way, place, is_perspective):
+    """
+    Return the depths at both ends of a segment that is to show those of another place.
+
+    They go on in a straight line beyond its ends, as far as it is long; those of a perspective, so
+    that they stay above 0, to half of the lower one.
+    """
+    squared = way[0] * way[0] + way[1] * way[1]
+    if squared == 0.0:
+        return first, last
+    share = min(max((place[0] * way[0] + place[1] * way[1]) / squared, -1.0), 1.0)
+    step, floor = share * (last - first), 0.5 * min(first, last)
+    if is_perspective:
+        return max(first + step, floor), max(last + step, floor)
+    return first + step, last + step
+
+
 @kernel
 def place_segments(
     segments: (int64, int64), own: (int64, int32[:, ::1]), clip: float64[:, ::1], codes: uint8[:],
-    sizes: (float64[::1], float64, int64), depth_coefficients: (float64, float64, float64),
-    viewport: Viewport,
+    sizes: (float64[::1], float64, int64), depth_place: (float64, float64),
+    depth_coefficients: (float64, float64, float64), viewport: Viewport,
     placed: (int32[:, ::1], float64[:, ::1], uint8[::1], float64[:, ::1]),
 ):  # fmt: skip
     """
@@ -136,6 +154,8 @@ def place_segments(
     codes : (V,) uint8, outcodes
     sizes : (widths (1,) or (S,) float64, factor, is_world)
         What takes half of the widths to pixels, of world widths at w = 1.
+    depth_place : (float, float)
+        Where depths are taken from: how far to the right of each sample and below it, pixels.
     depth_coefficients : (float, float, float)
     viewport : Viewport
     placed : (ends (S, 4) int32, numbers (S, 4) float64, states (S,) uint8, parts (S or 0, 4))
@@ -175,6 +195,9 @@ def place_segments(
             h0, h1 = half / w0, half / w1
         numbers[s, HALF_A] = min(h0, MOST_HALF) * unit
         numbers[s, HALF_B] = min(h1, MOST_HALF) * unit
+        if depth_place[0] != 0.0 or depth_place[1] != 0.0:
+            way = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
+            d0, d1 = moved_depths(d0, d1, way, depth_place, depth_coefficients[0] > 0.0)
         numbers[s, DEPTH_A], numbers[s, DEPTH_B] = d0, d1
         state = SHOWN
         if first > 0.0:

@@ -47,12 +47,13 @@ def expand(
     per_task = min(count_per_task(count, LEAST_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
     sizes = one.sizes, primitives.factor(one), int(one.is_world)
+    right, down = (step * primitives.pixels for step in rule.depth_place)
     workers.call(
         line_pieces.place_segments,
         [
             (
                 task, (first_face, projected.faces), projected.clip_positions, projected.codes,
-                sizes, projected.depth_coefficients, viewport, placed,
+                sizes, (right, down), projected.depth_coefficients, viewport, placed,
             )
             for task in tasks
         ],

@@ -34,6 +34,8 @@ class LineRule(NamedTuple):
     """(D,): lengths of dash, gap, dash, gap ..., in the unit of the widths; (0,) where solid."""
     is_round: bool
     """Whether ends are; else they are cut off."""
+    depth_place: tuple[float, float] = (0.0, 0.0)
+    """Where its depths are taken from: how far to the right of each sample and below it, pixels."""
 
 
 class PointRule(NamedTuple):

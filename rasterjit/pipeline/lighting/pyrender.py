@@ -1,0 +1,210 @@
+"""
+Light metallic-roughness samples as the fragment shader of pyrender 0.1.45 does.
+
+It is a microfacet model of its own, from which glTF's (``lighting.pbr``) differs, and what the
+pictures of `compat.pyrender` are like. With the cosines between normal n, light l, viewer v and
+their half vector h, each held to a range (n·l and n·v to 0.001..1, n·v by its size, whichever side
+is seen), base colour b, metallic m and roughness r, held to 0.04..1:
+
+- mirrored is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
+  Smith's G, with k = (r + 1)² / 8; the GGX density D of width r²;
+- diffuse is (1 - F) 0.96 (1 - m) b / pi;
+- both times n·l and the light's colour and intensity, over the squared distance of a lamp, times
+  the squared ramp of a cone.
+
+Nothing is black because it faces away: n·l is never below 0.001. Ambient light shows the base
+colour, whatever metallic is. Occlusion dims all that was added up so far, emission is added, and
+colours of vertices multiply the sum.
+
+References
+----------
+.. [1] M. Matl, pyrender 0.1.45: ``shaders/mesh.frag``, for the formulas and constants.
+.. [2] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: where k comes from.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rasterjit.pipeline.lighting import blinn_phong
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.attributes import owner_end
+from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
+from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.runtime.float_math import clamped, power
+from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32, int64, uint8
+
+COLOR_RED = rows.TINT_RED
+"""Rows, three: colours of vertices. They are those of glass, which this model does not know."""
+
+LEAST_COSINE = np.float32(0.001)
+LEAST_ROUGHNESS = np.float32(0.04)
+DIELECTRIC = np.float32(0.04)
+SPARE = np.float32(0.001)
+"""What is added to the denominator of what is mirrored."""
+OVER_PI = np.float32(1.0 / math.pi)
+
+
+@stage
+def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: float32[::1]):
+    """Turn the normals of some objects toward the viewer."""
+    s = block.samples
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if faces_viewer[np.uintp(segment[OWNER])] == 0:
+            continue
+        for n in range(segment[START], segment[STOP]):
+            for axis in range(3):
+                s[rows.NORMAL_X + axis, n] = (
+                    toward_viewer[axis] - toward_viewer[3] * s[rows.POINT_X + axis, n]
+                )
+
+
+@disjoint_helper
+def decode_row(shown):
+    """Decode a row of sRGB's values, 0..1."""
+    for i in range(shown.shape[0]):
+        bright = power((shown[i] + np.float32(0.055)) * np.float32(1.0 / 1.055), np.float32(2.4))
+        dark = shown[i] * np.float32(1.0 / 12.92)
+        shown[i] = bright if shown[i] >= np.float32(0.04045) else dark
+
+
+@stage
+def decode_textures(block: Block, count):
+    """Decode what textures show, which were filtered as codes."""
+    for k in range(3):
+        decode_row(part(block.colors, SHOWN + k, 0, count))
+
+
+@stage
+def show_ambient_on_base(block: Block, count, ambient: float32[::1]):
+    """Write the base colour times ambient light."""
+    s = block.samples
+    for k in range(3):
+        for n in range(count):
+            s[rows.OUT_RED + k, n] = s[rows.RED + k, n] * ambient[k]
+
+
+@helper
+def mirrored_by(n_l, n_v, n_h, roughness):
+    """Return what facets mirror of a light that they mirror all of."""
+    one = np.float32(1.0)
+    k = (roughness + one) * (roughness + one) * np.float32(0.125)
+    seen = n_v * n_l / ((n_v * (one - k) + k) * (n_l * (one - k) + k))
+    alpha = roughness * roughness
+    squared = alpha * alpha
+    spread = n_h * n_h * (squared - one) + one
+    density = squared * OVER_PI / (spread * spread)
+    return seen * density / (np.float32(4.0) * n_l * n_v + SPARE)
+
+
+@disjoint_helper
+def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
+    """
+    Write how a light falls instead of its direction.
+
+    In turn: the cosine between normal and light; what perfect mirrors would mirror; Schlick's share
+    of what is mirrored at grazing angles.
+    """
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(nx.shape[0]):
+        hx, hy, hz = lx[i] + vx[i], ly[i] + vy[i], lz[i] + vz[i]
+        scale = unit_scale(hx, hy, hz)
+        x, y, z = nx[i], ny[i], nz[i]
+        n_l = clamped(x * lx[i] + y * ly[i] + z * lz[i], LEAST_COSINE, one)
+        n_v = clamped(abs(x * vx[i] + y * vy[i] + z * vz[i]), LEAST_COSINE, one)
+        n_h = clamped((x * hx + y * hy + z * hz) * scale, zero, one)
+        v_h = clamped((vx[i] * hx + vy[i] * hy + vz[i] * hz) * scale, zero, one)
+        rest = one - v_h
+        squared = rest * rest
+        lx[i] = n_l
+        ly[i] = mirrored_by(n_l, n_v, n_h, clamped(roughness[i], LEAST_ROUGHNESS, one))
+        lz[i] = squared * squared * rest
+
+
+@helper
+def sent_on(base, metallic, shine, bent):
+    """Return the share of a light that is sent on in one channel."""
+    one = np.float32(1.0)
+    head_on = DIELECTRIC + metallic * (base - DIELECTRIC)
+    mirrored = head_on + (one - head_on) * bent
+    inside = base * (one - DIELECTRIC) * (one - metallic)
+    return (one - mirrored) * inside * OVER_PI + mirrored * shine
+
+
+@disjoint_helper
+def add_light(
+    light, facing, shine, bent, falloff, metallic, reached, red, green, blue, out_red, out_green,
+    out_blue,
+):  # fmt: skip
+    """Add what samples send on of one light, as far as it reaches them."""
+    for i in range(out_red.shape[0]):
+        metal = clamped(metallic[i], np.float32(0.0), np.float32(1.0))
+        arriving = falloff[i] * facing[i] * reached[i]
+        out_red[i] += arriving * light[4] * sent_on(red[i], metal, shine[i], bent[i])
+        out_green[i] += arriving * light[5] * sent_on(green[i], metal, shine[i], bent[i])
+        out_blue[i] += arriving * light[6] * sent_on(blue[i], metal, shine[i], bent[i])
+
+
+@helper
+def parts_of_three(samples, first, s, e):
+    """Return a part of three rows that follow each other."""
+    return (
+        part(samples, first, s, e),
+        part(samples, first + 1, s, e),
+        part(samples, first + 2, s, e),
+    )
+
+
+@stage
+def add_lights_as_pyrender(
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64, taken: uint8[:, ::1],
+    toward_viewer: float32[::1],
+):  # fmt: skip
+    """Add lights ``first`` to ``end`` to the samples of those objects that take them."""
+    samples, single = block.samples, block.single
+    points = three_rows(samples, rows.POINT_X, count)
+    blinn_phong.find_viewer(toward_viewer, *points, *directions_of(single, VIEWER, count))
+    for n in range(first, end):
+        blinn_phong.find_light(lights[n], *points, *directions_of(single, LIGHT, count))
+        find_facing(
+            *three_rows(samples, rows.NORMAL_X, count), part(samples, rows.ROUGHNESS, 0, count),
+            *three_rows(single, VIEWER, count), *three_rows(single, LIGHT, count),
+        )  # fmt: skip
+        k = np.int64(0)
+        while k < block.counts[SEGMENTS]:
+            stop = owner_end(block, k)
+            s, owner = np.int64(block.segments[k, START]), np.uintp(block.segments[k, OWNER])
+            e = np.int64(block.segments[stop - 1, STOP])
+            k = stop
+            if taken[owner, n] != 0:
+                add_light(
+                    lights[n], *parts_of_three(single, LIGHT, s, e),
+                    part(single, LIGHT + 3, s, e), part(samples, rows.METALLIC, s, e),
+                    part(samples, rows.SHADOW, s, e), *parts_of_three(samples, rows.RED, s, e),
+                    *parts_of_three(samples, rows.OUT_RED, s, e),
+                )  # fmt: skip
+
+
+@stage
+def dim_by_occlusion(block: Block, count):
+    """Multiply all that was added up by the share that occlusion lets through."""
+    s = block.samples
+    for k in range(3):
+        for n in range(count):
+            s[rows.OUT_RED + k, n] *= s[rows.OCCLUSION, n]
+
+
+@stage
+def multiply_by_vertex_colors(block: Block, count):
+    """Multiply what is seen by the colours of vertices."""
+    s = block.samples
+    for k in range(3):
+        for n in range(count):
+            s[rows.OUT_RED + k, n] *= s[COLOR_RED + k, n]

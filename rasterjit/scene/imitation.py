@@ -1,0 +1,48 @@
+"""That a scene is lit, and shown, as another program's shader does it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Curve: TypeAlias = Literal["gamma 2.2", "as is"]
+
+
+@dataclass(frozen=True, eq=False)
+class Imitation:
+    """
+    That metallic-roughness objects are lit as the fragment shader of pyrender 0.1.45 lights them.
+
+    ``compat.pyrender`` asks for it; see ``pipeline.lighting.pyrender`` for the formulas. Lights of
+    the scene say where they are, which way they shine and whether they cast shadows; how bright
+    they are stands here, for it may be negative, and is not held to a range.
+    """
+
+    encoding: Curve
+    """How colours become codes: by the power 1 / 2.2, or as they are, where nothing is lit."""
+    radiance: NDArray[np.float32]
+    """(L, 3): colour times intensity of each of the scene's lights."""
+    ambient: NDArray[np.float32]
+    """(3,): what base colours are multiplied by, and shown, whatever shines."""
+    taken: NDArray[np.uint8]
+    """(O, L): 1 for each light that falls on an object, 0 for others."""
+    faces_viewer: NDArray[np.uint8]
+    """(O,): 1 for objects whose normals point to the viewer, for their meshes have none."""
+
+    def same(self, other: Imitation | None) -> bool:
+        """Tell whether another one asks for the same."""
+        return (
+            other is not None
+            and self.encoding == other.encoding
+            and all(
+                a.shape == b.shape and a.tobytes() == b.tobytes()
+                for a, b in zip(self._arrays, other._arrays, strict=True)
+            )
+        )
+
+    @property
+    def _arrays(self) -> tuple[NDArray[np.float32] | NDArray[np.uint8], ...]:
+        return self.radiance, self.ambient, self.taken, self.faces_viewer
