@@ -4,14 +4,13 @@ Run scripts that were written for pyrender: the same classes and arguments, draw
 >>> import rasterjit.compat.pyrender as pyrender
 
 `install` makes ``import pyrender`` mean this package, and ``python -m rasterjit.compat.pyrender
-SCRIPT ARGS...`` runs a program so, unedited. Pictures come from a CPU, without OpenGL, EGL, OSMesa
-or a display; the environment variable ``PYOPENGL_PLATFORM`` is without effect. Light falls on
-materials as it does there: intensities are divided by pi, which glTF's materials do and RasterJIT's
-lights do not. Vectors, matrices, colours and angles (radians) are as there.
+SCRIPT ARGS...`` runs a program so, unedited, with the processes that it starts. Pictures come from
+a CPU, without OpenGL, EGL, OSMesa or a display; the environment variable ``PYOPENGL_PLATFORM`` is
+without effect. Vectors, matrices, colours and angles (radians) are as there, and so are light,
+gamma, alpha and the samples of a pixel.
 
-What differs: any number of lights counts, not the nearest four of a kind; point lights cast
-shadows, and so do points, which are squares that face the camera; transparent surfaces are sorted
-pixel by pixel. What cannot be drawn is refused with a ``ValueError``.
+What differs: point lights may cast shadows, and points do. Attributes take what they take there;
+an error names the attribute, the value and what was expected.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`
