@@ -117,8 +117,18 @@ def kernels_of(plan: RenderPlan) -> Rows:
     return srgb8.kernels_of(plan) if plan.layers.mixes_codes else layers.kernels_of(plan)
 
 
+_AT_EYE = np.array([0.0, 0.0, 0.0, 1.0])
+"""``toward_viewer`` of a perspective, relative to the eye."""
+
+
 def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
-    """Return a placement that keeps the length of normals, if no pixel scales them to one."""
+    """
+    Return a placement that keeps the length of normals, if no pixel scales them to one.
+
+    pyrender sees highlights from the camera's place, whatever its projection.
+    """
+    if plan.facts.imitation is not None:
+        placement = placement._replace(toward_viewer=_AT_EYE)
     if plan.lighting is None or plan.lighting.renormalizes:
         return placement
     return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))

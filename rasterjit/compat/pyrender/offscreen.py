@@ -79,6 +79,7 @@ class OffscreenRenderer:
     def __init__(self, viewport_width: int, viewport_height: int, point_size: float = 1.0) -> None:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
+        self._below: renderer.Renderer | None = None
         self._platform = Platform(self.viewport_width, self.viewport_height)
         self._engines: dict[Quality, Engine] = {}
 
@@ -91,7 +92,9 @@ class OffscreenRenderer:
         """The renderer below it, for programs that reach for pyrender's."""
         from rasterjit.compat.pyrender.renderer import Renderer as Below
 
-        return Below._of(self)
+        if self._below is None:
+            self._below = Below._of(self)
+        return self._below
 
     def render(
         self,
