@@ -13,7 +13,7 @@ from rasterjit.compat.pyrender import wires
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.compat.pyrender.primitive import Primitive
+from rasterjit.compat.pyrender.primitive import Primitive, finite
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
@@ -139,6 +139,8 @@ def convert(
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
+                if not (np.isfinite(instance).all() and np.isfinite(pose).all()):
+                    continue
                 place = transforms.compose(pose, instance)
                 shape, own = _shape(primitive, place, look, flags, seen)
                 if shape is not None:
@@ -286,7 +288,7 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
     else:
         # Normals of a transform are turned by its inverse transpose.
         rows = transforms.normal_matrix(place)[:, :, None]
-        x, y, z = primitive.normals.T
+        x, y, z = finite(primitive.normals).T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
     colors = primitive.colors()
     return SceneMesh(

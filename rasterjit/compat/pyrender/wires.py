@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.primitive import Primitive
+from rasterjit.compat.pyrender.primitive import Primitive, finite
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
@@ -73,10 +73,11 @@ class LitLines(Lines):
         material: Material,
     ) -> None:
         super().__init__(
-            points, segments, colors=colors, width=WIDTH, caps="butt", material=material
-        )
+            points, segments, colors=colors, width=WIDTH, caps="butt", material=material,
+            on_invalid="drop",
+        )  # fmt: skip
         # What lines have none of by themselves, checked as that of faces is.
-        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv)
+        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
         self._normals = self._vertex_normals = own.normals
         self._uv = own.uv
 
@@ -177,8 +178,8 @@ def lines_of(primitive: Primitive, look: Material) -> LitLines | None:
 def _lit_lines(primitive: Primitive, segments: NDArray[np.int64], look: Material) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
-        primitive.positions, segments, normals=primitive.normals, uv=primitive.texcoord_0,
-        colors=primitive.colors(), material=look,
+        primitive.positions, segments, normals=finite(primitive.normals),
+        uv=finite(primitive.texcoord_0), colors=primitive.colors(), material=look,
     )  # fmt: skip
 
 
@@ -201,7 +202,7 @@ def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines
     color = np.floor(np.array(NORMAL_COLOR) * 255.0 + 0.5).astype(np.uint8)
     return Lines(
         np.concatenate([first, last]), np.stack([numbers, numbers + len(first)], axis=1),
-        colors=color, width=WIDTH, caps="butt",
+        colors=color, width=WIDTH, caps="butt", on_invalid="drop",
     )  # fmt: skip
 
 
