@@ -173,7 +173,7 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
     faces_viewer = imitated.faces_viewer
     if faces_viewer is not None:
         faces_viewer = kept.copied("facing the viewer", faces_viewer)
-    taken = kept.copied("lights taken", imitated.taken)
+    taken = kept.copied("who takes what", imitated.taken)
     return kept.made("imitated", Imitated, taken, faces_viewer)
 
 

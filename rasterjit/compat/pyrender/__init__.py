@@ -5,13 +5,15 @@ Run scripts that were written for pyrender: the same classes and arguments, draw
 
 `install` makes ``import pyrender`` mean this package, and ``python -m rasterjit.compat.pyrender
 SCRIPT ARGS...`` runs a program so, unedited. Pictures come from a CPU, without OpenGL, EGL, OSMesa
-or a display; the environment variable ``PYOPENGL_PLATFORM`` is without effect. Light falls on
-materials as it does there: intensities are divided by pi, which glTF's materials do and RasterJIT's
-lights do not. Vectors, matrices, colours and angles (radians) are as there.
+or a display; the environment variable ``PYOPENGL_PLATFORM`` is without effect. Vectors, matrices,
+colours and angles (radians) are as there, and so are pictures: light falls on materials as the
+original's shader has it, of at most four lights of a kind, the nearest; codes are those of its
+gamma of 2.2; faces are drawn in its order, and mixed as OpenGL mixes them. `RenderFlags.FLAT` shows
+colours as they are.
 
-What differs: any number of lights counts, not the nearest four of a kind; point lights cast
-shadows, and so do points, which are squares that face the camera; transparent surfaces are sorted
-pixel by pixel. What cannot be drawn is refused with a ``ValueError``.
+What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
+cast shadows, and so do points, which are squares that face the camera. What cannot be drawn is
+refused with a ``ValueError``.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`
@@ -44,6 +46,7 @@ from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.renderer import Renderer
 from rasterjit.compat.pyrender.sampler import Sampler
 from rasterjit.compat.pyrender.scene import Scene
+from rasterjit.compat.pyrender.shared_names import share as _share
 from rasterjit.compat.pyrender.texture import Texture
 from rasterjit.compat.pyrender.version import __version__
 from rasterjit.compat.pyrender.viewer import Viewer
@@ -73,3 +76,5 @@ __all__ = [
     "Viewer",
     "__version__",
 ]
+
+_share()

@@ -65,24 +65,23 @@ def _lead_children() -> None:
 
 def _run_script(script: str) -> None:
     """Run a file of source code as the main module."""
+    path = os.path.abspath(script)
     try:
-        with io.open_code(os.path.abspath(script)) as file:
+        with io.open_code(path) as file:
             source = file.read()
     except OSError as error:
-        message = (
-            f"can't open file {os.path.abspath(script)!r}: [Errno {error.errno}] {error.strerror}"
-        )
+        message = f"can't open file {path!r}: [Errno {error.errno}] {error.strerror}"
         print(f"{sys.executable}: {message}", file=sys.stderr)
         raise SystemExit(2) from None
     main_module = types.ModuleType("__main__")
     main_module.__dict__.update(
-        __file__=script, __builtins__=__builtins__, __cached__=None, __loader__=None
+        __file__=path, __builtins__=__builtins__, __cached__=None, __loader__=None
     )
     # Classes of the program are found in it when they are pickled.
     sys.modules["__main__"] = main_module
     if not getattr(sys.flags, "safe_path", False):
         sys.path[0] = os.path.dirname(os.path.realpath(script))
-    exec(compile(source, script, "exec"), main_module.__dict__)
+    exec(compile(source, path, "exec"), main_module.__dict__)
 
 
 def _report(run: Callable[[], object]) -> None:

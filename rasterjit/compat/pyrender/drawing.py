@@ -131,6 +131,8 @@ def convert(
             continue
         pose = scene.get_pose(node)
         for primitive in mesh.primitives:
+            if primitive.is_empty:
+                continue
             fades = fades or primitive.fades
             if alphas_alone:
                 primitive = primitive.of_alphas()

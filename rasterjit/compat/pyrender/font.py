@@ -31,3 +31,17 @@ class Font:
 
     def __init__(self, font_file: str, font_pt: int = 40) -> None:
         raise NoOpenGLError("Font")
+
+
+class Character:
+    """
+    A letter's texture, which cannot be made here.
+
+    Raises
+    ------
+    NoOpenGLError
+        Always.
+    """
+
+    def __init__(self, texture: object, size: object, bearing: object, advance: object) -> None:
+        raise NoOpenGLError("Character")

@@ -25,7 +25,7 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import TABLE
 from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS, STEPS
-from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.renderer import Renderer as Engine
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import image_size, in_short, one_of, positive_number
@@ -80,7 +80,7 @@ class OffscreenRenderer:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
         self._platform = Platform(self.viewport_width, self.viewport_height)
-        self._engines: dict[Quality, Renderer] = {}
+        self._engines: dict[Quality, Engine] = {}
 
     viewport_width = Field(int, "int: width of the picture, pixels.")
     viewport_height = Field(int, "int: height of the picture, pixels.")
@@ -125,7 +125,7 @@ class OffscreenRenderer:
             Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
             Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
-            surface at the middle of each pixel. Where nothing is, normals are 0, positions NaN and
+            surface where depth is that of. Where nothing is, normals are 0, positions NaN and
             distances infinite.
 
         Raises
@@ -247,7 +247,8 @@ class OffscreenRenderer:
         """Render what else was asked for."""
         solid = flags | RenderFlags.ALL_SOLID
         drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
-        frame = self._draw_shapes(drawing, seen, names, (0.0, 0.0))
+        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
+        frame = self._draw_shapes(drawing, seen, names, place)
         if frame is not None:
             return {name: getattr(frame, name)[::-1].copy() for name in names}
         empty, size = {}, (self.viewport_height, self.viewport_width)
@@ -272,7 +273,7 @@ class OffscreenRenderer:
         if engine is None or engine.size != seen.size:
             if engine is not None:
                 engine.close()
-            engine = self._engines[quality] = Renderer(seen.size, quality=quality)
+            engine = self._engines[quality] = Engine(seen.size, quality=quality)
         camera = _upside_down(seen.camera)
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 

@@ -288,6 +288,12 @@ class Primitive:
             return 1.0
         return min(max(float(self.color_0[:, 3].min()), 0.0), 1.0)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has nothing to draw: no vertices, or too few for a triangle."""
+        count = len(self.positions) if self.indices is None else self.indices.size
+        return not len(self.positions) or count < (3 if self.mode >= GLTF.TRIANGLES else 1)
+
     def order(self) -> NDArray[np.int64]:
         """Return the vertices in the order of drawing, (M,) int64."""
         if self.indices is None:

@@ -50,8 +50,8 @@ class Scene:
         name: str | None = None,
     ) -> None:
         self.name = name
-        self.bg_color = bg_color
-        self.ambient_light = ambient_light
+        self.bg_color = 1.0 if bg_color is None else bg_color
+        self.ambient_light = 0.0 if ambient_light is None else ambient_light
         self._parents: dict[Node, Node | None] = {}
         self._main_camera_node: Node | None = None
         given = list(nodes or ())
@@ -64,12 +64,12 @@ class Scene:
 
     name = Field(text_or_none, "str or None: the scene's name.")
     bg_color = Field(
-        lambda value: format_color_vector(1.0 if value is None else value, 4),
-        "(4,) float32: background as the picture shows it, and alpha.",
+        lambda value: np.ones(4) if value is None else format_color_vector(value, 4),
+        "(4,) float32: background as the picture shows it, and alpha; None is white.",
     )
     ambient_light = Field(
-        lambda value: format_color_vector(0.0 if value is None else value, 3),
-        "(3,) float32: linear RGB.",
+        lambda value: np.zeros(3) if value is None else format_color_vector(value, 3),
+        "(3,) float32: linear RGB; None is none.",
     )
 
     @property

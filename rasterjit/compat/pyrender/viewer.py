@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.camera import PerspectiveCamera as OurPerspective
+from rasterjit.compat.pyrender.camera import PerspectiveCamera
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     add_lights,
@@ -22,7 +22,7 @@ from rasterjit.compat.pyrender.drawing import (
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.framing import fit_camera
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
@@ -136,14 +136,14 @@ def flags_of(options: Mapping[str, Any]) -> RenderFlags:
     return check_flags(flags)
 
 
-def _movable(camera: Any, pose: NDArray[np.float64]) -> PerspectiveCamera | None:
+def _movable(camera: Any, pose: NDArray[np.float64]) -> MovableCamera | None:
     """Return a camera of the viewport's own shape as one that a hand can move."""
-    if not isinstance(camera, OurPerspective) or camera.aspectRatio is not None:
+    if not isinstance(camera, PerspectiveCamera) or camera.aspectRatio is not None:
         return None
     eye, back, up = pose[:3, 3], pose[:3, 2], pose[:3, 1]
     far = math.inf if camera.zfar is None else camera.zfar
     fov_y = math.degrees(camera.yfov)
-    return PerspectiveCamera(eye, eye - back, up, fov_y=fov_y, near=camera.znear, far=far)
+    return MovableCamera(eye, eye - back, up, fov_y=fov_y, near=camera.znear, far=far)
 
 
 def _raymond_turns() -> list[NDArray[np.float64]]:

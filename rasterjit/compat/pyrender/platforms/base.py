@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rasterjit.compat.pyrender.fields import Field
+
 
 class Platform:
     """
@@ -14,6 +16,9 @@ class Platform:
 
     def __init__(self, viewport_width: int, viewport_height: int) -> None:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
+
+    viewport_width = Field(int, "int: as it was given.")
+    viewport_height = Field(int, "int: as it was given.")
 
     def init_context(self) -> None:
         """Do nothing."""

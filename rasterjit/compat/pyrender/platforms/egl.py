@@ -16,7 +16,12 @@ class EGLDevice:
     """
 
     def __init__(self, display: object = None) -> None:
-        self.name = "CPU"
+        self._display = display
+
+    @property
+    def name(self) -> str:
+        """What draws."""
+        return "CPU"
 
     def __repr__(self) -> str:
         return f"EGLDevice({self.name})"
