@@ -200,8 +200,19 @@ def _lit_lines(
     )  # fmt: skip
 
 
-def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines | None:
-    """Return a primitive's normals as lines, in model space; None without any."""
+def normals_of(
+    primitive: Primitive, of_vertices: bool, of_faces: bool, color: NDArray[np.float32]
+) -> Lines | None:
+    """
+    Return a primitive's normals as lines, in model space; None without any.
+
+    Parameters
+    ----------
+    primitive : Primitive
+    of_vertices, of_faces : bool
+        Of which there are normals. Points have those of vertices.
+    color : (4,) float32, linear
+    """
     if primitive.normals is None:
         return None
     starts, ways = [], []
@@ -213,13 +224,14 @@ def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
         ways.append(_unit(np.cross(b - a, c - a)))
+    if not starts:
+        return None
     first = np.concatenate(starts)
     last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(ways)
     numbers = np.arange(len(first))
-    color = np.floor(np.array(NORMAL_COLOR) * 255.0 + 0.5).astype(np.uint8)
     return Lines(
         np.concatenate([first, last]), np.stack([numbers, numbers + len(first)], axis=1),
-        colors=color, width=WIDTH, caps="butt",
+        colors=np.tile(color, (len(first), 1)), width=WIDTH, caps="butt",
     )  # fmt: skip
 
 
