@@ -9,7 +9,10 @@ a CPU, without OpenGL, EGL, OSMesa or a display; the environment variable ``PYOP
 without effect. Vectors, matrices, colours and angles (radians) are as there, and so are pictures:
 light falls on materials as the original's shader has it, of at most four lights of a kind, the
 nearest; codes are those of its gamma of 2.2; faces are drawn in its order, and mixed as OpenGL
-mixes them. `RenderFlags.FLAT` shows colours as they are.
+mixes them. `RenderFlags.FLAT` shows colours as they are. Colours are means of four samples a
+pixel, depth is that of the first; without several samples, where `RenderFlags.SEG` asks for none,
+lines are a pixel wide across them. Depth of cameras that are no pinholes, as parallel ones, is what
+pyrender makes of it.
 
 What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
 cast shadows, and so do points, which are squares that face the camera. Attributes take

@@ -147,9 +147,25 @@ def convert(
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
+                lines = _normals(primitive, flags)
+                if lines is not None:
+                    drawn.add(lines, place, f"normals of {node.name}")
+                    owners.append(node)
+                    faces_viewer.append(False)
     if not shapes_alone:
         drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
     return Drawing(drawn, owners, is_blended, fades)
+
+
+def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
+    """Return the normals that flags ask for as lines, None without any."""
+    of_vertices, of_faces = (
+        bool(flags & flag) for flag in (RenderFlags.VERTEX_NORMALS, RenderFlags.FACE_NORMALS)
+    )
+    if not (of_vertices or of_faces):
+        return None
+    codes = np.round(np.append(wires.NORMAL_COLOR, 1.0) * 255.0).astype(np.uint8)
+    return wires.normals_of(primitive, of_vertices, of_faces, background_light(codes, flags))
 
 
 def _drawing_order(scene: Scene) -> list[Node]:
@@ -174,7 +190,9 @@ def _shape(
             shape.material = look
         return shape, np.eye(4)
     if primitive.mode in wires.LINE_MODES:
-        return wires.lines_of(primitive, look), place
+        is_sampled = not flags & RenderFlags.SEG
+        depth_place = wires.DEPTH_PLACE if is_sampled else (0.0, 0.0)
+        return wires.lines_of(primitive, look, depth_place), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
         return wires.edges_of(primitive, place, look, culling), place
