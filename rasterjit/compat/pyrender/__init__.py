@@ -11,9 +11,8 @@ original's shader has it, of at most four lights of a kind, the nearest; codes a
 gamma of 2.2; faces are drawn in its order, and mixed as OpenGL mixes them. `RenderFlags.FLAT` shows
 colours as they are.
 
-What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
-cast shadows, and so do points, which are squares that face the camera. What cannot be drawn is
-refused with a ``ValueError``.
+What differs: point lights cast shadows, which they cannot do there. What cannot be drawn is refused
+with a ``ValueError``.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`
