@@ -86,6 +86,7 @@ class OffscreenRenderer:
     def __init__(self, viewport_width: int, viewport_height: int, point_size: float = 1.0) -> None:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
+        self._below: renderer.Renderer | None = None
         self._platform = Platform(self.viewport_width, self.viewport_height)
         self._engines: dict[Quality, Engine] = {}
 
@@ -98,7 +99,9 @@ class OffscreenRenderer:
         """The renderer below it, for programs that reach for pyrender's."""
         from rasterjit.compat.pyrender.renderer import Renderer as Below
 
-        return Below._of(self)
+        if self._below is None:
+            self._below = Below._of(self)
+        return self._below
 
     def render(
         self,
@@ -131,9 +134,9 @@ class OffscreenRenderer:
         depth : (H, W) float32, scene units
             Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
-            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
-            surface where depth is that of. Where nothing is, normals are 0, positions NaN and
-            distances infinite.
+            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the surface that
+            the depth is of; where edges are drawn, of the faces. Where nothing is, normals are 0,
+            positions NaN and distances infinite.
 
         Raises
         ------
@@ -273,10 +276,10 @@ class OffscreenRenderer:
         only: set[Node] | None,
         names: tuple[str, ...],
     ) -> dict[str, NDArray[Any]]:
-        """Render what else was asked for."""
+        """Render what else was asked for, at the place of each pixel that its depth is of."""
+        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
         solid = flags | RenderFlags.ALL_SOLID
         drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
-        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
         frame = self._draw_shapes(drawing, seen, names, place)
         if frame is not None:
             return {name: getattr(frame, name)[::-1].copy() for name in names}
