@@ -189,7 +189,9 @@ def _shape(
             shape.material = look
         return shape, np.eye(4)
     if primitive.mode in wires.LINE_MODES:
-        return wires.lines_of(primitive, look), place
+        is_sampled = not flags & RenderFlags.SEG
+        depth_place = wires.DEPTH_PLACE if is_sampled else (0.0, 0.0)
+        return wires.lines_of(primitive, look, depth_place), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
         return wires.edges_of(primitive, place, look, culling), place

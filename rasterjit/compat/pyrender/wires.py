@@ -8,7 +8,7 @@ a pixel. Of faces that are culled no edges are drawn; an edge between two others
 from __future__ import annotations
 
 import copy
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,8 @@ class LitLines(Lines):
     uv : (V, 2) array_like, optional
     colors : (V, 4) array_like, optional
     material : Material
+    depth_place : (float, float)
+        Where depths are taken from: how far to the right of each sample and below it, pixels.
 
     Raises
     ------
@@ -71,16 +73,16 @@ class LitLines(Lines):
         uv: Any = None,
         colors: Any = None,
         material: Material,
+        depth_place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         super().__init__(
             points, segments, colors=colors, width=WIDTH, caps="butt", material=material
         )
+        self._depth_place = depth_place
         # What lines have none of by themselves, checked as that of faces is.
         own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv)
         self._normals = self._vertex_normals = own.normals
         self._uv = own.uv
-
-    depth_place: ClassVar[tuple[float, float]] = DEPTH_PLACE
 
     @property
     def links(self) -> NDArray[np.int32]:
@@ -116,7 +118,7 @@ class _Edges:
         faces = primitive.faces()
         self._segments, self._of_faces = _edges_between(faces)
         self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
-        self._all = _lit_lines(primitive, self._segments, look)
+        self._all = _lit_lines(primitive, self._segments, look, DEPTH_PLACE)
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
     def all_of_them(self, look: Material) -> LitLines:
@@ -163,22 +165,38 @@ def edges_of(
     return edges.of_front_faces(look, clip_from_model)
 
 
-def lines_of(primitive: Primitive, look: Material) -> LitLines | None:
-    """Return the lines of a primitive of lines, a loop or a strip, in model space; None if none."""
+def lines_of(
+    primitive: Primitive, look: Material, depth_place: tuple[float, float] = DEPTH_PLACE
+) -> LitLines | None:
+    """
+    Return the lines of a primitive of lines, a loop or a strip, in model space; None without any.
+
+    Parameters
+    ----------
+    primitive : Primitive
+    look : Material
+    depth_place : (float, float)
+        Where their depths are taken from; see `LitLines`.
+    """
     segments = _segments_of(primitive)
     if not len(segments):
         return None
-    key = "lines", look.shading
-    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look)
+    key = "lines", look.shading, depth_place
+    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look, depth_place)
     primitive._drawn[key] = known.shown_by(look)
     return primitive._drawn[key]
 
 
-def _lit_lines(primitive: Primitive, segments: NDArray[np.int64], look: Material) -> LitLines:
+def _lit_lines(
+    primitive: Primitive,
+    segments: NDArray[np.int64],
+    look: Material,
+    depth_place: tuple[float, float],
+) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
         primitive.positions, segments, normals=primitive.normals, uv=primitive.texcoord_0,
-        colors=primitive.colors(), material=look,
+        colors=primitive.colors(), material=look, depth_place=depth_place,
     )  # fmt: skip
 
 
