@@ -14,9 +14,8 @@ pixel, depth is that of the first; without several samples, where `RenderFlags.S
 lines are a pixel wide across them. Depth of cameras that are no pinholes, as parallel ones, is what
 pyrender makes of it.
 
-What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
-cast shadows, and so do points, which are squares that face the camera. Attributes take
-what they take there; an error names the attribute, the value and what was expected.
+What differs: point lights cast shadows, which they cannot do there. Attributes take what they take
+there; an error names the attribute, the value and what was expected.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`

@@ -8,17 +8,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.constants import NORMALS, RenderFlags
+from rasterjit.compat.pyrender.constants import NORMALS, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
+    LightView,
     Seen,
     background_codes,
     background_light,
     camera_of,
+    camera_of_light,
+    casts_shadows,
     check_flags,
     convert,
 )
 from rasterjit.compat.pyrender.fields import Field, number
+from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
@@ -44,6 +48,9 @@ _PICTURE = Quality(samples=4, blending="srgb8", subpixel_bits=12)
 _SHAPES = Quality(subpixel_bits=12)
 """How depth and numbers are drawn: at one place of each pixel. Mesa rounds vertices to 1/256 of a
 pixel, but finds depths by what was not rounded."""
+
+_MAP = Quality(subpixel_bits=8)
+"""How what lights see is drawn."""
 
 _X, _Y = SAMPLE_POSITIONS[4][0]
 _FIRST_SAMPLE = _X / STEPS, -_Y / STEPS
@@ -173,7 +180,8 @@ class OffscreenRenderer:
         """Render colour and depth."""
         codes = background_codes(scene)
         has_alpha = bool(flags & RenderFlags.RGBA)
-        drawing = convert(scene, flags, seen=seen)
+        views = self._views_of_lights(scene, flags, seen.point_size)
+        drawing = convert(scene, flags, seen=seen, views=views)
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
         behind[3] = 0 if has_alpha and not drawing.fades else 255
@@ -190,6 +198,27 @@ class OffscreenRenderer:
         else:
             color = _opaque(frame.color[::-1])
         return color, depths.read(frame, seen.size)
+
+    def _views_of_lights(
+        self, scene: Scene, flags: RenderFlags, point_size: float
+    ) -> dict[Node, LightView]:
+        """Return what those lights see that cast shadows, but for point lights."""
+        views: dict[Node, LightView] = {}
+        if flags & RenderFlags.FLAT:
+            return views
+        for node in scene._ordered():
+            light = node.light
+            if not isinstance(light, DirectionalLight | SpotLight):
+                continue
+            if not casts_shadows(light, flags) or not scene.scale > 0.0:
+                continue
+            camera, size = camera_of_light(scene, node), (SHADOW_TEX_SZ, SHADOW_TEX_SZ)
+            seen = Seen(camera, size, point_size)
+            shapes = convert(scene, RenderFlags.DEPTH_ONLY, shapes_alone=True, seen=seen)
+            frame = self._draw(shapes, seen, ("depth",), _MAP)
+            if frame is not None:
+                views[node] = LightView(camera, frame.depth)
+        return views
 
     def _alphas(
         self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
