@@ -11,6 +11,7 @@ import trimesh
 import rasterjit.compat.pyrender as pyrender
 from rasterjit.compat.pyrender import wires
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
+from rasterjit.compat.pyrender.drawing import convert
 from tests.compat import pyrender_shapes
 
 W, H = 40, 30
@@ -235,9 +236,10 @@ def test_mirrored_faces_turn_their_backs(renderer):
 def test_normals_are_lines_of_a_twentieth_of_the_box():
     primitive = pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives[0]
     length = 0.05 * math.sqrt(3.0)
-    lines = wires.normals_of(primitive, of_vertices=True, of_faces=False)
+    blue = np.array([0.1, 0.1, 1.0, 1.0], np.float32)
+    lines = wires.normals_of(primitive, True, False, blue)
     assert len(lines) == len(primitive.positions)
-    both = wires.normals_of(primitive, of_vertices=True, of_faces=True)
+    both = wires.normals_of(primitive, True, True, blue)
     assert len(both) == len(primitive.positions) + 12
     ways = np.diff(both.points[both.segments], axis=1)[:, 0]
     np.testing.assert_allclose(np.linalg.norm(ways, axis=1), length, rtol=1e-6)
@@ -246,7 +248,21 @@ def test_normals_are_lines_of_a_twentieth_of_the_box():
     assert np.allclose(np.abs(middles).max(axis=1), 0.5)
     assert ((middles * outwards).sum(axis=1) > 0.0).all()
     primitive.normals = None
-    assert wires.normals_of(primitive, of_vertices=True, of_faces=True) is None
+    assert wires.normals_of(primitive, True, True, blue) is None
+
+
+@pytest.mark.parametrize("flags", [RenderFlags.NONE, RenderFlags.FLAT])
+def test_normals_are_blue_lines_where_a_viewer_shows_them(flags):
+    scene, node = box_scene(False)
+    flags |= RenderFlags.FACE_NORMALS
+    drawn = convert(scene, flags).scene
+    assert [len(one.mesh.faces) for one in drawn.nodes] == [12, 12]
+    lines = drawn.nodes[1].mesh
+    shown = lines.colors[0] ** (1.0 if flags & RenderFlags.FLAT else 1.0 / 2.2)
+    np.testing.assert_allclose(shown, [26 / 255, 26 / 255, 1.0, 1.0], rtol=1e-5)
+    assert lines.widths.tolist() == [1.0]
+    node.mesh.primitives[0].normals = None
+    assert len(convert(scene, flags).scene.nodes) == 1
 
 
 def test_lines_end_where_their_mode_says():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.primitive import Primitive
+from rasterjit.compat.pyrender.primitive import Primitive, finite
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
@@ -76,11 +76,12 @@ class LitLines(Lines):
         depth_place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         super().__init__(
-            points, segments, colors=colors, width=WIDTH, caps="butt", material=material
-        )
+            points, segments, colors=colors, width=WIDTH, caps="butt", material=material,
+            on_invalid="drop",
+        )  # fmt: skip
         self._depth_place = depth_place
         # What lines have none of by themselves, checked as that of faces is.
-        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv)
+        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
         self._normals = self._vertex_normals = own.normals
         self._uv = own.uv
 
@@ -195,13 +196,25 @@ def _lit_lines(
 ) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
-        primitive.positions, segments, normals=primitive.normals, uv=primitive.texcoord_0,
-        colors=primitive.colors(), material=look, depth_place=depth_place,
+        primitive.positions, segments, normals=finite(primitive.normals),
+        uv=finite(primitive.texcoord_0), colors=primitive.colors(), material=look,
+        depth_place=depth_place,
     )  # fmt: skip
 
 
-def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines | None:
-    """Return a primitive's normals as lines, in model space; None without any."""
+def normals_of(
+    primitive: Primitive, of_vertices: bool, of_faces: bool, color: NDArray[np.float32]
+) -> Lines | None:
+    """
+    Return a primitive's normals as lines, in model space; None without any.
+
+    Parameters
+    ----------
+    primitive : Primitive
+    of_vertices, of_faces : bool
+        Of which there are normals. Points have those of vertices.
+    color : (4,) float32, linear
+    """
     if primitive.normals is None:
         return None
     starts, ways = [], []
@@ -213,13 +226,14 @@ def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
         ways.append(_unit(np.cross(b - a, c - a)))
+    if not starts:
+        return None
     first = np.concatenate(starts)
     last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(ways)
     numbers = np.arange(len(first))
-    color = np.floor(np.array(NORMAL_COLOR) * 255.0 + 0.5).astype(np.uint8)
     return Lines(
         np.concatenate([first, last]), np.stack([numbers, numbers + len(first)], axis=1),
-        colors=color, width=WIDTH, caps="butt",
+        colors=np.tile(color, (len(first), 1)), width=WIDTH, caps="butt", on_invalid="drop",
     )  # fmt: skip
 
 
