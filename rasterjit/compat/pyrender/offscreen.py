@@ -52,6 +52,9 @@ pixel, but finds depths by what was not rounded."""
 _MAP = Quality(subpixel_bits=8)
 """How what lights see is drawn."""
 
+_ROWS_AT_ONCE = 32
+"""Rows whose numbers become colours at once."""
+
 _X, _Y = SAMPLE_POSITIONS[4][0]
 _FIRST_SAMPLE = _X / STEPS, -_Y / STEPS
 """Where the first sample lies, from the centre of a pixel to the right and down: its depth is the
@@ -250,13 +253,19 @@ class OffscreenRenderer:
         table[:, 3] = 255
         for row, node in enumerate(drawing.owners):
             table[row, :3] = _seg_color(colors[node])
+        channels = 4 if flags & RenderFlags.RGBA else 3
+        color = np.empty((seen.size[1], seen.size[0], channels), np.uint8)
         if frame is None:
-            picture = np.tile(table[-1], (seen.size[1], seen.size[0], 1))
-        else:
+            color[:] = table[-1, :channels]
+            return color, depths.read(frame, seen.size)
+        packed, numbers = table.view(np.uint32)[:, 0], frame.object_id[::-1]
+        # Few rows at once stay in the cache, and take no memory from the system.
+        for first in range(0, len(color), _ROWS_AT_ONCE):
+            rows = slice(first, first + _ROWS_AT_ONCE)
             # Nothing is number -1: the last row, black.
-            picture = table.view(np.uint32)[:, 0][frame.object_id[::-1]][..., np.newaxis]
-            picture = picture.view(np.uint8)
-        color = picture if flags & RenderFlags.RGBA else _opaque(picture)
+            codes = packed[numbers[rows]].view(np.uint8).reshape(*numbers[rows].shape, 4)
+            for channel in range(channels):
+                color[rows, :, channel] = codes[..., channel]
         return color, depths.read(frame, seen.size)
 
     def _draw_shapes(
