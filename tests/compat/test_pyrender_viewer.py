@@ -143,6 +143,29 @@ def test_without_a_thread_it_returns_when_it_is_closed(page):
     assert len(scene.nodes) == 1
 
 
+def test_start_may_wait(page):
+    scene, _ = box_scene()
+    with viewing(scene, auto_start=False) as viewer:
+        assert viewer.is_active
+        time.sleep(0.1)
+        assert page.showing is None
+        viewer.start()
+        viewer.start()
+        wait_until(lambda: page.showing is not None)
+    assert not viewer.is_active
+    never = viewers.Viewer(scene, (64, 48), auto_start=False)
+    never.close_external()
+    assert (never.is_active, len(scene.nodes)) == (False, 1)
+
+
+def test_what_belongs_to_opengl_is_not_there_and_said(page):
+    scene, _ = box_scene()
+    with viewing(scene) as viewer:
+        assert not hasattr(viewer, "_renderer")
+        with pytest.raises(AttributeError, match="OffscreenRenderer"):
+            viewer._renderer.read_color_buf()
+
+
 def test_flags_are_those_of_pyrender_by_mapping_or_keyword(page):
     scene, _ = box_scene()
     with viewing(
@@ -235,6 +258,14 @@ def test_program_that_holds_the_scene_is_not_waited_for(page):
             assert time.monotonic() - began < PATIENCE / 2
 
 
+def test_program_that_holds_the_scene_may_close_it(page):
+    scene, _ = box_scene()
+    with viewing(scene) as viewer, viewer.render_lock:
+        viewer.close_external()
+        assert not viewer.is_active
+    assert len(scene.nodes) == 1
+
+
 def test_lights_of_the_viewer_move_with_its_camera(page):
     scene, _ = box_scene()
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=3))
@@ -314,18 +345,20 @@ def test_page_is_told_where_any_lens_is(page):
 
 
 def test_object_that_a_page_hides_takes_its_light_with_it(page):
-    scene, _ = box_scene(ambient_light=[0.5, 0.5, 0.5])
-    other = scene.add(meshes.Mesh.from_trimesh(BOX), pose=at(x=2.0))
+    scene, box = box_scene(ambient_light=[0.5, 0.5, 0.5])
+    scene.add(meshes.Mesh.from_trimesh(BOX), pose=at(x=2.0))
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=5.0))
     with viewing(scene) as viewer:
-        showing = viewer._showing
-        showing.set_hidden([0])
+        showing = viewer._showing.twin()
+        names = [node.name for node in showing.scene.nodes]
+        showing.set_hidden([names.index("box")])
         hidden = showing.draw()
         with viewer.render_lock:
-            scene.remove_node(next(node for node in scene.mesh_nodes if node is not other))
+            scene.remove_node(box)
         showing.set_hidden([])
         showing._look_now()
         np.testing.assert_array_equal(showing.draw(), hidden)
+        showing.close()
 
 
 def test_it_turns_by_itself_around_its_axis_at_its_rate(page):
@@ -378,6 +411,24 @@ def test_mouse_turns_pans_zooms_and_rolls(page):
         assert abs(rolled[0, 1]) > 0.1
         showing.handle({"event_type": "wheel", "x": 0, "y": 0, "dx": 0.0, "dy": -100.0})
         np.testing.assert_allclose(pose_of(viewer), at(z=2.7), atol=1e-12)
+
+
+@pytest.mark.parametrize("is_perspective", [True, False])
+def test_f_fits_the_scene(page, is_perspective):
+    scene, _ = box_scene(ambient_light=[1.0, 1.0, 1.0], bg_color=[0.0, 0.0, 0.0])
+    lens = cameras.PerspectiveCamera(1.0) if is_perspective else cameras.OrthographicCamera(9, 9)
+    scene.add(lens, pose=at(x=20.0, z=30.0))
+    with viewing(scene, use_perspective_cam=is_perspective) as viewer:
+        press(viewer, "f")
+        showing = viewer._showing.twin()
+        lit = showing.draw()[:, :, 0] > 40
+        showing.close()
+        rows, columns = (np.nonzero(lit.any(axis=axis))[0] for axis in (1, 0))
+        assert rows.min() > 0
+        assert rows.max() < 47
+        assert rows.max() - rows.min() > 20
+        assert columns.mean() == pytest.approx(31.5, abs=1.0)
+        np.testing.assert_array_equal(pose_of(viewer)[:3, :3], np.eye(3))
 
 
 def test_registered_keys_call_their_functions(page):
@@ -518,15 +569,24 @@ def test_notebook_goes_on_at_once_and_is_shown(monkeypatch):
     display = pytest.importorskip("IPython.display")
     scene, _ = box_scene()
     shown, closed = [], []
+
+    class Widget:
+        def close(self):
+            closed.append("widget")
+
     monkeypatch.setattr(show, "choose_backend", lambda backend: "notebook")
-    monkeypatch.setattr(canvas, "widget", lambda showing: closed.append(showing) or "widget")
+    monkeypatch.setattr(canvas, "widget", lambda showing: closed.append(showing) or Widget())
     monkeypatch.setattr(display, "display", shown.append)
     for run_in_thread in (False, True):
         viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)
         assert viewer.is_active
-        closed[-1].close()
+        if run_in_thread:
+            viewer.close_external()
+            assert closed[-1] == "widget"
+        else:
+            closed[-1].close()
         assert not viewer.is_active
-    assert shown == ["widget", "widget"]
+    assert [type(one) for one in shown] == [Widget, Widget]
 
 
 @pytest.mark.parametrize(
@@ -541,12 +601,14 @@ def test_thread_has_windows_of_glfw_alone(monkeypatch, toolkit, platform, expect
     monkeypatch.setattr(sys, "platform", platform)
     monkeypatch.setattr(show, "choose_backend", lambda backend: "window")
     monkeypatch.setattr(trial, "find_toolkit", lambda: (toolkit, ""))
+    monkeypatch.setattr(viewers, "_WINDOW", threading.Lock())
     monkeypatch.setattr(viewers.Viewer, "_run", lambda self, backend: ran.append(backend))
     for run_in_thread in (True, False):
         viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)
         wait_until(lambda: len(ran) == 2 - run_in_thread)  # noqa: B023
         viewer.end()
-    assert ran == [expected, "window"]
+    # A second one beside a window is a page.
+    assert ran == [expected, "browser" if expected == "window" else "window"]
 
 
 def test_nodes_that_the_viewer_adds_are_its_own(page):

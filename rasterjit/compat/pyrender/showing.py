@@ -44,7 +44,8 @@ HELP: tuple[Row, ...] = (
     ("I  M  N", "axes, normals of faces and vertices"),
     ("L  O", "light, orthographic"),
     ("R  S", "record a GIF, save a picture"),
-    ("Z  Q", "return to the start, close"),
+    ("F  Z", "fit the scene, return to the start"),
+    ("Q", "close"),
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
     ("?", "hide this help"),
 )

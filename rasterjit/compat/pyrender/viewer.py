@@ -8,6 +8,7 @@ pyrender 0.1.45, module ``viewer``: arguments, flags, keys and the way of the ca
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import copy
 import math
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.animation.video import save_animation
+from rasterjit.compat.pyrender.absent import NoOpenGLError
 from rasterjit.compat.pyrender.camera import (
     Camera,
     IntrinsicsCamera,
@@ -79,6 +81,9 @@ LEAST_MAGNIFICATION = 1e-8
 MESSAGE_SECONDS = 2.0
 """How long a message is to be read."""
 
+END_PATIENCE = 1.0
+"""Seconds that the end waits for a program that holds the scene."""
+
 FASTEST_GIF = 50.0
 """Pictures a second that programs show."""
 
@@ -88,6 +93,9 @@ ORTHONORMAL = 1e-6
 _RAYMOND_AZIMUTHS = (0.0, 2.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi)
 _RAYMOND_TILT = math.pi / 6.0
 """Three lights around the viewer, each as far from where it looks from, radians."""
+
+_WINDOW = threading.Lock()
+"""Held by the viewer that has a window: a process has one event loop for them."""
 
 _RENDER_FLAGS: dict[str, Any] = {
     "flip_wireframe": False,
@@ -123,6 +131,7 @@ _VIEWER_FLAGS: dict[str, Any] = {
 _KEYS = {
     "a": "_switch_rotation",
     "c": "_switch_culling",
+    "f": "_fit_view",
     "h": "_switch_shadows",
     "i": "_switch_axes",
     "l": "_switch_lighting",
@@ -166,7 +175,7 @@ class Viewer:
     run_in_thread : bool
         Whether this returns at once. A notebook always goes on at once.
     **kwargs
-        Flags by keyword.
+        Flags by keyword, and ``auto_start``: False waits for `start`.
 
     Raises
     ------
@@ -193,8 +202,9 @@ class Viewer:
             "viewport_size", DEFAULT_SIZE if viewport_size is None else viewport_size
         )
         self._run_in_thread = bool(run_in_thread)
+        starts = kwargs.pop("auto_start", True)
         self._render_lock = threading.RLock()
-        self._is_active = self._should_close = False
+        self._is_active = self._should_close = self._is_started = False
         self._render_flags = {**_RENDER_FLAGS, **(render_flags or {})}
         self._viewer_flags = {
             **_VIEWER_FLAGS, "rotate_axis": np.array(_VIEWER_FLAGS["rotate_axis"]),
@@ -211,17 +221,17 @@ class Viewer:
         self._message, self._message_until = "", 0.0
         self._saved_frames: list[NDArray[np.uint8]] = []
         self._error: BaseException | None = None
-        self._stop: Callable[[], None] | None = None
+        self._stop: Callable[[], Any] | None = None
         self._thread: threading.Thread | None = None
         check_flags(self._flags())
-        backend = self._choose_backend()
         self._enter()
         try:
             self._showing = Showing(self, self._viewport_size, self._viewer_flags["window_title"])
-            self._start(backend)
         except BaseException:
             self.end()
             raise
+        if starts:
+            self.start()
 
     # What programs read and change.
 
@@ -277,12 +287,30 @@ class Viewer:
     def registered_keys(self, value: dict[int, Any]) -> None:
         self._registered_keys = value
 
+    @property
+    def _renderer(self) -> Any:
+        """What programs look for that reach into pyrender's OpenGL."""
+        raise NoOpenGLError("Viewer._renderer")
+
+    def start(self) -> None:
+        """Show it, where ``auto_start`` was False; a second time nothing happens."""
+        if self._is_started or not self._is_active:
+            return
+        self._is_started = True
+        try:
+            self._start(self._choose_backend())
+        except BaseException:
+            self.end()
+            raise
+
     def close(self) -> None:
         """Close it, from any thread, and do not wait for that."""
         self._should_close = True
         stop = self._stop
         if stop is not None:
             stop()
+        elif not self._is_started:
+            self.end()
 
     def close_external(self) -> None:
         """Close it from another thread, and wait until the scene is as it was."""
@@ -469,7 +497,9 @@ class Viewer:
 
     def end(self) -> None:
         """Take out of the scene what was added, and be active no more."""
-        with self._render_lock:
+        # A program that holds the lock may be waiting for this.
+        is_held = self._render_lock.acquire(timeout=END_PATIENCE)
+        try:
             if not self._is_active:
                 return
             self._remove_axes()
@@ -480,6 +510,9 @@ class Viewer:
             if prior is not None and self._scene.has_node(prior):
                 self._scene.main_camera_node = prior
             self._is_active = False
+        finally:
+            if is_held:
+                self._render_lock.release()
 
     # Begin and run.
 
@@ -487,7 +520,8 @@ class Viewer:
         """Return where it is shown."""
         backend = show.choose_backend("auto")
         is_main = threading.current_thread() is threading.main_thread() and not self._run_in_thread
-        if backend == "window" and not is_main and not _may_open_in_a_thread():
+        is_fit = is_main or _may_open_in_a_thread()
+        if backend == "window" and not (is_fit and _WINDOW.acquire(blocking=False)):
             return "browser"
         if backend == "terminal" and not is_main:
             raise ImportError('a viewer in a thread needs a page: pip install "rasterjit[browser]"')
@@ -540,7 +574,9 @@ class Viewer:
         if backend == "notebook":
             from IPython.display import display
 
-            display(canvas.widget(self._showing))
+            widget = canvas.widget(self._showing)
+            display(widget)
+            self._stop_with(lambda: (widget.close(), self.end()))
         elif self._run_in_thread:
             register = getattr(threading, "_register_atexit", None)
             self._thread = threading.Thread(
@@ -571,8 +607,15 @@ class Viewer:
             elif backend == "browser":
                 browser.serve(self._showing, port=_free_port(), on_start=self._stop_with)
             else:
+                self._stop_with(_thread.interrupt_main)
                 canvas.run_in_terminal(self._showing, title)
+        except KeyboardInterrupt:
+            if not (backend == "terminal" and self._should_close):
+                raise
         finally:
+            if backend == "window":
+                _WINDOW.release()
+            self._stop = None
             self._showing.close()
             self.end()
         if self._error is not None:
@@ -587,7 +630,7 @@ class Viewer:
                 window.close()
             await sleep(self.looks_each)
 
-    def _stop_with(self, stop: Callable[[], None]) -> None:
+    def _stop_with(self, stop: Callable[[], Any]) -> None:
         """Take what closes it, and close it at once if that was asked for before."""
         self._stop = stop
         if self._should_close:
@@ -731,6 +774,20 @@ class Viewer:
     def _reset_view(self) -> None:
         """Return to where the camera was at first."""
         self._trackball = self._new_trackball(self._default_camera_pose)
+
+    def _fit_view(self) -> None:
+        """Show the whole scene, from where the camera looks."""
+        pose, camera = self._trackball.pose.copy(), self._camera_node.camera
+        radius = 0.5 * (self._scene.scale or DEFAULT_SCENE_SCALE)
+        projection = camera.get_projection_matrix(*self._viewport_size)
+        slopes = [1.0 / abs(float(projection[axis, axis])) for axis in (0, 1)]
+        distance = radius / math.sin(math.atan(min(slopes)))
+        if isinstance(camera, OrthographicCamera):
+            factor = radius / min(slopes)
+            camera.xmag, camera.ymag = camera.xmag * factor, camera.ymag * factor
+            distance = max(2.0 * radius, camera.znear + radius)
+        pose[:3, 3] = self._center() + distance * pose[:3, 2]
+        self._trackball = self._new_trackball(pose)
 
     # Smaller steps.
 
