@@ -142,7 +142,9 @@ def test_address_loses_the_token_and_no_script_sees_it(page, server):
     assert token not in page.evaluate("document.documentElement.outerHTML")
     assert token not in page.evaluate("JSON.stringify([history.state, document.referrer])")
     # It comes in again, as long as the browser runs.
+    page.evaluate("window.isOld = true")
     page.call("Page.reload")
+    wait_until(page, "!window.isOld && document.readyState === 'complete'")
     wait_until(page, "picture.dataset.kind === 'png'")
 
 
