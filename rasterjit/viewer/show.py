@@ -79,7 +79,7 @@ def show(
     if token is not None:
         browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if importlib.util.find_spec("rendercanvas") is None:
+    if chosen != "browser" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(

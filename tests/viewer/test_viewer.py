@@ -562,7 +562,7 @@ def test_the_command_has_the_time_of_the_function():
 
 @pytest.mark.parametrize(
     ("backend", "extra"),
-    [("window", "viewer"), ("browser", "browser"), ("terminal", "terminal")],
+    [("window", "viewer"), ("terminal", "terminal")],
 )
 def test_without_a_canvas_the_extra_is_named(cube, monkeypatch, backend, extra):
     find = importlib.util.find_spec
