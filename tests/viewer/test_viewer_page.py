@@ -381,6 +381,16 @@ def test_address_holds_the_look_and_what_is_hidden(page, server):
     wait_until(page, "location.hash.includes('look=depth') && location.hash.includes('hidden=1')")
 
 
+def test_switches_in_quick_succession_all_count(page):
+    page.evaluate(
+        "for (const one of ['[data-effect=vignette]', '[value=normal]', '[data-effect=outline]',"
+        " '[value=color]']) document.querySelector(one).click()"
+    )
+    wait_until(page, "picture.dataset.done === 'true' && location.hash.includes('switched')")
+    for one in ("[data-effect=vignette]", "[data-effect=outline]", "[value=color]"):
+        assert page.evaluate(f"document.querySelector('{one}').checked"), one
+
+
 def test_picture_is_saved(page, tmp_path):
     page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     picture, _ = shown(page)
