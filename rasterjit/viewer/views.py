@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -43,6 +42,7 @@ def _text(place: Iterable[float]) -> str:
 def _rounded(*places: Sequence[float]) -> list[list[float]]:
     """Return places with as many decimals as the largest coordinate needs."""
     largest = max(max(map(abs, place)) for place in places)
-    decimals = DIGITS - 1 - math.floor(math.log10(largest)) if largest else 0
+    _, exponent = f"{largest:e}".split("e")
+    decimals = DIGITS - 1 - int(exponent)
     # What rounds to -0 becomes 0.
     return [[round(float(part), decimals) + 0.0 for part in place] for place in places]
