@@ -29,7 +29,7 @@ from rasterjit.viewer.controls import Event
 from rasterjit.viewer.messages import MOST_LISTED, SHOWN
 from rasterjit.viewer.overlay import colors_of, rows_of
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
-from rasterjit.viewer.views import camera_code, rounded
+from rasterjit.viewer.views import ShortView, camera_code
 
 MOST_ON_WAY = 3
 """Pictures that were drawn and not shown yet: one is coded, one on its way, one decoded."""
@@ -302,10 +302,7 @@ class Tab:
             "effects": self._effects(),
             "hidden": sorted(viewer.hidden)[:MOST_LISTED],
             "only": self._only,
-            "view": {
-                **{name: rounded(getattr(camera, name)) for name in ("eye", "target", "up")},
-                "fov_y": camera.fov_y,
-            },
+            "view": ShortView.of(camera)._asdict(),
             "code": camera_code(camera),
             "picked": self._picked,
             "costs": viewer.cost_rows,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import queue
+import re
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import chromium
@@ -430,6 +433,46 @@ def test_port_in_use_is_said(server, model):
 def test_place_that_is_none_is_refused(host, port, message):
     with pytest.raises(ValueError, match=message):
         browser.bind(host, port)
+
+
+def test_server_in_a_thread_ends_when_it_is_told(cube):
+    stops, said = queue.SimpleQueue(), []
+    viewer = Viewer(cube, size=(8, 6))
+    thread = threading.Thread(
+        target=browser.serve, args=(viewer, "127.0.0.1", 0, said.append),
+        kwargs={"on_start": stops.put, "token": "a-token-that-is-kept"},
+    )  # fmt: skip
+    thread.start()
+    stop = stops.get(timeout=PATIENCE)
+    (line,) = said
+    address = re.search(r"http://\S+/", line)[0]
+    own, token = place_of(address)
+    assert token == "a-token-that-is-kept"
+    assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
+    with join(address) as page:
+        say(page, "resize", pwidth=64, pheight=48, ratio=1)
+        wait_for_size(page, (64, 48))
+        stop()
+        thread.join(PATIENCE)
+    assert not thread.is_alive()
+
+
+@pytest.mark.parametrize(
+    "token",
+    ["", "short", "x" * 129, "with spaces in it", "a/b/c/d/e/f/g/h/i", "ä" * 16, 5, b"x" * 16],
+)
+def test_token_that_is_none_is_refused(cube, token, monkeypatch):
+    monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match="token must be 16 to 128 letters, digits, - and _"):
+        rj.show(cube, backend="browser", token=token, size=(8, 6))
+    with pytest.raises(ValueError, match="token must be"):
+        browser.serve(Viewer(cube, size=(8, 6)), port=0, token=token)
+
+
+def test_token_is_taken_from_the_environment(model, monkeypatch):
+    monkeypatch.setenv("RASTERJIT_TOKEN", "a-token-from-the-environment")
+    with viewing(*command(model)) as (_, address):
+        assert place_of(address)[1] == "a-token-from-the-environment"
 
 
 def test_interrupt_ends_it(server):

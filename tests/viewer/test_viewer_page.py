@@ -29,6 +29,7 @@ from viewing import (
 )
 
 import rasterjit as rj
+from rasterjit.viewer.overlay import NOTHING
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
@@ -142,7 +143,9 @@ def test_address_loses_the_token_and_no_script_sees_it(page, server):
     assert token not in page.evaluate("document.documentElement.outerHTML")
     assert token not in page.evaluate("JSON.stringify([history.state, document.referrer])")
     # It comes in again, as long as the browser runs.
+    page.evaluate("window.isOld = true")
     page.call("Page.reload")
+    wait_until(page, "!window.isOld && document.readyState === 'complete'")
     wait_until(page, "picture.dataset.kind === 'png'")
 
 
@@ -235,8 +238,18 @@ def places_of(model, viewer):
         rows, columns = np.nonzero(frame.object_id == number)
         middle = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
         row, column = rows[middle], columns[middle]
-        found.append(((column, row), frame.position[row, column]))
+        found.append(((int(column), int(row)), frame.position[row, column]))
     return found
+
+
+def wait_for_pixels(page, wanted):
+    """Wait until the page shows colours, by column and row, as they are."""
+    limit, found = time.monotonic() + PATIENCE, None
+    while found != wanted:
+        assert time.monotonic() < limit, (found, wanted)
+        picture, kind = shown(page)
+        if kind == "png":
+            found = {(column, row): picture[row, column].tolist() for column, row in wanted}
 
 
 def position_in(page):
@@ -317,21 +330,11 @@ def test_objects_are_hidden_singled_out_and_coloured(page, model):
         "[...nodes.querySelectorAll('i')].map(one => getComputedStyle(one).backgroundColor)"
     )
     colors = [list(map(int, re.findall(r"\d+", one))) for one in swatches]
-    limit = time.monotonic() + PATIENCE
-    while any(
-        shown(page)[0][row, column].tolist() != color
-        for (column, row), color in zip((first, second), colors, strict=True)
-    ):
-        assert time.monotonic() < limit
-        time.sleep(0.1)
+    wait_for_pixels(page, {first: colors[0], second: colors[1]})
     assert colors[0] != colors[1]
     # An object keeps its colour when others are hidden.
     page.evaluate("document.querySelector('[data-number=\"0\"]').click()")
-    limit = time.monotonic() + PATIENCE
-    while shown(page)[0][first[1], first[0]].tolist() == colors[0]:
-        assert time.monotonic() < limit
-        time.sleep(0.1)
-    assert shown(page)[0][second[1], second[0]].tolist() == colors[1]
+    wait_for_pixels(page, {first: [NOTHING] * 3, second: colors[1]})
     mine.close()
 
 
@@ -377,6 +380,16 @@ def test_address_holds_the_look_and_what_is_hidden(page, server):
     wait_until(page, "!document.querySelector('[data-number=\"1\"]').checked")
     assert camera_in(page).eye == (4.0, 3.0, 12.0)
     wait_until(page, "location.hash.includes('look=depth') && location.hash.includes('hidden=1')")
+
+
+def test_switches_in_quick_succession_all_count(page):
+    page.evaluate(
+        "for (const one of ['[data-effect=vignette]', '[value=normal]', '[data-effect=outline]',"
+        " '[value=color]']) document.querySelector(one).click()"
+    )
+    wait_until(page, "picture.dataset.done === 'true' && location.hash.includes('switched')")
+    for one in ("[data-effect=vignette]", "[data-effect=outline]", "[value=color]"):
+        assert page.evaluate(f"document.querySelector('{one}').checked"), one
 
 
 def test_picture_is_saved(page, tmp_path):
