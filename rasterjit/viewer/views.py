@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from rasterjit.scene.camera import PerspectiveCamera
@@ -27,6 +28,6 @@ def rounded(place: Sequence[float]) -> list[float]:
     largest = max(map(abs, place))
     if largest == 0.0:
         return [0.0, 0.0, 0.0]
-    unit = float(f"{largest:.0e}") * 10.0 ** (1 - DIGITS)
-    # Numbers that are rounding errors of 0 become 0; adding 0 turns -0 into 0.
-    return [float(f"{round(part / unit) * unit:.{DIGITS}g}") + 0.0 for part in place]
+    decimals = DIGITS - 1 - math.floor(math.log10(largest))
+    # What rounds to -0 becomes 0.
+    return [round(part, decimals) + 0.0 for part in place]
