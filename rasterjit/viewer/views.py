@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from rasterjit.scene.camera import PerspectiveCamera
@@ -28,6 +27,6 @@ def rounded(place: Sequence[float]) -> list[float]:
     largest = max(map(abs, place))
     if largest == 0.0:
         return [0.0, 0.0, 0.0]
-    decimals = DIGITS - 1 - math.floor(math.log10(largest))
+    decimals = DIGITS - 1 - int(f"{largest:e}".partition("e")[2])
     # What rounds to -0 becomes 0.
     return [round(part, decimals) + 0.0 for part in place]
