@@ -61,11 +61,11 @@ def until(tell, wanted=bool):
 
 
 @contextmanager
-def jupyterlab(folder, *, has_widgets):
-    """Start JupyterLab in a folder and give its address."""
+def jupyterlab(folder, without=None):
+    """Start JupyterLab in a folder, without one of its extensions, and give its address."""
     settings = folder / "settings"
     (settings / "labconfig").mkdir(parents=True)
-    disabled = {} if has_widgets else {"@jupyter-widgets/jupyterlab-manager": True}
+    disabled = {} if without is None else {without: True}
     (settings / "labconfig" / "page_config.json").write_text(
         json.dumps({"disabledExtensions": disabled})
     )
@@ -193,7 +193,7 @@ def camera_of(outputs):
 
 
 def test_view_is_moved_resized_waits_and_is_kept(tab, folder):
-    with jupyterlab(folder, has_widgets=True) as url:
+    with jupyterlab(folder) as url:
         open_book(tab, url)
         run_cell(tab, 0)
         until(lambda: tab.evaluate(f"{VIEW}?.naturalWidth"), lambda width: width == 300)
@@ -247,12 +247,18 @@ def test_view_is_moved_resized_waits_and_is_kept(tab, folder):
         assert "Error" not in tab.evaluate(text)
 
 
-def test_without_its_front_end_there_is_a_picture_and_what_to_install(tab, folder):
-    with jupyterlab(folder, has_widgets=False) as url:
+@pytest.mark.parametrize("without", ["@jupyter-widgets/jupyterlab-manager", "anywidget"])
+def test_without_its_front_end_there_is_a_picture_and_what_to_install(tab, folder, without):
+    with jupyterlab(folder, without) as url:
         open_book(tab, url)
         run_cell(tab, 0)
         until(lambda: tab.evaluate(STILLS), lambda found: found == [[300, 200, ALT]])
         text = "document.querySelector('.jp-OutputArea').innerText"
         told = until(lambda: tab.evaluate(text), lambda text: "rj.PerspectiveCamera(eye" in text)
-        assert "pip install ipywidgets anywidget" in told
+        if without == "anywidget":
+            error = "document.querySelector('.jupyter-widgets-error-widget')"
+            until(lambda: tab.evaluate(f"!!{error}"))
+            told = tab.evaluate(f"getComputedStyle({error}, '::before').content")
+        packages = "anywidget" if without == "anywidget" else "ipywidgets anywidget"
+        assert f"pip install {packages}" in told
         assert "environment of the Jupyter server" in told
