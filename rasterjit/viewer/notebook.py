@@ -43,10 +43,11 @@ _NO_MODULE = (
 )
 STYLE = (
     f"<style>{_BEFORE}> .jupyter-widgets.jp-OutputArea-output:not(:has(*)) {{display: none}} "
-    f'{_BEFORE}.jupyter-widgets-error-widget::before {{content: "{_NO_MODULE}"}}</style>'
+    f'{_BEFORE}.jupyter-widgets-error-widget::before {{content: "{_NO_MODULE}"}} '
+    f"body.jp-Notebook {_BEFORE}> .jp-RenderedText {{display: none}}</style>"
 )
 """JupyterLab says that it does not find the widget of a notebook that does not run any more, and
-shows an error where it cannot load the module of one."""
+shows an error where it cannot load the module of one. A page that nbconvert makes has no server."""
 
 
 class Saved:
@@ -106,7 +107,7 @@ class Saved:
     def _code(self) -> dict[str, str]:
         """Return the camera, as text and as what hides an error of JupyterLab's besides."""
         code = camera_code(self._viewer.camera)
-        html = f'{STYLE}<pre class="rasterjit-camera">{escape(code)}</pre>'
+        html = f'{STYLE}<pre class="rasterjit-camera"><code>{escape(code)}</code></pre>'
         return {"text/plain": code, "text/html": html}
 
 
