@@ -36,11 +36,18 @@ NO_PACKAGES = (
     "ipywidgets and anywidget."
 )
 
-STYLE = (
-    "<style>.jp-OutputArea-child:has(+ .jp-OutputArea-child .rasterjit-camera) "
-    "> .jupyter-widgets.jp-OutputArea-output:not(:has(*)) {display: none}</style>"
+_BEFORE = ".jp-OutputArea-child:has(+ .jp-OutputArea-child .rasterjit-camera) "
+_NO_MODULE = (
+    "The view does not turn. If anywidget is missing in the environment of the Jupyter server, run "
+    "pip install anywidget there, then reload the page. What the page says:"
 )
-"""JupyterLab says that it does not find the widget of a notebook that does not run any more."""
+STYLE = (
+    f"<style>{_BEFORE}> .jupyter-widgets.jp-OutputArea-output:not(:has(*)) {{display: none}} "
+    f'{_BEFORE}.jupyter-widgets-error-widget::before {{content: "{_NO_MODULE}"}} '
+    f"body.jp-Notebook {_BEFORE}> .jp-RenderedText {{display: none}}</style>"
+)
+"""JupyterLab says that it does not find the widget of a notebook that does not run any more, and
+shows an error where it cannot load the module of one. A page that nbconvert makes has no server."""
 
 
 class Saved:
@@ -100,7 +107,7 @@ class Saved:
     def _code(self) -> dict[str, str]:
         """Return the camera, as text and as what hides an error of JupyterLab's besides."""
         code = camera_code(self._viewer.camera)
-        html = f'{STYLE}<pre class="rasterjit-camera">{escape(code)}</pre>'
+        html = f'{STYLE}<pre class="rasterjit-camera"><code>{escape(code)}</code></pre>'
         return {"text/plain": code, "text/html": html}
 
 

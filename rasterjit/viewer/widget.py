@@ -58,7 +58,9 @@ class ViewWidget(RenderCanvas):
         self.on_msg(self._take)
 
     def _soon(self, function: Callable[..., object], *arguments: Any) -> None:
-        """Call a function in the thread of the cells, when no cell runs."""
+        """Call a function in the thread of the cells, when no cell runs; at once without any."""
+        if self._cells is None:
+            self._cells = _running_loop()
         if self._cells is None:
             function(*arguments)
         elif not self._cells.is_closed():
@@ -69,8 +71,9 @@ class ViewWidget(RenderCanvas):
         self._soon(super()._rfb_handle_msg, widget, content, buffers)
 
     def _rfb_schedule_maybe_draw(self, *changes: Any) -> None:
-        """Draw soon, if it is time to."""
-        self._soon(self._rfb_maybe_draw)
+        """Draw soon, if it is time to; nothing is drawn before there is a loop."""
+        if self._cells is not None or _running_loop() is not None:
+            self._soon(self._rfb_maybe_draw)
 
     def _take(self, widget: Any, content: dict[str, Any], buffers: Any) -> None:
         """Take a message of the front end that rendercanvas does not know."""
