@@ -1,7 +1,7 @@
 """
 Join a viewer to a canvas of ``rendercanvas``: its events go in, pictures come out.
 
-The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal.
+The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal (`terminal`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.runtime.progress import told_to
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.viewer import Viewer
 
@@ -52,12 +51,6 @@ NO_TOOLKIT = (
     'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
     '"rasterjit[viewer-qt]" for Qt'
 )
-
-TERMINAL_FRAME_RATE = 20.0
-"""Most pictures a second: a terminal takes long to show one."""
-
-TERMINAL_KEYS = "arrows turn, + - zoom, F fits, R returns, Ctrl-C ends"
-"""What the title says: most terminals are too small for a help panel."""
 
 
 class DrawCancelled(Exception):  # noqa: N818
@@ -349,37 +342,3 @@ def widget(viewer: Viewer) -> Any:
     canvas = RenderCanvas(size=viewer.size, max_fps=FRAME_RATE)
     Connection(viewer, canvas)
     return canvas
-
-
-def run_in_terminal(viewer: Viewer, title: str) -> None:
-    """
-    Show a viewer in the terminal until it is closed, by Ctrl-C or the cross on top.
-
-    Raises
-    ------
-    ImportError
-        If what it needs is not installed, naming what to install.
-    ValueError
-        If standard input or output is no terminal.
-    """
-    if not (sys.__stdout__ and sys.__stdout__.isatty() and sys.__stdin__.isatty()):
-        raise ValueError(
-            "backend must not be 'terminal' where standard input or output is none, but a file or "
-            "a pipe"
-        )
-    try:
-        from rendercanvas import terminal
-    except ImportError as error:
-        raise ImportError(
-            f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
-        ) from error
-    # What has to be compiled is compiled before the terminal changes.
-    viewer.draw()
-    canvas = terminal.RenderCanvas(title=f"{title}: {TERMINAL_KEYS}", max_fps=TERMINAL_FRAME_RATE)
-    Connection(viewer, canvas)
-    try:
-        # No line is written across the picture.
-        with told_to(lambda progress: None):
-            terminal.loop.run()
-    finally:
-        canvas.close()

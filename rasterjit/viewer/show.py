@@ -10,7 +10,7 @@ from rasterjit.rendering.plan import Cull
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas
+from rasterjit.viewer import browser, canvas, terminal
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
@@ -73,7 +73,7 @@ def show(
         Naming the argument that is wrong, before anything is shown.
     """
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if importlib.util.find_spec("rendercanvas") is None:
+    if chosen != "terminal" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -85,7 +85,7 @@ def show(
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
         "browser": lambda: browser.serve(viewer, host, port),
-        "terminal": lambda: canvas.run_in_terminal(viewer, title),
+        "terminal": lambda: terminal.run_in_terminal(viewer, title),
     }
     try:
         return run[chosen]()

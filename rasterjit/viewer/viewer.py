@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -70,7 +70,7 @@ HELP: tuple[Row, ...] = (
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
     *switches.help_rows(),
     ("M", "what the effects cost"),
-    ("click", "explain a pixel; Escape closes it"),
+    ("click", "explain a pixel; Escape closes that, and help"),
     ("I  H", "hide or show the line below, this help"),
 )
 
@@ -112,6 +112,8 @@ class Viewer:
         The camera that is moved.
     version : int
         Grows whenever what is seen changes.
+    writes_text : bool
+        Whether help, numbers and the line at the bottom are written on the pictures.
 
     Raises
     ------
@@ -133,6 +135,7 @@ class Viewer:
         threads: int | None = None,
     ) -> None:
         self.scene: Scene = as_scene(what)
+        self.writes_text = True
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
@@ -185,6 +188,23 @@ class Viewer:
     def camera(self) -> PerspectiveCamera:
         """The camera as it stands."""
         return self.controls.camera()
+
+    @property
+    def cost_rows(self) -> list[Row]:
+        """What the effects cost, as rows; none unless it was asked for."""
+        return self._cost_rows() if self._shows_costs else []
+
+    @property
+    def panel_rows(self) -> Sequence[Row]:
+        """What is to be read over the picture: help, what is known of a pixel, or costs."""
+        if self._shows_help:
+            return HELP
+        return rows_of(self.explanation) if self.explanation is not None else self.cost_rows
+
+    @property
+    def shows_line(self) -> bool:
+        """Whether the line at the bottom is to be read."""
+        return self._shows_line
 
     @property
     def shown(self) -> Scene:
@@ -462,7 +482,7 @@ class Viewer:
         elif key == "i":
             self._shows_line = not self._shows_line
         elif key == "Escape":
-            self._shows_help, self.explanation = False, None
+            self._shows_help, self._shows_costs, self.explanation = False, False, None
         elif key == "m":
             self._shows_costs = not self._shows_costs
             self._restart()
@@ -529,6 +549,8 @@ class Viewer:
         told = self.explanation
         if told is not None and told.size == self.size:
             mark_pixel(picture, told.x, told.y, self.ratio)
+        if not self.writes_text:
+            return
         if self._shows_help:
             write_panel(picture, HELP, "top left", self.ratio)
         elif self.explanation is not None:
