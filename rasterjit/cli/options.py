@@ -847,8 +847,8 @@ class View(NamedTuple):
         up = self.up or scene.up or (0.0, 1.0, 0.0)
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
-            above = math.fsum(a * b for a, b in zip(up, (target - eye).tolist(), strict=True))
-            up = apply(frame_of(up), (0.0, 0.0, math.copysign(1.0, above)))
+            x, y, z = (up * (target - eye)).tolist()
+            up = apply(frame_of(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
         x, y, z = (center - eye).tolist()
         distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":
