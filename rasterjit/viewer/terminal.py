@@ -66,6 +66,12 @@ have done so."""
 TRUE_COLORS = 1 << 24
 """Of terminals that show each colour as it is."""
 
+FLYING = {"KEY_PGUP": "e", "KEY_PGDOWN": "q"}
+"""Keys that fly up and down: Q ends the viewer."""
+
+END_KEY = "end"
+"""What Q and Ctrl-C are called."""
+
 HELD_KEYS = {*TURNS, *MOVES}
 """Keys that do something as long as they are down; another one acts each time it is pressed."""
 
@@ -80,10 +86,9 @@ GAP = 2
 
 NAMES = {
     "KEY_UP": "ArrowUp", "KEY_DOWN": "ArrowDown", "KEY_LEFT": "ArrowLeft",
-    "KEY_RIGHT": "ArrowRight", "KEY_HOME": "Home", "KEY_ESCAPE": "Escape", "KEY_PGUP": "e",
-    "KEY_PGDOWN": "q",
+    "KEY_RIGHT": "ArrowRight", "KEY_HOME": "Home", "KEY_ESCAPE": "Escape",
 }  # fmt: skip
-"""What keys are called in events. Q ends it, so that two others fly up and down."""
+"""What keys are called in events."""
 
 LAST_ROWS: tuple[Row, ...] = (("Page up, down", "fly up, down"), ("Q", "ends it, as Escape does"))
 """What the help of a terminal says besides."""
@@ -387,8 +392,9 @@ class Hands:
             self._point(name, *stroke.mouse_xy)
             return ""
         key = NAMES.get(name) or NAMES.get(stroke.key_name or "") or str(stroke.value or stroke)
-        if name == "KEY_CTRL_C" or key == "\x03":
-            return "Ctrl-C"
+        if name == "KEY_CTRL_C" or key in ("\x03", "q", "Q"):
+            return "" if stroke.released else END_KEY
+        key = FLYING.get(name) or FLYING.get(stroke.key_name or "") or key
         if len(key) != 1 and key not in NAMES.values():
             return ""
         if stroke.released:
@@ -523,8 +529,10 @@ def _run(viewer: Viewer, terminal: Any, tells_releases: bool, title: str) -> Non
     write(f"\x1b]2;{title}\x07")
     Connection(viewer, screen)
     try:
-        while _go_on(viewer, screen, hands, terminal):
-            pass
+        # Some terminals send Ctrl-C as a key, others interrupt.
+        with contextlib.suppress(KeyboardInterrupt):
+            while _go_on(viewer, screen, hands, terminal):
+                pass
     finally:
         screen.submit({"event_type": "close"})
         screen.clear()
@@ -540,7 +548,7 @@ def _go_on(viewer: Viewer, screen: Screen, hands: Hands, terminal: Any) -> bool:
     stroke = terminal.inkey(timeout=screen.pause, esc_delay=HELD)
     while stroke:
         key = hands.take(stroke)
-        if key in ("q", "Q", "Ctrl-C") and stroke.name != "KEY_PGDOWN":
+        if key == END_KEY:
             return False
         if key == "Escape" and not viewer.panel_rows:
             return False

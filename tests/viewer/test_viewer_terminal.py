@@ -18,6 +18,7 @@ import time
 import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 
 import rasterjit as rj
 from rasterjit.viewer.graphics import encode_sixels, half_blocks
-from rasterjit.viewer.terminal import ask, panel_lines
+from rasterjit.viewer.terminal import END_KEY, HELD, Abilities, Hands, Screen, ask, panel_lines
 from rasterjit.viewer.viewer import HELP
 
 pytestmark = pytest.mark.takes_long
@@ -279,6 +280,30 @@ def test_way_of_the_environment_is_taken_unless_there_is_none(monkeypatch):
     monkeypatch.setenv("RASTERJIT_TERMINAL", "tektronix")
     with pytest.raises(ValueError, match="RASTERJIT_TERMINAL"):
         ask(0, pytest.fail)
+
+
+def stroke(value="", name="", **more):
+    fields = {"name": name, "key_name": name, "value": value, "released": False, "repeated": False}
+    return SimpleNamespace(**{**fields, **more})
+
+
+@pytest.mark.parametrize("tells_releases", [False, True])
+def test_keys_are_held_or_act_each_time(tells_releases):
+    screen = Screen(Abilities("blocks", (8, 16)), lambda text: None, lambda: (40, 15))
+    events = []
+    screen.add_event_handler(lambda event: events.append(tuple(event.values())[:2]), "key_up")
+    hands = Hands(screen, tells_releases)
+    assert [hands.take(stroke("g")) for _ in range(2)] == ["g", "g"]
+    assert [hands.take(stroke(name="KEY_LEFT")) for _ in range(2)] == ["ArrowLeft", ""]
+    assert hands.take(stroke(name="KEY_PGDOWN")) == "q"
+    assert [hands.take(one) for one in (stroke("q"), stroke("\x03"))] == [END_KEY, END_KEY]
+    time.sleep(1.5 * HELD)
+    hands.pass_time()
+    released = [("key_up", "ArrowLeft"), ("key_up", "q")]
+    assert events == ([] if tells_releases else released)
+    if tells_releases:
+        hands.take(stroke(name="KEY_LEFT", released=True))
+        assert events == released[:1]
 
 
 @pytest.fixture
