@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import math
 import re
 import threading
 import time
@@ -29,6 +30,12 @@ from rasterjit.viewer.viewer import HELP, LONGEST_STEP, Viewer
 SIZE = (40, 30)
 BOTH = "color", "depth"
 DRAFT, REFERENCE = viewing.FASTEST, rj.Quality.reference()
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch):
+    """No picture takes too long, however loaded the machine is."""
+    monkeypatch.setattr(viewing, "TOO_LONG", math.inf)
 
 
 @pytest.fixture
@@ -461,8 +468,11 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     viewer.resize((41, 31))
     seconds = [0.1]
     monkeypatch.setattr(budget, "seconds_of", lambda frame: seconds[0])
+    monkeypatch.setattr(viewing, "TOO_LONG", 1.5)
     viewer.draw()
     drag(viewer)
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    viewer.advance(0.02)
     half = rj.render(viewer.scene, viewer.camera, size=(21, 16), quality=DRAFT, outputs=BOTH)
     larger = np.repeat(np.repeat(half.color, 2, axis=0), 2, axis=1)[:31, :41]
     np.testing.assert_array_equal(viewer.draw(), larger)
@@ -471,7 +481,7 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     event = {"event_type": "wheel", "x": 20, "y": 15}
     assert viewer._depth_under(event) == half.depth[7, 10]
     # Four times its time would be little.
-    seconds[0] = 0.004
+    seconds[0] = 0.002
     for is_half in (True, False):
         viewer.advance(0.001)
         picture = viewer.draw()
@@ -639,7 +649,7 @@ def timed(cube, monkeypatch):
 
     monkeypatch.setattr(budget, "load_profile", lambda: None)
     monkeypatch.setattr(budget, "seconds_of", seconds_of)
-    viewer = Viewer(cube, size=SIZE)
+    viewer = Viewer(cube, size=SIZE, time_budget=0.02)
     yield viewer, asked
     viewer.close()
 
