@@ -47,7 +47,7 @@ from benchmarks.viewing_worker import (
     WAIT,
 )
 
-SHARP = 4.0
+SHARP = 3.0
 """Largest root mean square difference of a sharp picture from the last one, 8-bit codes: that of
 four samples a pixel, coded as JPEG."""
 

@@ -333,7 +333,7 @@ def show_options(command: Any) -> Any:
                          "back by themselves."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
                          metavar="WxH", help="Size of the window, pixels."),
-            click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.02,
+            click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.012,
                          show_default=True, metavar="SECONDS",
                          help="For a picture while something moves: the best quality that is "
                          "drawn in it, or the fastest; a draft until that is known."),

@@ -39,7 +39,7 @@ EXTRAS = {
     "viewer": ("rendercanvas", "glfw", "wgpu"),
     "viewer-qt": ("rendercanvas", "PySide6"),
     "browser": ("uvicorn", "websockets", "simplejpeg"),
-    "terminal": ("rendercanvas", "blessed"),
+    "terminal": ("blessed",),
     "notebook": ("rendercanvas", "anywidget", "simplejpeg"),
     "mpl": ("matplotlib",),
     "distributed": ("dask", "distributed"),

@@ -835,9 +835,8 @@ class View(NamedTuple):
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
-        from rasterjit.scene.framing import CLEARANCE, frame_of, near_plane, triple_of
+        from rasterjit.scene.framing import CLEARANCE, frame_of, near_plane
         from rasterjit.scene.transforms import apply, are_parallel
-        from rasterjit.scene.vectors import dot
 
         center, radius = scene.bounding_sphere()
         fitted = self._fit(scene, size)
@@ -848,8 +847,8 @@ class View(NamedTuple):
         up = self.up or scene.up or (0.0, 1.0, 0.0)
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
-            sign = math.copysign(1.0, dot(triple_of(up), triple_of(target - eye)))
-            up = apply(frame_of(up), (0.0, 0.0, sign))
+            x, y, z = (up * (target - eye)).tolist()
+            up = apply(frame_of(up), (0.0, 0.0, math.copysign(1.0, x + y + z)))
         x, y, z = (center - eye).tolist()
         distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":

@@ -679,6 +679,7 @@ class Renderer(Guarded):
         cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
+        first: Sequence[Quality] = (Quality.draft(), Quality.standard()),
     ) -> Iterator[Frame]:
         """
         Render one frame again and again, each time more accurately.
@@ -686,24 +687,29 @@ class Renderer(Guarded):
         Takes what `rasterjit.render` takes, whatever the quality of this renderer. The scene must
         stay as it is while frames are taken; other frames may be rendered in between.
 
+        Parameters
+        ----------
+        first : sequence of Quality
+            What is drawn before the pictures of the reference.
+
         Yields
         ------
         Frame
-            One of ``Quality.draft()``, one of ``Quality.standard()``, and then the mean of the
-            first 4, 16, 64 and at last all 256 pictures of ``Quality.reference()``: the bits that
-            ``render`` gives. ``frame.plan.quality`` and ``frame.plan.pictures`` say which it is.
-            No picture is drawn twice.
+            One of each quality in ``first``, and then the mean of the first 4, 16, 64 and at last
+            all 256 pictures of ``Quality.reference()``: the bits that ``render`` gives.
+            ``frame.plan.quality`` and ``frame.plan.pictures`` say which it is. No picture is drawn
+            twice.
 
         Raises
         ------
         ValueError
             At once, naming the argument that is wrong.
         """
-        qualities = Quality.draft(), Quality.standard(), Quality.reference()
+        qualities = *first, Quality.reference()
         arguments = what, camera, outputs, background, cull, diagnose, previous
-        *first, best = [self._plan(one, *arguments) for one in qualities]
+        *before, best = [self._plan(one, *arguments) for one in qualities]
         last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
-        return self._draw_all([*first, *last])
+        return self._draw_all([*before, *last])
 
     def _draw_all(self, planned: Sequence[PlannedFrame]) -> Iterator[Frame]:
         """Draw frames one after the other, each from the pictures of those before it."""

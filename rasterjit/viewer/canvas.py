@@ -1,7 +1,7 @@
 """
 Join a viewer to a canvas of ``rendercanvas``: its events go in, pictures come out.
 
-The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal.
+The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal (`terminal`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.runtime.progress import told_to
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
@@ -30,11 +29,6 @@ FRAME_RATE = 60.0
 
 Result = TypeVar("Result")
 
-TERMINAL_FRAME_RATE = 20.0
-"""Most pictures a second: a terminal takes long to show one."""
-
-TERMINAL_KEYS = "arrows turn, + - zoom, F fits, R returns, Ctrl-C ends"
-"""What the title says: most terminals are too small for a help panel."""
 
 
 class DrawCancelled(Exception):  # noqa: N818
@@ -200,40 +194,6 @@ def in_notebook() -> bool:
     shell = sys.modules.get("IPython")
     running = shell.get_ipython() if shell is not None else None
     return running is not None and getattr(running, "kernel", None) is not None
-
-
-def run_in_terminal(viewer: Viewer, title: str) -> None:
-    """
-    Show a viewer in the terminal until it is closed, by Ctrl-C or the cross on top.
-
-    Raises
-    ------
-    ImportError
-        If what it needs is not installed, naming what to install.
-    ValueError
-        If standard input or output is no terminal.
-    """
-    if not (sys.__stdout__ and sys.__stdout__.isatty() and sys.__stdin__.isatty()):
-        raise ValueError(
-            "backend must not be 'terminal' where standard input or output is none, but a file or "
-            "a pipe"
-        )
-    try:
-        from rendercanvas import terminal
-    except ImportError as error:
-        raise ImportError(
-            f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
-        ) from error
-    # What has to be compiled is compiled before the terminal changes.
-    viewer.draw()
-    canvas = terminal.RenderCanvas(title=f"{title}: {TERMINAL_KEYS}", max_fps=TERMINAL_FRAME_RATE)
-    Connection(viewer, canvas)
-    try:
-        # No line is written across the picture.
-        with told_to(lambda progress: None):
-            terminal.loop.run()
-    finally:
-        canvas.close()
 
 
 def has_terminal() -> bool:

@@ -43,7 +43,7 @@ from rasterjit.scene.vectors import cross, dot, length
 
 Event = dict[str, Any]
 
-SMOOTHING = 0.05
+SMOOTHING = 0.03
 """Time in which a camera goes 63 % of the way to where it was sent, seconds."""
 
 TURN_RATE = 90.0
@@ -70,10 +70,10 @@ CROSSING_TIME = 3.0
 LARGEST_PITCH = 89.0
 """How far up or down one looks when flying, degrees."""
 
-REST = 1e-4
+REST = 2e-4
 """Share of the distance that a camera at rest may be off its goal: a tenth of a pixel, about."""
 
-REST_ANGLE = 0.01
+REST_ANGLE = 0.02
 """The same for angles, degrees."""
 
 LARGEST_FACTOR = 4.0

@@ -11,7 +11,7 @@ from rasterjit.rendering.plan import Cull
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer import browser, canvas, notebook, trial
+from rasterjit.viewer import browser, canvas, notebook, terminal, trial
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
 Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
@@ -89,8 +89,7 @@ def show(
     if token is not None:
         browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    needs_canvas = chosen in ("window", "terminal")
-    if needs_canvas and importlib.util.find_spec("rendercanvas") is None:
+    if chosen == "window" and importlib.util.find_spec("rendercanvas") is None:
         extra = "viewer" if chosen == "window" else chosen
         raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
@@ -102,7 +101,7 @@ def show(
     run: dict[str, Callable[[], None]] = {
         "window": lambda: canvas.open_window(viewer, title),
         "browser": lambda: browser.serve(viewer, host, port, token=token),
-        "terminal": lambda: canvas.run_in_terminal(viewer, title),
+        "terminal": lambda: terminal.run_in_terminal(viewer, title),
     }
     try:
         return run[chosen]()
@@ -140,7 +139,7 @@ def _without_window(problem: str) -> str:
     """Return the best backend where no window opens."""
     if all(importlib.util.find_spec(name) is not None for name in SERVER):
         return "browser"
-    if importlib.util.find_spec("rendercanvas") is not None and canvas.has_terminal():
+    if canvas.has_terminal():
         return "terminal"
     raise ImportError(
         'showing needs a page: pip install "rasterjit[browser]"; or a window, but '

@@ -57,8 +57,22 @@ LONGEST_STEP = 0.1
 """Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
 pause it does not jump."""
 
-SMOOTH = 0.02
-"""Seconds for a picture while something moves: with what it takes to show it, 30 in a second."""
+SMOOTH = 0.012
+"""Seconds for a picture while something moves: half of what there is where 45 are shown in a
+second. To code it, and to decode it in a page on the same machine, takes the other half."""
+
+FASTEST = replace(Quality.draft(), shading="pixel")
+"""The quality of pictures while something moves until times are known, and the least of all."""
+
+SHARP = Quality(samples=4)
+"""The quality of the first picture at rest: soon there, and its edges are smooth."""
+
+TOO_LONG = 1.5
+"""Times over the budget from which on what moves is drawn in half as many pixels a side, four times
+faster or so; that goes on until four times its time is less again."""
+
+SIDES = 2
+"""Sides of a pixel of such a picture, in pixels of the size that is shown."""
 
 COMPILING = 0.1
 """Share of a picture's time from which on it is said that something was compiled, or loaded."""
@@ -73,7 +87,7 @@ HELP: tuple[Row, ...] = (
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
     *switches.help_rows(),
     ("M", "what the effects cost"),
-    ("click", "explain a pixel; Escape closes it"),
+    ("click", "explain a pixel; Escape closes that, and help"),
     ("I  H", "hide or show the line below, this help"),
 )
 
@@ -102,8 +116,9 @@ class Viewer:
         What stays up when the camera turns. Default: what the scene says, else y.
     time_budget : float
         Seconds for a picture while something moves, by which its quality is chosen; the fastest, if
-        all take longer. Times are measured at rest; until then, and always for depth, normals and
-        numbers, the quality is ``Quality.draft()``.
+        all take longer, and with half as many pixels a side if that takes much longer. Times are
+        measured at rest; until then, and always for depth, normals and numbers, the quality is
+        ``Quality.draft()`` with light for each pixel.
     name : str
         What is shown, for the line at the bottom.
     threads : int, optional
@@ -186,6 +201,10 @@ class Viewer:
         self._seconds = self._drawing = 0.0
         self._compiled = False
         self._moving = _renderer(self.size, threads)
+        # Draws what moves in half as many pixels a side, if a picture in full size and the fastest
+        # quality takes these seconds.
+        self._coarse: Renderer | None = None
+        self._fastest = self._latest = 0.0
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
         self._count = 0
@@ -197,7 +216,7 @@ class Viewer:
         with self._lock:
             self.version += 1
         self._steps = iter(())
-        self._moving.close()
+        self._forget_size()
 
     def twin(self) -> Viewer:
         """Return another viewer of the same scene, with a camera of its own where this began."""
@@ -227,6 +246,18 @@ class Viewer:
     def cost_rows(self) -> list[Row]:
         """What the effects cost, as rows; none unless it was asked for."""
         return self._cost_rows() if self._shows_costs else []
+
+    @property
+    def panel_rows(self) -> Sequence[Row]:
+        """What is to be read over the picture: help, what is known of a pixel, or costs."""
+        if self._shows_help:
+            return self.help_rows
+        return rows_of(self.explanation) if self.explanation is not None else self.cost_rows
+
+    @property
+    def shows_line(self) -> bool:
+        """Whether the line at the bottom is to be read."""
+        return self._shows_line
 
     @property
     def shown(self) -> Scene:
@@ -261,6 +292,8 @@ class Viewer:
             quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
             if plan.pictures > 1:
                 quality += f" of {plan.pictures} pictures"
+            if plan.size != self.size:
+                quality += " at half the size"
             compiled = ", with compiling" if self._compiled else ""
             parts.append(f"{quality} in {_in_words(self._seconds)}{compiled}")
         parts += [self._message] if self._message else []
@@ -297,7 +330,7 @@ class Viewer:
         if (size, ratio) == (self.size, self.ratio):
             return
         self.size, self.ratio = size, ratio
-        self._moving.close()
+        self._forget_size()
         self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
         if self._is_fitted:
@@ -433,19 +466,45 @@ class Viewer:
             self._drawing = budget.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
             frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
-        return picture_of(frame, self.kind, self.numbers if self._hidden else None)
+        return self._enlarged(picture_of(frame, self.kind, self.numbers if self._hidden else None))
 
     def _draw_in_time(self) -> Frame:
         """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""
         scene, camera, outputs = self._shown, self.camera, OUTPUTS_OF[self.kind]
 
-        def draw(quality: Quality) -> Frame:
-            self._moving.quality = quality
-            return self._moving.render(scene, camera, outputs=outputs, **self._options)
+        def draw(quality: Quality, renderer: Renderer = self._moving) -> Frame:
+            renderer.quality = quality
+            return renderer.render(scene, camera, outputs=outputs, **self._options)
 
-        if self.kind != "color" or not self._times.is_known:
-            return draw(Quality.draft())
-        return budget.draw_as_known(self._budget, self._times, draw)
+        is_known = self.kind == "color" and self._times.is_known
+        if self._fastest > TOO_LONG * self._budget:
+            if self._coarse is None:
+                self._coarse = _renderer(_half(self.size), self._threads)
+            frame = draw(FASTEST, self._coarse)
+            self._fastest = SIDES * SIDES * budget.seconds_of(frame)
+        elif is_known:
+            frame = budget.draw_as_known(self._budget, self._times, draw)
+        else:
+            frame = draw(FASTEST)
+        if frame.plan.size == self.size:
+            # Two in a row are slow: not by chance, nor because the first one gets memory.
+            seconds = budget.seconds_of(frame) if frame.plan.quality == FASTEST else 0.0
+            self._fastest, self._latest = min(seconds, self._latest), seconds
+        return frame
+
+    def _enlarged(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a picture in the size that is shown: one of half that size, each pixel doubled."""
+        width, height = self.size
+        if picture.shape[1::-1] != _half(self.size) or self.size == (1, 1):
+            return picture
+        return picture.repeat(SIDES, axis=0).repeat(SIDES, axis=1)[:height, :width].copy()
+
+    def _forget_size(self) -> None:
+        """Let go what draws while something moves."""
+        self._moving.close()
+        if self._coarse is not None:
+            self._coarse.close()
+        self._coarse, self._fastest, self._latest = None, 0.0, 0.0
 
     def _new_times(self) -> budget.Times:
         """
@@ -454,7 +513,9 @@ class Viewer:
         What the machine's profile tells of qualities that were not drawn yet would be chosen while
         something moves, and compiled then.
         """
-        return budget.Times(budget.known_ladder(), {})
+        # Light for each vertex is hardly faster, and shows.
+        better = [one for one in budget.known_ladder() if one.shading == "pixel"]
+        return budget.Times((FASTEST, *better), {})
 
     def step(self) -> bool:
         """
@@ -500,7 +561,9 @@ class Viewer:
                         self._wanted_pixel = pixel
                 yield True
             frames = (
-                renderer.refine(scene, camera, outputs=OUTPUTS_OF[kind], **self._options)
+                renderer.refine(
+                    scene, camera, outputs=OUTPUTS_OF[kind], first=(SHARP,), **self._options
+                )
                 if kind == "color"
                 else iter(())
             )
@@ -515,7 +578,7 @@ class Viewer:
                         if version == self.version:
                             self.costs = costs
                     yield True
-                if number == 2:
+                if number == 1:
                     draw = self._timed_drawer(renderer, version, scene, camera)
                     for _ in times.calibrate(self._budget, draw):
                         yield True
@@ -580,7 +643,7 @@ class Viewer:
         elif key == "i":
             self._shows_line = not self._shows_line
         elif key == "Escape":
-            self._shows_help, self.explanation = False, None
+            self._shows_help, self._shows_costs, self.explanation = False, False, None
         elif key == "m":
             self._shows_costs = not self._shows_costs
             self._restart()
@@ -638,12 +701,14 @@ class Viewer:
     def _depth_under(self, event: Event) -> float | None:
         """Return the depth under the cursor, scene units; None where it is unknown."""
         frame = self._frame
-        if frame is None or frame.plan.size != self.size:
+        if frame is None or frame.plan.size not in (self.size, _half(self.size)):
             return None
         column, row = (int(event[axis] * self.ratio) for axis in ("x", "y"))
         width, height = self.size
         if not (0 <= column < width and 0 <= row < height):
             return None
+        if frame.plan.size != self.size:
+            column, row = column // SIDES, row // SIDES
         depth = float(frame.depth[row, column])
         return depth if math.isfinite(depth) else None
 
@@ -682,6 +747,12 @@ def _timed(frames: Iterator[Frame]) -> Iterator[tuple[Frame, float]]:
         quality = frame.plan.quality
         yield frame, spent
         start = perf_counter()
+
+
+def _half(size: tuple[int, int]) -> tuple[int, int]:
+    """Return a size with half as many pixels a side."""
+    width, height = size
+    return -(-width // SIDES), -(-height // SIDES)
 
 
 def _in_words(seconds: float) -> str:

@@ -1,31 +1,43 @@
-"""The viewer in a terminal: half blocks, coloured as the picture is."""
+"""The viewer in a terminal: pixels where it has them, else half blocks, coloured as they are."""
 
 from __future__ import annotations
 
+import base64
 import fcntl
 import os
 import pty
 import re
 import select
+import shlex
+import shutil
 import struct
 import subprocess
 import sys
 import termios
 import time
-from contextlib import suppress
+import zlib
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
 
 import rasterjit as rj
+from rasterjit.viewer.graphics import encode_sixels, half_blocks
+from rasterjit.viewer.terminal import END_KEY, HELD, Abilities, Hands, Screen, ask, panel_lines
+from rasterjit.viewer.viewer import HELP
 
 pytestmark = pytest.mark.takes_long
 
 if not os.environ.get("CI"):
     pytest.importorskip("blessed")
 
-COLUMNS, LINES = 40, 15
+COLUMNS, LINES, TEXTS = 40, 15, 2
+CELL = (9, 18)
+"""Width and height of a cell of a terminal that shows pixels."""
+
 PATIENCE = 60.0
 """Seconds for pictures to come, on a loaded machine."""
 
@@ -33,39 +45,106 @@ PLACE = re.compile(rb"\x1b\[(\d+);(\d+)H")
 COLOR = re.compile(rb"\x1b\[(38|48);2;(\d+);(\d+);(\d+)m")
 BLOCK = "▄".encode()
 
+PLAIN = {b"\x1b[6n": b"\x1b[1;1R", b"\x1b[c": b"\x1b[?62;22c"}
+"""What a terminal answers that shows text alone."""
 
-def read_until(end, wanted):
-    """Be a terminal, and read until what was read is what is wanted."""
-    limit, said = time.monotonic() + PATIENCE, b""
-    while time.monotonic() < limit:
-        ready, _, _ = select.select([end], [], [], 0.5)
-        if ready:
-            try:
-                new = os.read(end, 1 << 16)
-            except OSError:
-                break
-            said += new
-            # All that this terminal can tell is where its cursor is.
-            os.write(end, b"\x1b[1;1R" * new.count(b"\x1b[6n"))
-        if wanted(said):
-            return said
-    pytest.fail(f"{len(said)} bytes, the last {said[-300:]!r}")
+PIXELS = {**PLAIN, b"\x1b[16t": b"\x1b[6;%d;%dt" % CELL[::-1]}
+KITTY = {**PIXELS, b"\x1b_Gi=31,s=1,v=1,a=q": b"\x1b_Gi=31;OK\x1b\\"}
+SIXEL = {**PIXELS, b"\x1b[c": b"\x1b[?62;4;22c"}
+
+WHOLE_KITTY = re.compile(
+    rb"\x1b_Ga=T,f=24,o=z,[^;]*?s=(\d+),v=(\d+),c=40,r=13,.*?m=0;.*?\x1b\\", re.S
+)
+KITTY_PART = re.compile(rb"\x1b_G[^;]*;([^\x1b]*)\x1b\\")
+WHOLE_SIXEL = re.compile(rb"\x1bPq.*?\x1b\\", re.S)
+
+
+class Terminal:
+    """A terminal of 40 x 15 characters in which a cube is viewed."""
+
+    def __init__(self, folder, answers):
+        self.path = folder / "cube.obj"
+        lines = [f"v {x} {y} {z}" for x, y, z in CUBE_VERTICES]
+        lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_FACES]
+        self.path.write_text("\n".join(lines) + "\n")
+        self._answers, self.said = answers, b""
+        self._end, theirs = pty.openpty()
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", LINES, COLUMNS, 0, 0))
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rasterjit", "view", str(self.path), "--backend", "terminal",
+             "--quiet"],
+            stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            env={**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
+        )  # fmt: skip
+        os.close(theirs)
+
+    def wanted(self, size, quality):
+        """Return the picture of the cube, (H, W, 3)."""
+        frame = rj.render(rj.load(self.path), size=size, quality=quality)
+        return frame.color[:, :, :3].astype(int)
+
+    def read(self):
+        """Read what the viewer says, and answer it; False if that is over."""
+        if not select.select([self._end], [], [], 0.2)[0]:
+            return True
+        try:
+            new = os.read(self._end, 1 << 16)
+        except OSError:
+            return False
+        self.said += new
+        for question, answer in self._answers.items():
+            os.write(self._end, answer * new.count(question))
+        return bool(new)
+
+    def read_until(self, wanted):
+        limit = time.monotonic() + PATIENCE
+        while time.monotonic() < limit and self.read():
+            if wanted(self.said):
+                return
+        pytest.fail(f"{len(self.said)} bytes, the last {self.said[-300:]!r}")
+
+    def type(self, text):
+        os.write(self._end, text)
+
+    def ends(self):
+        """Wait until the viewer has ended, and return what it said on standard error."""
+        limit = time.monotonic() + PATIENCE
+        # The terminal is gone when the last who holds it is.
+        while self.process.poll() is None and time.monotonic() < limit:
+            self.read()
+        assert self.process.poll() is not None
+        while self.read() and select.select([self._end], [], [], 0.1)[0]:
+            pass
+        return self.process.stderr.read().decode()
+
+    def close(self):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+        os.close(self._end)
+
+
+@contextmanager
+def terminal(folder, answers):
+    one = Terminal(folder, answers)
+    try:
+        yield one
+    finally:
+        one.close()
 
 
 def picture_in(said):
     """Return the last whole picture that a terminal was told to show, (H, W, 3); else None."""
     rows = {}
     for match in PLACE.finditer(said):
-        row, column = int(match[1]) - 1, int(match[2]) - 1
-        line = said[match.end() :].split(b"\x1b[", 1)[0] if column else None
-        if line is None:
-            end = PLACE.search(said, match.end())
-            text = said[match.end() : end.start() if end else len(said)]
-            if text.count(BLOCK) >= COLUMNS // 2:
-                rows[row] = text
-    if set(rows) != set(range(LINES)):
+        end = PLACE.search(said, match.end())
+        text = said[match.end() : end.start() if end else len(said)]
+        if text.count(BLOCK) >= COLUMNS // 2:
+            rows[int(match[1]) - 1] = text
+    if set(rows) != set(range(LINES - TEXTS)):
         return None
-    picture = np.full((2 * LINES, COLUMNS, 3), -1)
+    picture = np.full((2 * (LINES - TEXTS), COLUMNS, 3), -1)
     for row, text in rows.items():
         column, colors = 0, {b"48": (0, 0, 0), b"38": (0, 0, 0)}
         for part in re.split(rb"(\x1b\[[0-9;]*m)", text):
@@ -79,47 +158,201 @@ def picture_in(said):
     return picture
 
 
-def test_terminal_shows_the_picture_and_ends(tmp_path):
-    path = tmp_path / "cube.obj"
-    lines = [f"v {x} {y} {z}" for x, y, z in CUBE_VERTICES]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_FACES]
-    path.write_text("\n".join(lines) + "\n")
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", LINES, COLUMNS, 0, 0))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rasterjit", "view", str(path), "--backend", "terminal",
-         "--quiet"],
-        stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        env={**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
-    )  # fmt: skip
-    os.close(theirs)
-    try:
-        scene = rj.load(path)
-        size = (COLUMNS, 2 * LINES)
-        frame = rj.render(scene, size=size, quality=rj.Quality.reference())
-        wanted = frame.color[:, :, :3].astype(int)
+def kitty_picture_in(said):
+    """Return the last whole picture that kitty was told to show, (H, W, 3); else None."""
+    whole = list(WHOLE_KITTY.finditer(said))
+    if not whole:
+        return None
+    found = whole[-1]
+    data = b"".join(part[1] for part in KITTY_PART.finditer(found[0]))
+    pixels = np.frombuffer(zlib.decompress(base64.b64decode(data)), dtype=np.uint8)
+    return pixels.reshape(int(found[2]), int(found[1]), 3).astype(int)
+
+
+@pytest.mark.parametrize("key", [b"q", b"\x1b", b"\x03"])
+def test_terminal_shows_the_picture_and_ends(tmp_path, key):
+    with terminal(tmp_path, PLAIN) as one:
+        wanted = one.wanted((COLUMNS, 2 * (LINES - TEXTS)), rj.Quality.reference())
 
         def is_shown(said):
             picture = picture_in(said)
-            # Two buttons lie over the first line.
-            return picture is not None and (picture[2:] == wanted[2:]).all()
+            return picture is not None and (picture == wanted).all()
 
-        read_until(ours, is_shown)
-        os.write(ours, b"\x03")
+        one.read_until(is_shown)
+        assert b" Q end  H help" in one.said
+        one.type(key)
+        assert one.ends() == ""
+        assert one.process.returncode == 0
+        # The screen is the one before, and nothing is written on it.
+        behind = one.said.rpartition(b"\x1b[?1049l")[2]
+        assert one.said.count(b"\x1b[?1049h") == one.said.count(b"\x1b[?1049l") == 1
+        assert not re.sub(rb"\x1b(\[[?>=<\d;]*[A-Za-z]|[78=>])", b"", behind).strip()
+
+
+def test_terminal_with_pixels_is_shown_each_of_them(tmp_path):
+    with terminal(tmp_path, KITTY) as one:
+        size = COLUMNS * CELL[0], (LINES - TEXTS) * CELL[1]
+        wanted = one.wanted(size, rj.Quality.reference())
+
+        def is_shown(said):
+            picture = kitty_picture_in(said)
+            return picture is not None and np.array_equal(picture, wanted)
+
+        one.read_until(is_shown)
+        assert BLOCK not in one.said
+        one.type(b"q")
+        assert one.ends() == ""
+        assert b"a=d,d=I" in one.said.rpartition(b"a=T")[2]
+
+
+def test_terminal_with_sixels_is_shown_nearly_each_pixel(tmp_path):
+    with terminal(tmp_path, SIXEL) as one:
+        size = COLUMNS * CELL[0], (LINES - TEXTS) * CELL[1]
+        wanted = one.wanted(size, rj.Quality.reference())
+
+        def is_shown(said):
+            found = WHOLE_SIXEL.findall(said)
+            picture = decoded(found[-1].decode()) if found else None
+            if picture is None or picture.shape != wanted.shape:
+                return False
+            return np.abs(picture - wanted).max() < 1.5
+
+        one.read_until(is_shown)
+        assert BLOCK not in one.said
+        one.type(b"q")
+        assert one.ends() == ""
+
+
+def decoded(sixels):
+    """Return the picture that a terminal draws of sixels, (H, W, 3)."""
+    head = re.match(r'\x1bPq"1;1;(\d+);(\d+)', sixels)
+    width, height = map(int, head.groups())
+    picture = np.full((height + 5, width, 3), -1.0)
+    colors, color, column, band = {}, None, 0, 0
+    command = re.compile(r"#(\d+);2;(\d+);(\d+);(\d+)|#(\d+)|(?:!(\d+))?([?-~])|([$-])")
+    for found in command.finditer(sixels[head.end() : -2]):
+        if found[1]:
+            colors[int(found[1])] = [2.55 * int(found[k]) for k in (2, 3, 4)]
+        elif found[5]:
+            color = colors[int(found[5])]
+        elif found[8]:
+            column, band = 0, band + (found[8] == "-")
+        else:
+            count = int(found[6] or 1)
+            for bit in range(6):
+                if (ord(found[7]) - 63) >> bit & 1:
+                    picture[6 * band + bit, column : column + count] = color
+            column += count
+    return picture[:height]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 5), (30, 12), (41, 26)])
+def test_sixels_are_the_pixels_in_their_colours(size):
+    random = np.random.default_rng(3)
+    palette = random.integers(0, 256, (256, 3)).astype(np.uint8)
+    numbers = random.integers(0, 256, size[::-1]).astype(np.uint8)
+    numbers[:, size[0] // 2 :] //= 100
+    drawn = decoded(encode_sixels(numbers, palette))
+    # Colours are whole percents.
+    assert np.abs(drawn - palette[numbers]).max() <= 1.3
+
+
+def test_half_blocks_without_all_colours_are_the_nearest_of_a_cube():
+    picture = np.array([[[255, 0, 0], [0, 0, 0]], [[255, 255, 255], [26, 25, 0]]], dtype=np.uint8)
+    (line,) = half_blocks(picture, False)
+    assert re.findall(r"([34]8);5;(\d+)m", line) == [
+        ("48", "196"), ("38", "231"), ("48", "16"), ("38", "52"),
+    ]  # fmt: skip
+
+
+def test_panel_folds_what_is_too_wide_and_cuts_what_is_too_long():
+    rows = [("heading",), ("a", "one two three four five six"), ("bcd", "x")]
+    assert [line.rstrip() for line in panel_lines(rows, 24, 9)] == [
+        " heading", " a    one two three", "      four five six", " bcd  x",
+    ]  # fmt: skip
+    assert [line.rstrip() for line in panel_lines(rows, 24, 2)] == [" heading", " ..."]
+    assert len({len(line) for line in panel_lines(rows, 24, 9)}) == 1
+
+
+def test_way_of_the_environment_is_taken_unless_there_is_none(monkeypatch):
+    monkeypatch.setenv("RASTERJIT_TERMINAL", "blocks")
+    assert ask(0, pytest.fail).way == "blocks"
+    monkeypatch.setenv("RASTERJIT_TERMINAL", "tektronix")
+    with pytest.raises(ValueError, match="RASTERJIT_TERMINAL"):
+        ask(0, pytest.fail)
+
+
+def stroke(value="", name="", **more):
+    fields = {"name": name, "key_name": name, "value": value, "released": False, "repeated": False}
+    return SimpleNamespace(**{**fields, **more})
+
+
+@pytest.mark.parametrize("tells_releases", [False, True])
+def test_keys_are_held_or_act_each_time(tells_releases):
+    screen = Screen(Abilities("blocks", (8, 16)), lambda text: None, lambda: (40, 15))
+    events = []
+    screen.add_event_handler(lambda event: events.append(tuple(event.values())[:2]), "key_up")
+    hands = Hands(screen, tells_releases)
+    assert [hands.take(stroke("g")) for _ in range(2)] == ["g", "g"]
+    assert [hands.take(stroke(name="KEY_LEFT")) for _ in range(2)] == ["ArrowLeft", ""]
+    assert hands.take(stroke(name="KEY_PGDOWN")) == "q"
+    assert [hands.take(one) for one in (stroke("q"), stroke("\x03"))] == [END_KEY, END_KEY]
+    time.sleep(1.5 * HELD)
+    hands.pass_time()
+    released = [("key_up", "ArrowLeft"), ("key_up", "q")]
+    assert events == ([] if tells_releases else released)
+    if tells_releases:
+        hands.take(stroke(name="KEY_LEFT", released=True))
+        assert events == released[:1]
+
+
+@pytest.fixture
+def tmux(tmp_path):
+    """A function that runs tmux with a server of its own."""
+    if shutil.which("tmux") is None:
+        assert not os.environ.get("CI")
+        pytest.skip("no tmux")
+
+    def run(*words):
+        command = ["tmux", "-S", str(tmp_path / "socket"), "-f", "/dev/null", *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    yield run
+    with suppress(subprocess.CalledProcessError):
+        run("kill-server")
+
+
+def test_help_fits_and_escape_closes_it_before_it_ends(tmux):
+    def screen():
+        return tmux("capture-pane", "-p").splitlines()
+
+    def wait_for(wanted):
         limit = time.monotonic() + PATIENCE
-        while process.poll() is None and time.monotonic() < limit:
-            # The terminal is gone when the last who holds it is.
-            with suppress(OSError):
-                if select.select([ours], [], [], 0.1)[0]:
-                    os.read(ours, 1 << 16)
-        assert process.poll() is not None
-        assert b"Traceback" not in process.stderr.read()
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-        os.close(ours)
+        while time.monotonic() < limit:
+            if wanted(screen()):
+                return
+            time.sleep(0.1)
+        pytest.fail("\n".join(screen()))
+
+    tmux("new-session", "-d", "-x", "80", "-y", "24", "env PS1='ready> ' sh")
+    wait_for(lambda lines: any(line.startswith("ready>") for line in lines))
+    model = Path(__file__).parents[2] / "models" / "teapot.obj"
+    words = "-m", "rasterjit", "view", model, "--backend", "terminal", "--quiet"
+    tmux("send-keys", "clear; " + shlex.join(map(str, (sys.executable, *words))), "Enter")
+    wait_for(lambda lines: lines and "Q end  H help" in lines[-1])
+    tmux("send-keys", "h")
+    wait_for(lambda lines: any("ends it, as Escape does" in line for line in lines))
+    text = " ".join(" ".join(line.replace("▄", "").split()) for line in screen())
+    for cells in HELP:
+        assert " ".join(" ".join(cells).split()) in text
+    assert "Q end  H help" in screen()[-1]
+    tmux("send-keys", "Escape")
+    wait_for(lambda lines: not any("as Escape does" in line for line in lines))
+    assert "Q end  H help" in screen()[-1]
+    tmux("send-keys", "Escape")
+    wait_for(lambda lines: not any("▄" in line for line in lines))
+    wait_for(lambda lines: ["", *filter(None, lines)][-1].strip() == "ready>")
+    assert sum("ready>" in line for line in screen()) == 1
 
 
 def test_pipe_is_no_terminal(tmp_path, cube):

@@ -202,7 +202,7 @@ print(json.dumps([[kind.__name__ for kind in kinds], seen]))
 @pytest.mark.needs_jit
 def test_window_that_is_resized_shows_the_same_view():
     missing = [name for name in ("Xvfb", "xvfb-run", "xdotool") if shutil.which(name) is None]
-    if missing or not canvas.toolkits():
+    if missing or not trial.toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist()])
