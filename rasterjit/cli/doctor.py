@@ -38,7 +38,7 @@ EXTRAS = {
     "accuracy": ("matplotlib", "flip_evaluator"),
     "viewer": ("rendercanvas", "glfw", "wgpu"),
     "viewer-qt": ("rendercanvas", "PySide6"),
-    "browser": ("rendercanvas", "uvicorn", "websockets", "simplejpeg"),
+    "browser": ("uvicorn", "websockets", "simplejpeg"),
     "terminal": ("rendercanvas", "blessed"),
     "notebook": ("rendercanvas", "anywidget", "simplejpeg"),
     "mpl": ("matplotlib",),

@@ -865,7 +865,8 @@ def gather(kind: type[Options], options: dict[str, Any]) -> Options:
 def is_given(name: str) -> bool:
     """Tell whether the command line gives an option of the command that runs."""
     source = click.get_current_context().get_parameter_source(name)
-    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+    defaults = ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, ParameterSource.ENVIRONMENT
+    return source not in (None, *defaults)
 
 
 def refuse_idle(names: Iterable[str], why: str) -> None:

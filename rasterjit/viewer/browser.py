@@ -205,7 +205,9 @@ def serve(
         if on_start is not None:
             on_start(stop)
         try:
-            server.run(sockets=[listening])
+            # Who interrupts it wants nothing else.
+            with contextlib.suppress(KeyboardInterrupt):
+                server.run(sockets=[listening])
         finally:
             # One that is still drawn is told that nobody wants it.
             is_there = first.done()

@@ -29,7 +29,7 @@ from rasterjit.viewer.controls import Event
 from rasterjit.viewer.messages import MOST_LISTED, SHOWN
 from rasterjit.viewer.overlay import colors_of, rows_of
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
-from rasterjit.viewer.views import camera_code, rounded
+from rasterjit.viewer.views import ShortView, camera_code
 
 MOST_ON_WAY = 3
 """Pictures that were drawn and not shown yet: one is coded, one on its way, one decoded."""
@@ -158,9 +158,9 @@ class Tab:
             return None
         if self._messages or (self._step is not None and self._step.done()):
             return 0.0
-        if not (self._has_size and self.sent - self._shown < MOST_ON_WAY):
+        if not self._has_room:
             return None
-        if self._step is None and not viewer.is_moving and not viewer.is_done:
+        if self._may_step:
             return 0.0
         now = time.perf_counter()
         if viewer.is_moving or viewer.stamp != self._stamp:
@@ -171,6 +171,18 @@ class Tab:
         if viewer.is_live:
             delays.append(self._time + LIVE_EVERY - now)
         return min(delays, default=None)
+
+    @property
+    def _has_room(self) -> bool:
+        """Whether the page has a size, and not too many pictures are on their way."""
+        return self._has_size and self.sent - self._shown < MOST_ON_WAY
+
+    @property
+    def _may_step(self) -> bool:
+        """Whether there is something to do at rest: first comes a picture of what changed."""
+        viewer = self._viewer
+        is_idle = self._step is None and viewer.stamp == self._stamp
+        return is_idle and not viewer.is_moving and not viewer.is_done
 
     @property
     def _is_rough(self) -> bool:
@@ -190,17 +202,18 @@ class Tab:
         self._pass_time()
         for message in messages:
             self._apply(message)
-        self._work()
+        self._end_step()
         now = time.perf_counter()
         if viewer.is_moving or viewer.version != self._version:
             self._changed_at, self._version = now, viewer.version
-        if not (self._has_size and self.sent - self._shown < MOST_ON_WAY):
-            return
         is_settled = not viewer.is_moving and now - self._changed_at >= SETTLED
         is_new = viewer.stamp != self._stamp and now >= self._due
-        if is_new or (self._is_rough and is_settled):
+        if self._has_room and (is_new or (self._is_rough and is_settled)):
             self._due = now + 1.0 / FRAME_RATE
             self._draw(is_settled)
+        if self._may_step:
+            self._step = self._worker.submit(viewer.step)
+            self._step.add_done_callback(lambda _: self._wake())
 
     def _pass_time(self) -> None:
         """Let the time since the last call pass in the viewer."""
@@ -208,17 +221,13 @@ class Tab:
         self._viewer.advance(now - self._time)
         self._time = now
 
-    def _work(self) -> None:
-        """Keep the thread busy with what is to be done at rest."""
-        viewer = self._viewer
+    def _end_step(self) -> None:
+        """Take in how a step ended, if one did."""
         if self._step is not None and self._step.done():
             error = self._step.exception()
             self._step = None
-            if error is not None:
-                viewer.fail(error)
-        if self._step is None and self._has_size and not viewer.is_moving and not viewer.is_done:
-            self._step = self._worker.submit(viewer.step)
-            self._step.add_done_callback(lambda _: self._wake())
+            if isinstance(error, Exception):
+                self._viewer.fail(error)
 
     def _draw(self, is_exact: bool) -> None:
         """Draw a picture, and have it coded and sent."""
@@ -293,10 +302,7 @@ class Tab:
             "effects": self._effects(),
             "hidden": sorted(viewer.hidden)[:MOST_LISTED],
             "only": self._only,
-            "view": {
-                **{name: rounded(getattr(camera, name)) for name in ("eye", "target", "up")},
-                "fov_y": camera.fov_y,
-            },
+            "view": ShortView.of(camera)._asdict(),
             "code": camera_code(camera),
             "picked": self._picked,
             "costs": viewer.cost_rows,

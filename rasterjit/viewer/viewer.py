@@ -402,9 +402,10 @@ class Viewer:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
             version = self.version
-            frame = self._draw_in_time()
-            self._keep(frame, version)
-            self._drawing = budget.seconds_of(frame)
+            drawn = self._draw_in_time()
+            self._drawing = budget.seconds_of(drawn)
+            # A step may have been faster, and its picture is better.
+            frame = self._keep(drawn, version, is_best=False)
         picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
         self._write_on(picture)
         return picture
@@ -510,13 +511,16 @@ class Viewer:
 
         return draw
 
-    def _keep(self, frame: Frame, version: int) -> None:
-        """Show a frame, unless something else is to be seen by now."""
+    def _keep(self, frame: Frame, version: int, is_best: bool = True) -> Frame:
+        """Show a frame, unless something else is to be seen by now; return what is to be seen."""
         with self._lock:
+            if self._frame is not None and self._frame_version == version and not is_best:
+                return self._frame
             if version == self.version:
                 self._frame, self._frame_version = frame, version
                 self._seconds = budget.seconds_of(frame)
                 self._count += 1
+        return frame
 
     def _change(self) -> None:
         """Note that what is seen changes."""

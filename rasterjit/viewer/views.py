@@ -1,33 +1,48 @@
-"""A camera as code, to be used again."""
+"""A view in numbers that are short, and as code: to be used again."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from rasterjit.scene.camera import PerspectiveCamera
 
 DIGITS = 9
-"""Of each number: no pixel of a picture tells more."""
+"""Of numbers: no pixel of a picture tells more."""
+
+
+class ShortView(NamedTuple):
+    """Where a camera stands and looks; coordinates end at the same digit."""
+
+    eye: list[float]
+    target: list[float]
+    up: list[float]
+    fov_y: float
+
+    @classmethod
+    def of(cls, camera: PerspectiveCamera) -> ShortView:
+        """Return the view of a camera."""
+        eye, target = _rounded(camera.eye, camera.target)
+        (up,) = _rounded(camera.up)
+        return cls(eye, target, up, float(f"{camera.fov_y:.{DIGITS}g}"))
 
 
 def camera_code(camera: PerspectiveCamera) -> str:
     """Return the call that makes a camera which sees the same; planes are left to rendering."""
-    places = ", ".join(
-        f"{name}=({_text(getattr(camera, name))})" for name in ("eye", "target", "up")
-    )
-    return f"rj.PerspectiveCamera({places}, fov_y={camera.fov_y:.{DIGITS}g})"
+    view = ShortView.of(camera)
+    eye, target, up = map(_text, view[:3])
+    fov_y = f"{view.fov_y:.{DIGITS}g}"
+    return f"rj.PerspectiveCamera(eye=({eye}), target=({target}), up=({up}), fov_y={fov_y})"
 
 
-def _text(place: Sequence[float]) -> str:
-    return ", ".join(f"{part:.{DIGITS}g}" for part in rounded(place))
+def _text(place: Iterable[float]) -> str:
+    return ", ".join(f"{part:.{DIGITS}g}" for part in place)
 
 
-def rounded(place: Sequence[float]) -> list[float]:
-    """Return a place whose coordinates have as many digits as the largest one needs."""
-    largest = max(map(abs, place))
-    if largest == 0.0:
-        return [0.0, 0.0, 0.0]
-    decimals = DIGITS - 1 - math.floor(math.log10(largest))
+def _rounded(*places: Sequence[float]) -> list[list[float]]:
+    """Return places with as many decimals as the largest coordinate needs."""
+    largest = max(max(map(abs, place)) for place in places)
+    _, exponent = f"{largest:e}".split("e")
+    decimals = DIGITS - 1 - int(exponent)
     # What rounds to -0 becomes 0.
-    return [round(part, decimals) + 0.0 for part in place]
+    return [[round(float(part), decimals) + 0.0 for part in place] for place in places]

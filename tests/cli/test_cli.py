@@ -941,6 +941,7 @@ IDLE = [
     ("explain", None, "--threads", 1),
     ("view", None, "--backend", "terminal", "--port", 80),
     ("view", None, "--backend", "window", "--host", "::1"),
+    ("view", None, "--backend", "terminal", "--token", "a-token-that-is-kept"),
     ("dataset", "out", "--seed", 3),
     ("dataset", "out", "--cameras", "random", "--elevation", 3),
 ]

@@ -401,6 +401,7 @@ OFF_THE_PATH = {
     "cli/doctor.py": "checks an installation, draws nothing for anybody",
     "viewer/viewer.py": "what a person clicks, and text",
     "viewer/overlay.py": "text",
+    "viewer/tab.py": "text about what a page shows",
     "compat/matplotlib.py": "works in the matrices of matplotlib, which come from BLAS",
     "viewer/controls.py": "follows a hand: where a person leaves the camera is in no file",
     "cli/warmup.py": "compiles kernels, keeps no picture",

@@ -194,13 +194,30 @@ def test_frame_of_a_picture_that_is_gone_never_takes_the_place_of_another(cube):
     viewer.close()
 
 
+def test_a_draft_that_is_slower_than_a_step_is_not_shown(viewer, monkeypatch):
+    draw = viewer._draw_in_time
+
+    def draw_slowly():
+        frame = draw()
+        while viewer.step():
+            pass
+        return frame
+
+    monkeypatch.setattr(viewer, "_draw_in_time", draw_slowly)
+    key(viewer, "3")
+    frame = rj.render(viewer.scene, viewer.camera, size=SIZE, outputs=("normal", "depth"))
+    for _ in range(2):
+        np.testing.assert_array_equal(viewer.draw(), picture_of(frame, "normal"))
+
+
 def test_drawing_shows_its_own_frame_whatever_comes_meanwhile(viewer, monkeypatch):
     viewer.draw()
     old, keep = viewer._frame, viewer._keep
 
-    def late(frame, version):
-        keep(frame, version)
+    def late(frame, version, **options):
+        kept = keep(frame, version, **options)
         viewer._frame = old
+        return kept
 
     monkeypatch.setattr(viewer, "_keep", late)
     key(viewer, "3")
@@ -562,7 +579,7 @@ def test_the_command_has_the_time_of_the_function():
 
 @pytest.mark.parametrize(
     ("backend", "extra"),
-    [("window", "viewer"), ("browser", "browser"), ("terminal", "terminal")],
+    [("window", "viewer"), ("terminal", "terminal")],
 )
 def test_without_a_canvas_the_extra_is_named(cube, monkeypatch, backend, extra):
     find = importlib.util.find_spec
@@ -600,3 +617,52 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     assert asked.count(LADDER[2]) == 1 + budget.FRAMES
     drag(viewer)
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
+
+
+def test_twin_shows_the_same_and_goes_its_own_way(viewer):
+    drag(viewer)
+    twin = viewer.twin()
+    assert twin.camera != viewer.camera
+    key(viewer, "r")
+    settle(viewer)
+    assert twin.camera == viewer.camera
+    np.testing.assert_array_equal(twin.draw(), rendered(viewer, DRAFT))
+    key(twin, "2")
+    assert viewer.look[0] == "color"
+    twin.close()
+
+
+@pytest.mark.parametrize(
+    ("look", "message"),
+    [
+        (("colour", (), {}), "kind must be one of 'color', 'depth'"),
+        (("color", ("mist",), {}), "switched must be one of .*; got 'mist'"),
+        (("color", (), {"q": None}), "modes must be one of 'p', 'g'; got 'q'"),
+        (
+            ("color", (), {"g": "x"}),
+            r"modes\['g'\] must be one of None, 'overlay', 'only'; got 'x'",
+        ),
+    ],
+)
+def test_look_that_is_none_is_refused(viewer, look, message):
+    before = viewer.look
+    with pytest.raises(ValueError, match=message):
+        viewer.set_look(*look)
+    assert viewer.look == before
+
+
+@pytest.mark.parametrize("numbers", [[1], [-1], [0, 1]])
+def test_object_that_is_not_there_is_not_hidden(viewer, numbers):
+    with pytest.raises(ValueError, match=r"numbers must lie in 0\.\.0, got"):
+        viewer.set_hidden(numbers)
+    assert viewer.hidden == frozenset()
+
+
+def test_text_is_written_on_the_picture_only_where_it_is_read_there(viewer):
+    key(viewer, "h")
+    bare = viewer.twin()
+    bare.writes_text = False
+    key(bare, "h")
+    wanted = rendered(viewer, DRAFT)
+    np.testing.assert_array_equal(bare.draw(), wanted)
+    bare.close()

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import base64
-import contextlib
-import io
-import json
 import os
+import queue
 import re
 import signal
 import socket
@@ -15,30 +12,36 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
 
 import chromium
-import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
-from PIL import Image
+from viewing import (
+    PATIENCE,
+    ask,
+    command,
+    cookie,
+    join,
+    mouse,
+    next_picture,
+    next_told,
+    place_of,
+    press,
+    say,
+    shown,
+    viewing,
+    wait_for,
+    wait_until,
+)
 
 import rasterjit as rj
 from rasterjit.viewer import browser
-from rasterjit.viewer.canvas import MOST_WAITING, DrawCancelled, PatientConnection, add_event
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = pytest.mark.takes_long
 
-SIZE = (160, 120)
-FOCUS = 0.5
-"""Seconds after which a page that was clicked listens to keys."""
-
 PROMPT = 3.0
 """Seconds in which a process ends that promises to in one, on a loaded machine."""
-
-PATIENCE = 60.0
-"""Seconds to wait for a picture; a loaded machine compiles slowly."""
 
 
 @pytest.fixture(scope="module")
@@ -48,36 +51,6 @@ def model(tmp_path_factory):
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_FACES]
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-def address_in(said):
-    """Return the address that was printed."""
-    found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", said)
-    assert found, said
-    return found[0]
-
-
-@contextlib.contextmanager
-def viewing(*arguments):
-    """Yield the process of a viewer, and the address of its page."""
-    if not os.environ.get("CI"):
-        pytest.importorskip("uvicorn")
-    process = subprocess.Popen(
-        [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
-    try:
-        yield process, address_in(process.stdout.readline())
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-
-
-def command(model):
-    """Return the arguments of Python that show a model."""
-    view = "-m", "rasterjit", "view", str(model)
-    return *view, "--backend", "browser", "--port", "0", "--quiet"
 
 
 def program(first):
@@ -124,51 +97,6 @@ def page(server, tmp_path_factory):
         yield page
 
 
-SHOWN = """
-(async () => {
-  const image = document.querySelector('#canvas img');
-  if (!image || !image.src || !image.naturalWidth) { return null; }
-  const bytes = await (await fetch(image.src)).blob();
-  const reader = new FileReader();
-  await new Promise(done => { reader.onload = done; reader.readAsDataURL(bytes); });
-  return reader.result;
-})()
-"""
-
-
-def shown(page):
-    """Return the picture in the page, (H, W, 3) uint8, and how it is coded."""
-    address = page.evaluate(SHOWN)
-    if address is None:
-        return None, ""
-    kind, _, data = address.partition(",")
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")), kind
-
-
-def wait_for(page, wanted):
-    """Wait until the page shows exactly that picture, and say how far off the last one was."""
-    limit, far = time.monotonic() + PATIENCE, None
-    while time.monotonic() < limit:
-        picture, kind = shown(page)
-        if picture is not None and picture.shape == wanted.shape:
-            far = np.abs(picture.astype(int) - wanted).max(axis=2)
-            if "png" in kind and not far.any():
-                return
-        time.sleep(0.1)
-    pytest.fail(f"{kind} differs in {None if far is None else (far > 0).sum()} pixels")
-
-
-def mouse(page, kind, x, y, **more):
-    page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-
-def press(page, key):
-    for kind in ("keyDown", "keyUp"):
-        page.call(
-            "Input.dispatchKeyEvent", type=kind, key=key, text=key if kind == "keyDown" else ""
-        )
-
-
 def settle(viewer):
     """Let the camera come to rest."""
     while viewer.is_moving:
@@ -193,21 +121,12 @@ def reference(scene, camera, size):
 
 
 @pytest.mark.needs_jit
-def test_page_shows_what_the_controls_foretell(page, server, model, tmp_path):
+def test_page_shows_what_the_controls_foretell(page, server, model):
     _, address = server
     page.open(address, 320)
     size = tuple(page.evaluate("[innerWidth, innerHeight]"))
     scene = rj.load(model)
     mine = Viewer(scene, size=size)
-    limit = time.monotonic() + PATIENCE
-    while shown(page)[0] is None and time.monotonic() < limit:
-        time.sleep(0.1)
-    # The line at the bottom tells times, which nobody foretells.
-    mouse(page, "mouseMoved", 10, 10)
-    mouse(page, "mousePressed", 10, 10, button="right", buttons=2, clickCount=1)
-    mouse(page, "mouseReleased", 10, 10, button="right", buttons=0, clickCount=1)
-    time.sleep(FOCUS)
-    press(page, "i")
     first = reference(scene, mine.camera, size)
     wait_for(page, first)
     drag(page, mine, (100, 100), (160, 70))
@@ -219,7 +138,7 @@ def test_page_shows_what_the_controls_foretell(page, server, model, tmp_path):
     mine.handle({"event_type": "wheel", "x": 80, "y": 300, "dx": 0, "dy": -400})
     settle(mine)
     wait_for(page, reference(scene, mine.camera, size))
-    page.screenshot(tmp_path / "page.png")
+    # Keys work though nothing was clicked but the picture.
     press(page, "r")
     wait_for(page, first)
     mine.close()
@@ -233,24 +152,6 @@ def test_page_comes_from_this_machine_alone(page, server):
     assert all(one.startswith(local) for one in page.requested)
 
 
-def place_of(address):
-    """Return host:port, and the path that has the token."""
-    host, _, path = address.removeprefix("http://").partition("/")
-    return host, f"/{path}"
-
-
-def ask(address, lines):
-    """Send a request, and return the first line of the answer, and its headers."""
-    host, port = place_of(address)[0].split(":")
-    with socket.create_connection((host, int(port)), timeout=PATIENCE) as connection:
-        connection.sendall("\r\n".join([*lines, "", ""]).encode())
-        answer = connection.makefile(encoding="latin-1")
-        first = answer.readline()
-        return first, dict(
-            line.strip().lower().split(": ", 1) for line in iter(answer.readline, "\n")
-        )
-
-
 UPGRADE = [
     "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13",
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
@@ -258,79 +159,80 @@ UPGRADE = [
 
 
 def test_other_sites_are_kept_out(server):
-    own, path = place_of(server[1])
-    page = [f"GET {path} HTTP/1.1", f"Host: {own}"]
-    assert " 200 " in ask(server[1], page)[0]
-    assert " 403 " in ask(server[1], [page[0], "Host: elsewhere.example"])[0]
-    assert " 101 " in ask(server[1], [*page, *UPGRADE, f"Origin: http://{own}"])[0]
-    assert " 403 " in ask(server[1], [*page, *UPGRADE, "Origin: http://elsewhere.example"])[0]
+    own, token = place_of(server[1])
+    known = f"Cookie: {cookie(token)}"
+    for path in (f"/{token}/", "/"):
+        page = [f"GET {path} HTTP/1.1", known]
+        assert " 200 " in ask(server[1], [*page, f"Host: {own}"])[0]
+        assert " 403 " in ask(server[1], [*page, "Host: elsewhere.example"])[0]
+    page = ["GET /socket HTTP/1.1", f"Host: {own}", known, *UPGRADE]
+    assert " 101 " in ask(server[1], [*page, f"Origin: http://{own}"])[0]
+    host = own.split(":")[0]
+    for other in ("http://elsewhere.example", f"http://{host}:1", f"http://{own}.example", "null"):
+        assert " 403 " in ask(server[1], [*page, f"Origin: {other}"])[0], other
 
 
 def test_nothing_is_told_without_the_token(server):
-    own, path = place_of(server[1])
-    token = path.strip("/")
-    others = (
-        "/", "/index.html", "/renderview.js", f"/{token}", f"/{token[:-1]}/", f"/{token}x/",
-        f"//{token}/", f"/x/{token}/", f"/?token={token}", "/%ff/", f"/{token}/x/renderview.js",
+    own, token = place_of(server[1])
+    name, _ = cookie(token).split("=")
+    paths = (
+        "/", "/viewer.html", "/viewer.js", "/socket", f"/{token}", f"/{token[:-1]}/", f"/{token}x/",
+        f"//{token}/", f"/x/{token}/", f"/?token={token}", "/%ff/", f"/{token}/x/viewer.js",
     )  # fmt: skip
-    for other in others:
-        page = [f"GET {other} HTTP/1.1", f"Host: {own}"]
-        for lines in (page, [*page, *UPGRADE, f"Origin: http://{own}"]):
-            assert " 403 " in ask(server[1], lines)[0], other
-    script = [f"GET {path}renderview.js HTTP/1.1", f"Host: {own}"]
+    wrong = (
+        "x=y",
+        f"{name}={token[:-1]}",
+        f"{name}x={token}",
+        f"x={token}",
+        name,
+        f"{name}=",
+        "=;",
+    )
+    for path in paths:
+        for header in ("Accept: text/html", *(f"Cookie: {one}" for one in wrong)):
+            page = [f"GET {path} HTTP/1.1", f"Host: {own}", header]
+            for lines in (page, [*page, *UPGRADE, f"Origin: http://{own}"]):
+                assert " 403 " in ask(server[1], lines)[0], (path, header)
+    script = ["GET /viewer.js HTTP/1.1", f"Host: {own}", f"Cookie: a=b; {cookie(token)}; c=d"]
     assert " 200 " in ask(server[1], script)[0]
+    # With it there is the page and its socket, and nothing else.
+    for path, status in (("/none", " 404 "), ("/../tab.py", " 404 "), ("/%2e%2e/tab.py", " 404 ")):
+        assert status in ask(server[1], [f"GET {path} HTTP/1.1", *script[1:]])[0]
+    assert " 405 " in ask(server[1], ["POST / HTTP/1.1", *script[1:]])[0]
+    # The address lets in the page alone.
+    page = [f"GET /{token}/ HTTP/1.1", f"Host: {own}", *UPGRADE, f"Origin: http://{own}"]
+    assert " 403 " in ask(server[1], page)[0]
+
+
+def test_token_becomes_a_cookie_that_no_script_and_no_other_site_gets(server):
+    own, token = place_of(server[1])
+    _, headers = ask(server[1], [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])
+    told = cookie(token).lower()
+    assert headers["set-cookie"] == f"{told}; path=/; httponly; samesite=strict"
+    for known in ("Cookie: x=y", f"Cookie: {cookie(token)}"):
+        _, headers = ask(server[1], ["GET / HTTP/1.1", f"Host: {own}", known])
+        assert "set-cookie" not in headers
 
 
 def test_answers_are_not_framed_guessed_kept_or_told_of(server):
-    own, path = place_of(server[1])
-    for asked in (path, "/", f"{path}renderview.css", f"{path}none"):
-        _, headers = ask(server[1], [f"GET {asked} HTTP/1.1", f"Host: {own}"])
-        assert headers["x-frame-options"] == "deny"
-        assert "frame-ancestors 'none'" in headers["content-security-policy"]
-        assert headers["x-content-type-options"] == "nosniff"
-        assert headers["referrer-policy"] == "no-referrer"
-        assert headers["cache-control"] == "no-store"
-        assert headers["content-type"].startswith("text/")
-
-
-def join(address):
-    """Return an open socket of a page."""
-    client = pytest.importorskip("websockets.sync.client")
-    own, path = place_of(address)
-    host, port = own.split(":")
-    # Not by a proxy.
-    reached = socket.create_connection((host, int(port)), timeout=PATIENCE)
-    return client.connect(f"ws://{own}{path}", origin=f"http://{own}", sock=reached)
-
-
-def say(page, **message):
-    page.send(json.dumps({"timestamp": 0, **message}))
-
-
-def next_told(page, kind):
-    """Return the next message of a kind; a picture with its size."""
-    while True:
-        told = page.recv(timeout=PATIENCE)
-        if isinstance(told, bytes):
-            continue
-        told = json.loads(told)
-        if told.get("nbuffers"):
-            told["size"] = Image.open(io.BytesIO(page.recv(timeout=PATIENCE))).size
-            say(page, **{**told, "type": "_framefeedback"})
-        if told["type"] == kind:
-            return told
-
-
-def end_of(page):
-    """Return the code with which the other side closes."""
-    exceptions = pytest.importorskip("websockets.exceptions")
-    with pytest.raises(exceptions.ConnectionClosed):
-        next_told(page, "none")
-    return page.close_code
+    own, token = place_of(server[1])
+    for asked in (f"/{token}/", "/", "/viewer.css", "/viewer.js", "/none"):
+        for known in ("x=y", cookie(token)):
+            request = [f"GET {asked} HTTP/1.1", f"Host: {own}", f"Cookie: {known}"]
+            _, headers = ask(server[1], request)
+            policy = headers["content-security-policy"]
+            assert headers["x-frame-options"] == "deny"
+            assert "frame-ancestors 'none'" in policy
+            assert "default-src 'none'; script-src 'self'; style-src 'self';" in policy
+            assert "unsafe" not in policy
+            assert headers["x-content-type-options"] == "nosniff"
+            assert headers["referrer-policy"] == "no-referrer"
+            assert headers["cache-control"] == "no-store"
+            assert headers["content-type"].startswith("text/")
 
 
 def wait_for_size(page, size):
-    while next_told(page, "framebufferdata")["size"] != size:
+    while next_picture(page).size != size:
         pass
 
 
@@ -338,31 +240,32 @@ def wait_for_size(page, size):
 def test_page_cannot_end_it_nor_take_the_view_of_another(running):
     process, address = running
     with join(address) as first, join(address) as second:
-        assert next_told(first, "active")["value"]
-        say(first, type="resize", pwidth=64, pheight=48, ratio=1)
+        say(first, "resize", pwidth=64, pheight=48, ratio=1)
         wait_for_size(first, (64, 48))
-        for text in ("{", "[]", '{"type": []}', '{"type": "_clients_change", "ids": [2]}'):
+        for text in ("{", "[]", '{"type": []}', '{"type": "close"}', '{"type": "view", "eye": 3}'):
             second.send(text)
-        say(second, type="resize", pwidth=16384, pheight=16384, ratio=1)
-        say(second, type="close")
-        assert end_of(second) == 1000
-        # The first one is still there, and says what size it is.
-        say(first, type="resize", pwidth=72, pheight=40, ratio=1)
-        wait_for_size(first, (72, 40))
-        say(first, type="close")
-        assert end_of(first) == 1000
+        say(second, "resize", pwidth=640, pheight=16, ratio=1)
+        wait_for_size(second, (640, 16))
+        second.close()
+        # The first one is still there, and has its own size.
+        press = {"key": "ArrowLeft", "modifiers": []}
+        say(first, "key_down", **press)
+        say(first, "key_up", **press)
+        assert next_picture(first).size == (64, 48)
     with join(address) as third:
-        assert next_told(third, "active")["value"]
-        third.send("x" * 10_000)
-        assert end_of(third) == 1009
+        exceptions = pytest.importorskip("websockets.exceptions")
+        third.send("x" * (browser.LONGEST_MESSAGE + 1))
+        with pytest.raises(exceptions.ConnectionClosed):
+            next_told(third, lambda told: False)
+        assert third.close_code == 1009
     assert process.poll() is None
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_page_is_there_while_kernels_compile_and_it_ends_at_once(compiling, number):
     process, address = compiling
-    own, path = place_of(address)
-    assert " 200 " in ask(address, [f"GET {path} HTTP/1.1", f"Host: {own}"])[0]
+    own, token = place_of(address)
+    assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
     # The page does not listen when it is asked to go.
     with join(address):
         process.send_signal(number)
@@ -379,14 +282,10 @@ WAITING = "getComputedStyle(document.getElementById('waiting')).display != 'none
 @pytest.mark.needs_jit
 def test_page_says_that_kernels_compile_until_there_is_a_picture(page, server, compiling):
     page.open(compiling[1], 320)
-    limit = time.monotonic() + PATIENCE
-    while not page.evaluate("Boolean(window.websocket)") and time.monotonic() < limit:
-        time.sleep(0.05)
+    assert wait_until(page, WAITING)
     assert "Compiling kernels" in page.evaluate("document.body.innerText")
-    assert page.evaluate(WAITING)
     page.open(server[1], 320)
-    while page.evaluate(WAITING) and time.monotonic() < limit:
-        time.sleep(0.05)
+    wait_until(page, f"!({WAITING})")
     assert shown(page)[0] is not None
 
 
@@ -428,7 +327,8 @@ def test_more_pages_than_there_may_be_are_kept_out():
         nonlocal release
         release = asyncio.Event()
         guard = browser.guarded(app, "127.0.0.1", "abc")
-        scope = {"type": "websocket", "path": "/abc/", "headers": [(b"host", b"localhost")]}
+        headers = [(b"host", b"localhost"), (b"cookie", cookie("abc").encode())]
+        scope = {"type": "websocket", "path": "/socket", "headers": headers}
         pages = [
             asyncio.create_task(guard(scope, None, send)) for _ in range(browser.MOST_PAGES + 1)
         ]
@@ -535,160 +435,44 @@ def test_place_that_is_none_is_refused(host, port, message):
         browser.bind(host, port)
 
 
-class Canvas:
-    """What a connection needs of a canvas."""
-
-    def __init__(self, size):
-        self.size, self.shown, self.wishes = size, [], 0
-
-    def get_bitmap_context(self):
-        return self
-
-    def set_bitmap(self, picture):
-        self.shown.append(picture)
-
-    def add_event_handler(self, *arguments):
-        pass
-
-    def request_draw(self, draw=None):
-        self.wishes += 1
-
-    def get_physical_size(self):
-        return self.size
-
-    def get_pixel_ratio(self):
-        return 1.0
+def test_server_in_a_thread_ends_when_it_is_told(cube):
+    stops, said = queue.SimpleQueue(), []
+    viewer = Viewer(cube, size=(8, 6))
+    thread = threading.Thread(
+        target=browser.serve, args=(viewer, "127.0.0.1", 0, said.append),
+        kwargs={"on_start": stops.put, "token": "a-token-that-is-kept"},
+    )  # fmt: skip
+    thread.start()
+    stop = stops.get(timeout=PATIENCE)
+    (line,) = said
+    address = re.search(r"http://\S+/", line)[0]
+    own, token = place_of(address)
+    assert token == "a-token-that-is-kept"
+    assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
+    with join(address) as page:
+        say(page, "resize", pwidth=64, pheight=48, ratio=1)
+        wait_for_size(page, (64, 48))
+        stop()
+        thread.join(PATIENCE)
+    assert not thread.is_alive()
 
 
-def draw_until_shown(connection, canvas, count):
-    while len(canvas.shown) < count:
-        with contextlib.suppress(DrawCancelled):
-            connection._draw()
+@pytest.mark.parametrize(
+    "token",
+    ["", "short", "x" * 129, "with spaces in it", "a/b/c/d/e/f/g/h/i", "ä" * 16, 5, b"x" * 16],
+)
+def test_token_that_is_none_is_refused(cube, token, monkeypatch):
+    monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
+    with pytest.raises(ValueError, match="token must be 16 to 128 letters, digits, - and _"):
+        rj.show(cube, backend="browser", token=token, size=(8, 6))
+    with pytest.raises(ValueError, match="token must be"):
+        browser.serve(Viewer(cube, size=(8, 6)), port=0, token=token)
 
 
-def test_canvas_answers_while_a_picture_is_drawn(cube, monkeypatch):
-    viewer, canvas = Viewer(cube, size=(8, 6)), Canvas((8, 6))
-    release, handled, draw = threading.Event(), [], viewer.draw
-
-    def draw_slowly():
-        assert release.wait(PATIENCE)
-        return draw()
-
-    monkeypatch.setattr(viewer, "draw", draw_slowly)
-    monkeypatch.setattr(viewer, "handle", handled.append)
-    connection = PatientConnection(viewer, canvas)
-    wishes = canvas.wishes
-    with pytest.raises(DrawCancelled):
-        connection._draw()
-    assert canvas.wishes == wishes + 1
-    event = {"event_type": "key_down", "key": "h"}
-    connection._handle(event)
-    assert not handled
-    release.set()
-    draw_until_shown(connection, canvas, 1)
-    assert handled == [event]
-    connection._handle(event)
-    assert handled == [event, event]
-    connection._close({})
-
-
-def test_a_long_drag_while_the_first_picture_is_compiled_ends_where_it_ended(cube, monkeypatch):
-    """Some 60 moves a second come: the release must not be lost behind them."""
-    viewer, quick = (Viewer(cube, size=(80, 60)) for _ in range(2))
-    release, draw = threading.Event(), viewer.draw
-
-    def draw_slowly():
-        assert release.wait(PATIENCE)
-        return draw()
-
-    monkeypatch.setattr(viewer, "draw", draw_slowly)
-    canvas = Canvas((80, 60))
-    connection = PatientConnection(viewer, canvas)
-    place = {"button": 1, "buttons": [1], "modifiers": [], "x": 10.0, "y": 30.0}
-    events = [{**place, "event_type": "pointer_down"}]
-    events += [
-        {**place, "event_type": "pointer_move", "x": 10.0 + 0.01 * n, "y": 30.0}
-        for n in range(2 * MOST_WAITING)
-    ]
-    events += [{**place, "event_type": "pointer_up", "x": 30.0}]
-    wheel = {"event_type": "wheel", "x": 40.0, "y": 30.0, "dx": 0.0, "dy": 0.01, "modifiers": []}
-    events += [wheel] * (2 * MOST_WAITING)
-    events += [{**wheel, "event_type": "key_down", "key": "l"}]
-    for event in events:
-        connection._handle(event)
-        quick.handle(event)
-    assert len(connection._waiting) == 5
-    assert viewer.controls.goal == viewer.controls.home
-    release.set()
-    draw_until_shown(connection, canvas, 1)
-    assert not viewer.controls.drag
-    for name in ("azimuth", "elevation", "distance"):
-        expected = getattr(quick.controls.goal, name)
-        assert getattr(viewer.controls.goal, name) == pytest.approx(expected, rel=1e-6), name
-        assert expected != getattr(quick.controls.home, name) or name == "elevation"
-    connection._close({})
-
-
-def test_of_too_many_events_the_latest_are_kept():
-    waiting = deque(maxlen=3)
-    for key in "abcde":
-        add_event(waiting, {"event_type": "key_up", "key": key})
-    assert [event["key"] for event in waiting] == ["c", "d", "e"]
-
-
-def test_only_moves_with_the_same_buttons_and_keys_become_one():
-    waiting = deque()
-    for buttons, x in (([1], 1), ([1], 2), ([], 3), ([], 4), ([1], 5)):
-        add_event(waiting, {"event_type": "pointer_move", "buttons": buttons, "x": x})
-    assert [event["x"] for event in waiting] == [2, 4, 5]
-
-
-def test_picture_of_a_size_that_is_gone_is_not_shown(cube):
-    viewer, canvas = Viewer(cube, size=(8, 6)), Canvas((10, 4))
-    connection = PatientConnection(viewer, canvas)
-    draw_until_shown(connection, canvas, 1)
-    assert [picture.shape for picture in canvas.shown] == [(4, 10, 4)]
-    connection._close({})
-
-
-def test_server_answers_while_a_picture_is_coded_without_loss(monkeypatch):
-    encoders = pytest.importorskip("rendercanvas.core.encoders")
-    release = threading.Event()
-
-    def encode_slowly(array, quality):
-        assert release.wait(PATIENCE)
-        return "image/png", bytes([quality])
-
-    class Base:
-        """What a page does with pictures, of rendercanvas."""
-
-        def __init__(self):
-            self._lossless_draw_info, self._ref_index = (np.zeros((2, 2, 4)), None), 0
-            self.sent = []
-
-        def _send_last_frame_to_ready_clients(self):
-            self.sent.append((self._last_frame[0]["mimetype"], self._last_frame[1]))
-
-        def close(self):
-            pass
-
-    async def draw(is_late):
-        page = browser._complete(Base, lambda: None)()
-        page._lossless_draw()
-        assert not page.sent
-        if is_late:
-            page._ref_index += 1
-        release.set()
-        limit = time.monotonic() + (0.1 if is_late else PATIENCE)
-        while not page.sent and time.monotonic() < limit:
-            await asyncio.sleep(0.01)
-        page.end()
-        release.clear()
-        return page.sent
-
-    monkeypatch.setattr(encoders, "encode_array", encode_slowly)
-    assert asyncio.run(draw(False)) == [("image/png", [b"d"])]
-    assert asyncio.run(draw(True)) == []
+def test_token_is_taken_from_the_environment(model, monkeypatch):
+    monkeypatch.setenv("RASTERJIT_TOKEN", "a-token-from-the-environment")
+    with viewing(*command(model)) as (_, address):
+        assert place_of(address)[1] == "a-token-from-the-environment"
 
 
 def test_interrupt_ends_it(server):

@@ -67,7 +67,8 @@ export function listen(canvas, {say, click, tap, long, fit}) {
 
   function between() {
     const [a, b] = [...fingers.values()];
-    return {place: {x: (a.x + b.x) / 2, y: (a.y + b.y) / 2}, spread: apart(a, b)};
+    const place = {x: (a.x + b.x) / 2, y: (a.y + b.y) / 2};
+    return {place, spread: Math.max(apart(a, b), LEAST_SPREAD)};
   }
 
   function touchDown(event, place) {
@@ -81,30 +82,41 @@ export function listen(canvas, {say, click, tap, long, fit}) {
       }, LONG);
     } else if (fingers.size === 2) {
       release(drag?.last ?? place);
-      pinch = between();
+      pinch = {...between(), frame: 0};
       tell("pointer_down", pinch.place, PAN);
     }
+  }
+
+  // Both fingers of a pinch move at once, but are told of one after the other.
+  function followPinch() {
+    cancelAnimationFrame(pinch.frame);
+    pinch.frame = 0;
+    const now = between();
+    const turned = -ZOOM * Math.log(now.spread / pinch.spread);
+    if (apart(now.place, pinch.place) > 0) {
+      tell("pointer_move", now.place, PAN);
+    }
+    if (turned !== 0) {
+      say("wheel", {...now.place, dx: 0, dy: turned, modifiers: []});
+    }
+    Object.assign(pinch, now);
   }
 
   function touchMove(event, place) {
     fingers.set(event.pointerId, place);
     if (pinch !== null) {
-      const now = between();
-      tell("pointer_move", now.place, PAN);
-      const least = Math.max(pinch.spread, LEAST_SPREAD);
-      const turned = -ZOOM * Math.log(Math.max(now.spread, LEAST_SPREAD) / least);
-      if (turned !== 0) {
-        say("wheel", {...now.place, dx: 0, dy: turned, modifiers: []});
-      }
-      pinch = now;
+      pinch.frame ||= requestAnimationFrame(followPinch);
     } else if (drag !== null && !drag.isOver) {
       move(place);
     }
   }
 
   function touchUp(event, place) {
+    if (pinch !== null) {
+      followPinch();
+    }
     const isLast = fingers.delete(event.pointerId) && fingers.size === 0;
-    if (pinch !== null && fingers.size < 2) {
+    if (pinch !== null) {
       tell("pointer_up", pinch.place, PAN);
       pinch = null;
       // The other finger goes on turning.

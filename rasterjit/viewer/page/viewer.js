@@ -174,6 +174,7 @@ window.addEventListener("blur", () => {
 
 // The bar and its panels.
 
+const NARROW = window.matchMedia("(max-width: 600px)");
 const openers = [...document.querySelectorAll("[data-opens]")];
 
 function toggle(id) {
@@ -181,6 +182,8 @@ function toggle(id) {
   closePanels();
   if (!isOpen) {
     at(id).hidden = false;
+    // There is room for one.
+    at("pick").hidden ||= NARROW.matches;
     for (const one of openers) {
       one.setAttribute("aria-expanded", one.dataset.opens === id);
     }
@@ -229,7 +232,7 @@ at("unpick").addEventListener("click", () => {
   unpick();
   canvas.focus();
 });
-at("show-all").addEventListener("click", () => say("visibility", {hidden: [], only: null}));
+at("show-all").addEventListener("click", () => reveal([]));
 at("color-by-object").addEventListener("change", ({target}) => {
   look({kind: target.checked ? "object_id" : "color"});
 });
@@ -270,11 +273,24 @@ function tell(text) {
   saidUntil = setTimeout(() => (at("said").textContent = ""), SAID_FOR);
 }
 
+// What is asked for holds until the viewer tells what came of it.
 function look(changes) {
   if (state !== null) {
-    const {kind, switched, modes} = {...state, ...changes};
+    Object.assign(state, changes);
+    const {kind, switched, modes} = state;
     say("look", {kind, switched, modes});
   }
+}
+
+function reveal(hidden, only = null) {
+  if (state !== null) {
+    Object.assign(state, {hidden, only});
+    say("visibility", {hidden: only === null ? hidden : [], only});
+  }
+}
+
+function numbersBut(number) {
+  return welcome.objects.map((one) => one.number).filter((one) => one !== number);
 }
 
 function unpick() {
@@ -346,7 +362,10 @@ function furnish() {
       ]),
       made("button", {
         type: "button", textContent: "Only", ariaLabel: `Show only ${name || `object ${number}`}`,
-        onclick: () => say("visibility", {hidden: [], only: state?.only === number ? null : number}),
+        onclick: () => {
+          const isAlone = state?.only === number;
+          reveal(isAlone ? [] : numbersBut(number), isAlone ? null : number);
+        },
       }),
     ]);
   }));
@@ -364,13 +383,9 @@ function switchEffect(name) {
 }
 
 function hide(number) {
-  const hidden = state.only === null
-    ? state.hidden
-    : welcome.objects.map((one) => one.number).filter((one) => one !== state.only);
+  const {hidden} = state;
   const isHidden = hidden.includes(number);
-  say("visibility", {
-    hidden: isHidden ? hidden.filter((one) => one !== number) : [...hidden, number], only: null,
-  });
+  reveal(isHidden ? hidden.filter((one) => one !== number) : [...hidden, number]);
 }
 
 // What is shown.
@@ -380,6 +395,7 @@ let nextWriting = 0;
 
 function update() {
   at("line").textContent = state.line;
+  canvas.dataset.done = state.is_done;
   for (const radio of document.querySelectorAll("[name=kind]")) {
     radio.checked = radio.value === state.kind;
   }

@@ -1,0 +1,361 @@
+"""What a page says goes into its own viewer, and pictures come out, also where none is shown."""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+import threading
+import time
+from collections import deque
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit.viewer import codecs, tab
+from rasterjit.viewer.tab import MOST_ON_WAY, MOST_WAITING, Tab, add_event
+from rasterjit.viewer.viewer import Viewer
+from rasterjit.viewer.views import camera_code
+
+pytest.importorskip("simplejpeg")
+
+PATIENCE = 60.0
+RESIZE = {"type": "resize", "pwidth": 80, "pheight": 60, "ratio": 1.0}
+
+
+class Page:
+    """Stands for a page: keeps what it is told, and says what it has shown."""
+
+    def __init__(self, viewer, first=None, shows=True):
+        self.pictures, self.said, self.shows = [], {}, shows
+        if first is None:
+            first = Future()
+            first.set_result(None)
+        self.tab = Tab(viewer, first, self.hear)
+
+    def hear(self, told):
+        if isinstance(told, dict):
+            self.said[told["type"]] = told
+            return
+        self.pictures.append(told[4:])
+        if self.shows:
+            self.tab.take({"type": "shown", "number": struct.unpack(">I", told[:4])[0]})
+
+    def say(self, kind, /, **fields):
+        self.tab.take({"type": kind, **fields})
+
+    def wait(self, is_there):
+        limit = time.monotonic() + PATIENCE
+        while not is_there(self):
+            assert time.monotonic() < limit, (self.said.get("state"), len(self.pictures))
+            time.sleep(0.01)
+
+    @property
+    def state(self):
+        return self.said.get("state", {})
+
+    @property
+    def picture(self):
+        return np.asarray(Image.open(io.BytesIO(self.pictures[-1])))
+
+    def settle(self):
+        self.wait(lambda page: page.state.get("is_done") and page.pictures[-1][:1] == b"\x89")
+
+
+@pytest.fixture
+def pair(cube):
+    scene = rj.Scene()
+    for name, x in (("left", -1.5), ("right", 1.5)):
+        scene.add(cube, rj.transforms.translate((x, 0.0, 0.0)), name=name)
+    return scene
+
+
+@pytest.fixture
+def page(pair):
+    viewer = Viewer(pair, size=(8, 6))
+    page = Page(viewer.twin())
+    page.tab.take(RESIZE)
+    page.settle()
+    yield page
+    page.tab.close()
+    viewer.close()
+
+
+def test_at_rest_the_picture_is_the_reference(page, pair):
+    camera = page.tab._viewer.camera
+    wanted = rj.render(pair, camera, size=(80, 60), quality=rj.Quality.reference()).color
+    np.testing.assert_array_equal(page.picture, wanted[:, :, :3])
+    assert page.said["welcome"]["count"] == 2
+    assert [one["name"] for one in page.said["welcome"]["objects"]] == ["left", "right"]
+
+
+def test_pages_have_sizes_and_views_of_their_own(pair):
+    viewer = Viewer(pair, size=(8, 6))
+    first, second = Page(viewer.twin()), Page(viewer.twin())
+    first.tab.take(RESIZE)
+    second.tab.take({**RESIZE, "pwidth": 50, "ratio": 2.0})
+    first.settle()
+    second.settle()
+    view = second.state["view"]
+    first.say("key_down", key="+", modifiers=[])
+    first.wait(lambda page: page.state["view"] != view)
+    first.settle()
+    assert first.picture.shape == (60, 80, 3)
+    assert second.picture.shape == (60, 50, 3)
+    assert second.state["view"] == view
+    for page in (first, second):
+        page.tab.close()
+    viewer.close()
+
+
+def test_nothing_is_drawn_before_the_first_picture_and_no_event_is_lost(cube):
+    """Some 60 moves a second come: the release must not be lost behind them."""
+    viewer, quick = (Viewer(cube, size=(80, 60)) for _ in range(2))
+    first = Future()
+    page = Page(viewer, first)
+    page.tab.take(RESIZE)
+    place = {"button": 1, "buttons": [1], "modifiers": [], "y": 30.0}
+    moves = [10.0 + 0.01 * n for n in range(2 * MOST_WAITING)]
+    events = [("pointer_down", {**place, "x": 10.0})]
+    events += [("pointer_move", {**place, "x": x}) for x in moves]
+    events += [("pointer_up", {**place, "x": 30.0})]
+    events += [("wheel", {"x": 40.0, "y": 30.0, "dx": 0.0, "dy": 0.01, "modifiers": []})] * 2000
+    for kind, fields in events:
+        page.say(kind, **fields)
+        quick.handle({"event_type": kind, **fields})
+    assert len(page.tab._messages) == 5
+    assert not page.pictures
+    first.set_result(None)
+    page.settle()
+    assert not viewer.controls.drag
+    for name in ("azimuth", "elevation", "distance"):
+        expected = getattr(quick.controls.goal, name)
+        assert getattr(viewer.controls.goal, name) == pytest.approx(expected, rel=1e-6), name
+    page.tab.close()
+
+
+def test_page_that_shows_nothing_gets_no_more_than_a_few(pair):
+    page = Page(Viewer(pair, size=(8, 6)), shows=False)
+    page.tab.take(RESIZE)
+    for key in "+-+-":
+        page.say("key_down", key=key, modifiers=[])
+        time.sleep(0.2)
+    assert len(page.pictures) <= page.tab.sent <= MOST_ON_WAY
+    page.shows = True
+    page.say("shown", number=page.tab.sent)
+    page.settle()
+    assert page.tab.sent > MOST_ON_WAY
+    page.tab.close()
+
+
+def test_a_picture_is_coded_while_the_next_is_drawn(pair, monkeypatch):
+    coding, release = threading.Event(), threading.Event()
+
+    def encode(picture):
+        coding.set()
+        assert release.wait(PATIENCE)
+        return codecs.encode_png(picture)
+
+    monkeypatch.setattr(tab, "encode_jpeg", encode)
+    viewer, drawn = Viewer(pair, size=(8, 6)), threading.Event()
+    page = Page(viewer)
+    draw = viewer.draw
+
+    def draw_more():
+        picture = draw()
+        if coding.is_set():
+            drawn.set()
+        return picture
+
+    monkeypatch.setattr(viewer, "draw", draw_more)
+    page.tab.take(RESIZE)
+    assert drawn.wait(PATIENCE)
+    assert not page.pictures
+    release.set()
+    page.settle()
+    page.tab.close()
+
+
+def test_view_looks_from_there_and_its_code_too(page, pair):
+    view = {"eye": [3.0, 4.0, 9.0], "target": [0.0, 0.0, 0.0], "up": [0.0, 1.0, 0.0], "fov_y": 30.0}
+    page.say("view", **view)
+    page.wait(lambda page: page.state["view"]["eye"] == view["eye"])
+    page.settle()
+    camera = eval(page.state["code"], {"rj": rj})
+    assert camera.fov_y == 30.0
+    wanted = rj.render(pair, camera, size=(80, 60), quality=rj.Quality.reference()).color
+    far = np.abs(page.picture.astype(int) - wanted[:, :, :3])
+    assert far.max() <= 2
+    # Where it began is where R leads.
+    assert page.state["view"]["target"] == view["target"]
+    home = page.tab._viewer.controls.home
+    page.say("key_down", key="r", modifiers=[])
+    page.wait(lambda page: page.tab._viewer.controls.pose == home)
+    page.settle()
+    # Places that are no view change nothing.
+    before = page.state["view"]
+    page.say("view", **{**view, "eye": view["target"]})
+    page.say("view", **{**view, "up": [0.0, 0.0, 0.0]})
+    page.say("key_down", key="2", modifiers=[])
+    page.wait(lambda page: page.state["kind"] == "depth")
+    assert page.state["view"] == before
+
+
+def test_look_is_set_as_a_whole(page):
+    page.say("look", kind="normal", switched=["vignette", "outline"], modes={"g": "overlay"})
+    page.wait(lambda page: page.state["kind"] == "normal")
+    assert page.state["switched"] == ["vignette", "outline"]
+    assert page.state["modes"]["g"] == "overlay"
+    effects = {one["name"]: one for one in page.state["effects"]}
+    assert effects["vignette"]["is_on"]
+    assert effects["outline"]["is_on"]
+    assert not effects["fog"]["is_possible"]
+    page.say("look", kind="color", switched=["fog"], modes={"g": None})
+    page.wait(lambda page: page.state["kind"] == "color")
+    # The scene has no fog to switch on.
+    assert page.state["switched"] == []
+    assert page.state["modes"]["g"] is None
+    page.settle()
+
+
+def test_hidden_objects_are_neither_seen_nor_picked(page, pair):
+    only = rj.Scene()
+    only.add(pair.nodes[1].mesh, pair.nodes[1].world_from_model)
+    camera = page.tab._viewer.camera
+    wanted = rj.render(only, camera, size=(80, 60), quality=rj.Quality.reference()).color
+    for shown in ({"hidden": [0, 77], "only": None}, {"hidden": [], "only": 1}):
+        page.say("visibility", **shown)
+        page.wait(lambda page: page.state["only"] == shown["only"])  # noqa: B023
+        page.wait(lambda page: page.state["hidden"] == [0])
+        page.settle()
+        np.testing.assert_array_equal(page.picture, wanted[:, :, :3])
+    rows, columns = np.nonzero((wanted[:, :, :3] < 250).any(axis=2))
+    page.say("pick", x=float(columns[columns.size // 2]), y=float(rows[rows.size // 2]))
+    page.wait(lambda page: page.state["picked"])
+    assert page.state["picked"]["name"] == "right"
+    assert page.state["picked"]["object"] == 1
+    page.say("visibility", hidden=[0, 1], only=None)
+    page.wait(lambda page: page.state["hidden"] == [0, 1])
+    page.settle()
+    assert page.picture.min() == 255
+
+
+def test_second_pick_measures_in_the_units_of_the_scene(page, pair):
+    camera = page.tab._viewer.camera
+    frame = rj.render(pair, camera, size=(80, 60), outputs=("object_id", "position"))
+    places = []
+    for number in (0, 1):
+        rows, columns = np.nonzero(frame.object_id == number)
+        places.append((int(columns[columns.size // 2]), int(rows[rows.size // 2])))
+    for count, (column, row) in enumerate(places, 1):
+        page.say("pick", x=column + 0.5, y=row + 0.5)
+        page.wait(lambda page: (page.state["picked"] or {}).get("count") == count)  # noqa: B023
+        picked = page.state["picked"]
+        assert picked["position"] == pytest.approx(frame.position[row, column], abs=1e-4)
+    apart = math.dist(*(frame.position[row, column] for column, row in places))
+    assert picked["distance"] == pytest.approx(apart, rel=1e-4)
+    page.say("pick", x=0.0, y=0.0)
+    page.wait(lambda page: page.state["picked"]["count"] == 3)
+    assert page.state["picked"]["name"] == "background"
+    assert page.state["picked"]["distance"] is None
+    page.say("key_down", key="Escape", modifiers=[])
+    page.wait(lambda page: page.state["picked"] is None)
+
+
+def test_error_is_told_and_the_page_goes_on(page, monkeypatch):
+    viewer = page.tab._viewer
+    draw = viewer.draw
+
+    def fail():
+        raise MemoryError("too much")
+
+    monkeypatch.setattr(viewer, "draw", fail)
+    page.say("key_down", key="+", modifiers=[])
+    page.wait(lambda page: "MemoryError: too much" in page.state["line"])
+    monkeypatch.setattr(viewer, "draw", draw)
+    page.say("key_down", key="2", modifiers=[])
+    page.wait(lambda page: page.state["kind"] == "depth")
+    page.settle()
+
+
+def test_viewer_that_changes_by_itself_is_looked_at(pair):
+    class Live(Viewer):
+        is_live = True
+        passed = 0
+
+        def advance(self, seconds):
+            self.passed += 1
+            if self.passed == 10:
+                self.set_hidden([0])
+
+    page = Page(Live(pair, size=(8, 6)))
+    page.tab.take(RESIZE)
+    page.wait(lambda page: page.state.get("hidden") == [0])
+    page.settle()
+    page.tab.close()
+
+
+def test_closed_page_lets_its_threads_go(pair):
+    before = threading.active_count()
+    page = Page(Viewer(pair, size=(8, 6)))
+    page.tab.take(RESIZE)
+    page.settle()
+    page.tab.close()
+    page.tab._thread.join(PATIENCE)
+    assert not page.tab._thread.is_alive()
+    limit = time.monotonic() + PATIENCE
+    while threading.active_count() > before and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert threading.active_count() <= before
+
+
+def test_of_too_many_events_the_latest_are_kept():
+    waiting = deque(maxlen=3)
+    for key in "abcde":
+        add_event(waiting, {"event_type": "key_up", "key": key})
+    assert [event["key"] for event in waiting] == ["c", "d", "e"]
+
+
+def test_only_moves_with_the_same_buttons_and_keys_become_one():
+    waiting = deque()
+    for buttons, x in (([1], 1), ([1], 2), ([], 3), ([], 4), ([1], 5)):
+        add_event(waiting, {"event_type": "pointer_move", "buttons": buttons, "x": x})
+    assert [event["x"] for event in waiting] == [2, 4, 5]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 1), (37, 23)])
+def test_png_holds_every_pixel(size):
+    picture = np.random.default_rng(1).integers(0, 256, (*size, 4), dtype=np.uint8)
+    found = Image.open(io.BytesIO(codecs.encode_png(picture)))
+    found.load()
+    assert (found.format, found.mode) == ("PNG", "RGB")
+    np.testing.assert_array_equal(np.asarray(found), picture[:, :, :3])
+
+
+def test_jpeg_is_near():
+    ramp = np.linspace(0, 255, 64, dtype=np.uint8)
+    picture = np.full((64, 64, 4), 255, dtype=np.uint8)
+    picture[:, :, 0], picture[:, :, 1] = ramp, ramp[:, None]
+    found = np.asarray(Image.open(io.BytesIO(codecs.encode_jpeg(picture))))
+    assert np.abs(found.astype(int) - picture[:, :, :3]).max() <= 6
+
+
+@pytest.mark.parametrize(
+    ("eye", "text"),
+    [
+        ((1.0, 2.0, 3.0), "1, 2, 3"),
+        ((1.0 / 3.0, -1e-17, 5e-9), "0.33333333, 0, 1e-08"),
+        ((1e9 / 3.0, 1e-3, -2.0), "333333333, 0, -2"),
+        ((-0.0, 0.0, 1e-12), "0, 0, 0"),
+    ],
+)
+def test_code_of_a_camera_has_nine_digits(eye, text):
+    camera = rj.PerspectiveCamera(eye, (9.0, 9.0, 9.0), fov_y=45.5)
+    code = camera_code(camera)
+    assert code == (
+        f"rj.PerspectiveCamera(eye=({text}), target=(9, 9, 9), up=(0, 1, 0), fov_y=45.5)"
+    )
+    assert eval(code, {"rj": rj}).target == (9.0, 9.0, 9.0)
