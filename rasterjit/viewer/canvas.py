@@ -30,7 +30,6 @@ FRAME_RATE = 60.0
 Result = TypeVar("Result")
 
 
-
 class DrawCancelled(Exception):  # noqa: N818
     """The picture would be the one that is shown; rendercanvas knows this by its name."""
 

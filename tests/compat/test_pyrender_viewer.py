@@ -28,7 +28,7 @@ from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender import viewer as viewers
 from rasterjit.compat.pyrender.showing import Showing, same_scene
 from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
-from rasterjit.viewer import browser, canvas, show, trial
+from rasterjit.viewer import browser, notebook, show, trial
 
 PATIENCE = 60.0
 """Seconds for a picture on a loaded machine."""
@@ -575,7 +575,7 @@ def test_notebook_goes_on_at_once_and_is_shown(monkeypatch):
             closed.append("widget")
 
     monkeypatch.setattr(show, "choose_backend", lambda backend: "notebook")
-    monkeypatch.setattr(canvas, "widget", lambda showing: closed.append(showing) or Widget())
+    monkeypatch.setattr(notebook, "widget", lambda showing: closed.append(showing) or Widget())
     monkeypatch.setattr(display, "display", shown.append)
     for run_in_thread in (False, True):
         viewer = viewers.Viewer(scene, (64, 48), run_in_thread=run_in_thread)

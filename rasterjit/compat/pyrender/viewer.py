@@ -56,7 +56,7 @@ from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
-from rasterjit.viewer import browser, canvas, show, trial
+from rasterjit.viewer import browser, canvas, notebook, show, terminal, trial
 from rasterjit.viewer.controls import Event
 
 DEFAULT_SIZE = 640, 480
@@ -574,7 +574,7 @@ class Viewer:
         if backend == "notebook":
             from IPython.display import display
 
-            widget = canvas.widget(self._showing)
+            widget = notebook.widget(self._showing)
             display(widget)
             self._stop_with(lambda: (widget.close(), self.end()))
         elif self._run_in_thread:
@@ -608,7 +608,7 @@ class Viewer:
                 browser.serve(self._showing, port=_free_port(), on_start=self._stop_with)
             else:
                 self._stop_with(_thread.interrupt_main)
-                canvas.run_in_terminal(self._showing, title)
+                terminal.run_in_terminal(self._showing, title)
         except KeyboardInterrupt:
             if not (backend == "terminal" and self._should_close):
                 raise
