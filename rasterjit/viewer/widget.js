@@ -13,6 +13,15 @@ const BUSY = 'The kernel is busy; the view follows when it is done.'
 const LOST = 'No connection to the kernel; the view follows when it is back.'
 const GONE = 'The kernel of this view is gone; run its cell again.'
 
+// The first texts of a picture that stands in the page; somebody else's may be no file.
+function headOf (image) {
+  try {
+    return atob(image.src.slice(PNG.length, PNG.length + HEAD))
+  } catch {
+    return ''
+  }
+}
+
 // The model of one widget, between rendercanvas and the kernel.
 class Link {
   constructor (model) {
@@ -110,7 +119,6 @@ class Link {
 class View {
   constructor (link, element) {
     this.link = link
-    this.element = element
     this.hidden = new Set()
     this.status = document.createElement('div')
     this.status.className = 'rasterjit-status'
@@ -134,10 +142,9 @@ class View {
 
   // Hide the saved picture of this widget; until the kernel sends another, show it here.
   replace () {
-    const area = this.element.closest('.jp-OutputArea, .output') ?? document
     const name = this.link.model.get('_name')
-    for (const image of area.querySelectorAll(`img[src^="${PNG}"]`)) {
-      if (image === this.picture || !atob(image.src.slice(PNG.length, PNG.length + HEAD)).includes(name)) { continue }
+    for (const image of document.querySelectorAll(`img[src^="${PNG}"]`)) {
+      if (image === this.picture || !headOf(image).includes(name)) { continue }
       if (this.picture.naturalWidth <= 1) { this.picture.src = image.src }
       const output = image.closest('.jp-OutputArea-child, .output_area') ?? image
       output.style.display = 'none'

@@ -195,6 +195,10 @@ def camera_of(outputs):
 def test_view_is_moved_resized_waits_and_is_kept(tab, folder):
     with jupyterlab(folder) as url:
         open_book(tab, url)
+        # Somebody else's picture, which is none, is passed over.
+        tab.evaluate(
+            "void (document.body.appendChild(new Image()).src = 'data:image/png;base64,%')"
+        )
         run_cell(tab, 0)
         until(lambda: tab.evaluate(f"{VIEW}?.naturalWidth"), lambda width: width == 300)
         # The picture that is saved is hidden, and described where it is shown.
