@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender import wires
-from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
+from rasterjit.compat.pyrender.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.compat.pyrender.constants import GLTF, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.primitive import Primitive
@@ -18,14 +20,14 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
-from rasterjit.scene.imitation import Imitation
+from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
 
 Float64 = NDArray[np.float64]
 
-_SHADOW = Shadow(size=2048)
+_SHADOW = Shadow(size=SHADOW_TEX_SZ)
 _SHADOW_FLAGS = {
     DirectionalLight: RenderFlags.SHADOWS_DIRECTIONAL,
     SpotLight: RenderFlags.SHADOWS_SPOT,
@@ -47,6 +49,14 @@ class Seen(NamedTuple):
     """Of the viewport, pixels."""
     point_size: float
     """Side of points, pixels."""
+
+
+class LightView(NamedTuple):
+    """What a light sees."""
+
+    camera: MatrixCamera
+    depths: NDArray[np.float32]
+    """(S, S): as ``scene.imitation.DepthMap`` has them."""
 
 
 class Drawing(NamedTuple):
@@ -88,7 +98,11 @@ def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
     clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
-    view = np.linalg.inv(scene.get_pose(node))
+    return _camera(np.linalg.inv(scene.get_pose(node)), clip)
+
+
+def _camera(view: Float64, clip: Float64) -> MatrixCamera:
+    """Return a camera of these matrices."""
     view[3] = 0.0, 0.0, 0.0, 1.0
     if mirrors(view):
         # The same picture, of axes that are a right hand's.
@@ -103,6 +117,7 @@ def convert(
     only: set[Node] | None = None,
     shapes_alone: bool = False,
     alphas_alone: bool = False,
+    views: Mapping[Node, LightView] | None = None,
     seen: Seen | None = None,
 ) -> Drawing:
     """
@@ -118,6 +133,8 @@ def convert(
         Whether nothing but depth and numbers is asked for: then all is opaque.
     alphas_alone : bool
         Whether alphas are shown as greys, without lights.
+    views : mapping of Node to LightView, optional
+        What lights see; shadows of others are those of RasterJIT.
     seen : Seen, optional
         How it is seen; without it points are left out, and edges of all faces are drawn.
     """
@@ -125,6 +142,7 @@ def convert(
     if alphas_alone:
         flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
+    are_squares: list[bool] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
@@ -145,13 +163,17 @@ def convert(
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
+                    are_squares.append(primitive.mode == GLTF.POINTS)
                 lines = _normals(primitive, flags)
                 if lines is not None:
                     drawn.add(lines, place, f"normals of {node.name}")
                     owners.append(node)
                     faces_viewer.append(False)
+                    are_squares.append(False)
     if not shapes_alone:
-        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
+        drawn._imitation = _imitation(
+            drawn, owners, (faces_viewer, are_squares), scene, flags, views or {}
+        )
     return Drawing(drawn, owners, is_blended, fades)
 
 
@@ -222,10 +244,14 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
 
 
 def _imitation(
-    drawn: scenes.Scene, owners: list[Node], faces_viewer: list[bool], scene: Scene,
-    flags: RenderFlags,
+    drawn: scenes.Scene, owners: list[Node], ways: tuple[list[bool], list[bool]], scene: Scene,
+    flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> Imitation:  # fmt: skip
-    """Add the lights; return how bright they are, what they fall on and what codes show of it."""
+    """
+    Add the lights; return how bright they are, what they fall on and what codes show of it.
+
+    ``ways`` tells of each object whether its normals face the viewer, and whether it is of squares.
+    """
     nodes = [node for node in scene._ordered() if node.light is not None]
     if flags & RenderFlags.FLAT:
         nodes = []
@@ -233,7 +259,7 @@ def _imitation(
     drawn.lights.append(AmbientLight())
     radiance = np.zeros((len(nodes) + 1, 3), np.float32)
     for n, node in enumerate(nodes, start=1):
-        casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
+        casts = node not in views and casts_shadows(node.light, flags)
         drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
         radiance[n] = node.light.radiance
     taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
@@ -244,8 +270,36 @@ def _imitation(
         taken[:, 1:] = [rows[node] for node in owners]
     return Imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
-        np.float32(scene.ambient_light), taken, np.array(faces_viewer, np.uint8),
+        np.float32(scene.ambient_light), taken, *(np.array(way, np.uint8) for way in ways),
+        tuple(
+            DepthMap(n, seen.camera.clip_from_view @ seen.camera.view_from_world,
+                     seen.camera.clip_from_view, seen.depths)
+            for n, seen in ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
+            if seen is not None
+        ),
     )  # fmt: skip
+
+
+def casts_shadows(light: Light, flags: RenderFlags) -> bool:
+    """Tell whether flags ask for a light's shadows."""
+    return bool(flags & _SHADOW_FLAGS.get(type(light), RenderFlags.NONE))
+
+
+def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
+    """
+    Return the camera that a directional or spot light sees the scene by.
+
+    The planes and sizes are those of pyrender 0.1.45: all of the scene and much around it.
+    """
+    pose, scale, light = scene.get_pose(node).copy(), float(scene.scale), node.light
+    near, far = 0.01 * scale, 10.0 * scale
+    if isinstance(light, SpotLight):
+        angle = min(2.0 * light.outerConeAngle + math.pi / 16.0, math.pi)
+        clip = PerspectiveCamera(angle, near, far, aspectRatio=1.0).get_projection_matrix()
+    else:
+        pose[:3, 3] = scene.centroid + pose[:3, 2] * scale
+        clip = OrthographicCamera(scale, scale, near, far).get_projection_matrix()
+    return _camera(np.linalg.inv(pose), np.array(clip, np.float64))
 
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
@@ -288,9 +342,11 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
     camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
     centers = transforms.apply(place, primitive.positions)
-    depth = -transforms.apply(view, centers)[:, 2]
-    w = depth * -clip[3, 2] + clip[3, 3]
-    is_seen = w > 0.0
+    x, y, z = transforms.apply(view, centers).T
+    w = z * clip[3, 2] + clip[3, 3]
+    # OpenGL leaves out points that lie outside the picture, whatever of their squares does not.
+    across, high = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in clip[:2])
+    is_seen = (w > 0.0) & (np.abs(across) <= w) & (np.abs(high) <= w)
     if not is_seen.any():
         return None
     right = point_size / size[0] / clip[0, 0] * view[0, :3]

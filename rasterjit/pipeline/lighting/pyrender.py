@@ -12,6 +12,9 @@ is seen), base colour b, metallic m and roughness r, held to 0.04..1:
 - both times n·l and the light's colour and intensity, over the squared distance of a lamp, times
   the squared ramp of a cone.
 
+A light that has a shadow map is dimmed by the share of 3 x 3 places around a point's own that lie
+behind what is seen there by more than max(0.001 (1 - n·l), 0.0001) / w, in window coordinates.
+
 Nothing is black because it faces away: n·l is never below 0.001. Ambient light shows the base
 colour, whatever metallic is. Occlusion dims all that was added up so far, emission is added, and
 colours of vertices multiply the sum.
@@ -28,9 +31,11 @@ import math
 
 import numpy as np
 
+from rasterjit.pipeline.geometry.barycentric import place
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
+from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
@@ -38,7 +43,7 @@ from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, int64, uint8
+from rasterjit.runtime.state import float32, int32, int64, uint8
 
 COLOR_RED = rows.TINT_RED
 """Rows, three: colours of vertices. They are those of glass, which this model does not know."""
@@ -48,6 +53,8 @@ LEAST_ROUGHNESS = np.float32(0.04)
 DIELECTRIC = np.float32(0.04)
 SPARE = np.float32(0.001)
 """What is added to the denominator of what is mirrored."""
+FARTHEST = np.float32(64.0)
+"""How far outside of a shadow map, in its sizes, places are told apart."""
 OVER_PI = np.float32(1.0 / math.pi)
 
 
@@ -64,6 +71,46 @@ def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: fl
                 s[rows.NORMAL_X + axis, n] = (
                     toward_viewer[axis] - toward_viewer[3] * s[rows.POINT_X + axis, n]
                 )
+
+
+@helper
+def between(one, other):
+    """Return the point between two, and the square of the way."""
+    x, y, z = other[0] - one[0], other[1] - one[1], other[2] - one[2]
+    middle = one[0] + 0.5 * x, one[1] + 0.5 * y, one[2] + 0.5 * z
+    return middle, x * x + y * y + z * z
+
+
+@stage
+def place_in_squares(
+    block: Block, count, are_squares: uint8[::1], faces: int32[:, ::1], placement: Placement
+):
+    """Move the samples of half squares to the middle of their squares: of the longest edge."""
+    s, whole, m, p = block.samples, block.whole, placement.relative_from_model, placement.positions
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        if are_squares[owner] == 0:
+            continue
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face = np.uintp(whole[rows.FACE, r])
+            a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+            pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+            pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
+            pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
+            middle, longest = between(pa, pb)
+            other, way = between(pb, pc)
+            if way > longest:
+                middle, longest = other, way
+            other, way = between(pc, pa)
+            if way > longest:
+                middle, longest = other, way
+            for n in range(
+                np.uintp(whole[rows.FIRST, r]), np.uintp(whole[rows.FIRST, r + np.uintp(1)])
+            ):
+                s[rows.POINT_X, n] = np.float32(middle[0])
+                s[rows.POINT_Y, n] = np.float32(middle[1])
+                s[rows.POINT_Z, n] = np.float32(middle[2])
 
 
 @disjoint_helper
@@ -190,6 +237,77 @@ def add_lights_as_pyrender(
                     part(samples, rows.SHADOW, s, e), *parts_of_three(samples, rows.RED, s, e),
                     *parts_of_three(samples, rows.OUT_RED, s, e),
                 )  # fmt: skip
+
+
+@helper
+def covered_share(depths, across, down, depth):
+    """
+    Return the share of 3 x 3 places around one that are behind what a light sees there.
+
+    Each is the mean of four texels, by where it lies between them. The map goes on as it begins.
+    """
+    one, size = np.float32(1.0), np.int64(depths.shape[0])
+    left, low = np.floor(across), np.floor(down)
+    x, y = across - left, down - low
+    first, row = np.int64(np.int32(left)) - 1, np.int64(np.int32(low)) - 1
+    total = np.float32(0.0)
+    for j in range(4):
+        line = np.uintp((row + j) & (size - 1))
+        weight = one if 0 < j < 3 else (y if j == 3 else one - y)
+        found = np.float32(0.0)
+        for i in range(4):
+            share = one if 0 < i < 3 else (x if i == 3 else one - x)
+            is_behind = depth > depths[line, np.uintp((first + i) & (size - 1))]
+            found += share if is_behind else np.float32(0.0)
+        total += weight * found
+    return total * np.float32(1.0 / 9.0)
+
+
+@stage
+def find_shadow(
+    block: Block, count, light: float32[::1], view: float32[::1], depths: float32[:, ::1]
+):
+    """
+    Write the share of a light that reaches each sample, by its map.
+
+    Parameters
+    ----------
+    block : Block
+    light : (13,) float32
+        As ``Lighting.lights`` has it.
+    view : (20,) float32
+        ``survey.lights.view_of_light``.
+    depths : (S, S) float32
+        As ``DepthMap`` has them.
+    """
+    s, zero, one, half = block.samples, np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    size = np.float32(depths.shape[0])
+    for n in range(count):
+        x, y, z = s[rows.POINT_X, n], s[rows.POINT_Y, n], s[rows.POINT_Z, n]
+        w = view[12] * x + view[13] * y + view[14] * z + view[15]
+        inverse = one / w
+        across = (view[0] * x + view[1] * y + view[2] * z + view[3]) * inverse
+        down = (view[4] * x + view[5] * y + view[6] * z + view[7]) * inverse
+        place = (view[8] * x + view[9] * y + view[10] * z + view[11]) * inverse
+        lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
+        facing = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
+        facing = clamped(facing * unit_scale(lx, ly, lz), zero, one)
+        # What is nearer by less than this covers nothing; the map has window coordinates there.
+        bias = max(np.float32(0.001) * (one - facing), np.float32(0.0001)) * inverse
+        held = place - (bias + bias)
+        depth = (view[16] - view[17] * held) / (view[18] - view[19] * held)
+        # Far outside it does not matter where.
+        u = clamped(across * half + half, -FARTHEST, FARTHEST) * size + half
+        v = clamped(down * half + half, -FARTHEST, FARTHEST) * size + half
+        covered = covered_share(depths, u, v, depth)
+        s[rows.SHADOW, n] = one - (covered if place <= one else zero)
+
+
+@stage
+def let_all_through(block: Block, count):
+    """Write that all of the next light reaches each sample."""
+    for n in range(count):
+        block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage

@@ -1,0 +1,1 @@
+"""Scenes drawn by pyrender and by `rasterjit.compat.pyrender`, compared and timed."""
