@@ -241,9 +241,19 @@ def shadow_of_a_spot(pr):
     return over_a_floor(pr, spot), pr.RenderFlags.SHADOWS_SPOT
 
 
+@scene_of
+def points_under_a_sun(pr):
+    scene = empty(pr, sun=0.0)
+    rng = np.random.default_rng(5)
+    spread = rng.uniform(-1.2, 1.2, (400, 3))
+    scene.add(pr.Mesh.from_points(spread, colors=rng.integers(0, 256, (400, 3)).astype(np.uint8)))
+    scene.add(pr.DirectionalLight(color=np.ones(3), intensity=5.0), pose=at(down=1.0, around=0.6))
+    return scene, pr.RenderFlags.SHADOWS_DIRECTIONAL
+
+
 def drawn(pr):
     """Return what each scene looks like: (color, depth) by name."""
-    renderer = pr.OffscreenRenderer(*SIZE)
+    renderer = pr.OffscreenRenderer(*SIZE, point_size=4.0)
     pictures = {}
     for name, build in SCENES.items():
         scene, flags = build(pr)
