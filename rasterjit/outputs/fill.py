@@ -466,7 +466,7 @@ def metric_depth(
     What the depth format holds: infinite beyond its last step before an infinite far plane. Takes
     the size of the whole picture, and column and row of the first pixel of this part of it.
     """
-    depth = np.full(coverage.depth.shape, np.inf, np.float32)
+    depth = np.full(coverage.face_id.shape, np.inf, np.float32)
     (width, height), (left, top) = size, corner
     rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
     for row in range(0, len(depth), rows):

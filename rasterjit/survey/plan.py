@@ -181,6 +181,20 @@ class RenderPlan:
         )
 
     @cached_property
+    def needs_centers(self) -> bool:
+        """Whether anything looks at what is seen at the centres of pixels; else samples do."""
+        is_of_samples = (
+            self.takes_first_depth
+            and self.pictures == 1
+            and self.surfaces is None
+            and not self.facts.diagnose
+            and "points" not in self.facts.contents.primitives
+            and not any(one.effect.places for one in self.planned)
+            and {"color", "linear", "depth"}.issuperset(self.outputs)
+        )
+        return self.facts.finds_faces and not is_of_samples
+
+    @cached_property
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
         done = {} if self.drawn is None else self.drawn[0]

@@ -1,0 +1,63 @@
+"""The adapter's pictures of samples are drawn without a pass at the centres of pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from rasterjit.compat import pyrender
+from rasterjit.pipeline.visibility import draw
+from rasterjit.survey.plan import RenderPlan
+
+SIZE = 90, 70
+
+
+def scene_of(alpha: float) -> pyrender.Scene:
+    """Return balls before each other, the nearest one of an alpha, and a camera inside a light."""
+    scene = pyrender.Scene(bg_color=(0.2, 0.4, 0.6, 1.0), ambient_light=(0.1, 0.1, 0.1))
+    for n, color in enumerate([(0.9, 0.2, 0.1, alpha), (0.1, 0.8, 0.3, 1.0)]):
+        material = pyrender.MetallicRoughnessMaterial(
+            baseColorFactor=color, alphaMode="BLEND" if alpha < 1.0 else "OPAQUE"
+        )
+        mesh = pyrender.Mesh.from_trimesh(trimesh.creation.icosphere(2), material=material)
+        pose = np.eye(4)
+        pose[:3, 3] = 0.6 * n, 0.3 * n, -0.8 * n
+        scene.add(mesh, pose=pose)
+    pose = np.eye(4)
+    pose[2, 3] = 3.0
+    scene.add(pyrender.PerspectiveCamera(yfov=0.9), pose=pose)
+    scene.add(pyrender.DirectionalLight(intensity=3.0), pose=pose)
+    return scene
+
+
+def drawn(alpha: float, flags: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return color and depth of a scene, drawn by a renderer of its own."""
+    renderer = pyrender.OffscreenRenderer(*SIZE)
+    try:
+        return renderer.render(scene_of(alpha), flags)
+    finally:
+        renderer.delete()
+
+
+@pytest.mark.parametrize("flags", ["NONE", "ALL_WIREFRAME", "FLAT", "RGBA", "SHADOWS_POINT"])
+@pytest.mark.parametrize("alpha", [1.0, 0.5])
+def test_pictures_have_the_bits_of_those_with_centers(monkeypatch, alpha, flags):
+    flags = pyrender.RenderFlags[flags]
+    color, depth = drawn(alpha, flags)
+    monkeypatch.setattr(RenderPlan, "needs_centers", True)
+    again, depth_again = drawn(alpha, flags)
+
+    assert (depth > 0.0).mean() > 0.1
+    np.testing.assert_array_equal(color, again)
+    np.testing.assert_array_equal(depth, depth_again)
+
+
+def test_nothing_is_drawn_at_centers(monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("the tiles were drawn at the centres of pixels")
+
+    monkeypatch.setattr(draw, "draw", refuse)
+    _, depth = drawn(1.0, pyrender.RenderFlags.NONE)
+
+    assert (depth > 0.0).any()
