@@ -161,7 +161,8 @@ def _fill_numbers(
     wanted = {"object_id", "instance_id", "material_id"}.intersection(plan.outputs)
     if not wanted:
         return
-    shapes, object_id = cache.shapes, cache.shapes.object_numbers[face_id]
+    # Nothing, -1, finds the last number. Half as long as an index takes.
+    shapes, object_id = cache.shapes, cache.shapes.object_numbers.take(face_id, mode="wrap")
     if cache.cut is not None:
         # Of the scene before it was cut.
         shapes, object_id = Shapes(list(cache.cut.meshes)), cache.cut.owners[object_id]

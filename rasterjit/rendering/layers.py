@@ -69,8 +69,16 @@ class Shader(NamedTuple):
     """Whether colours become codes before they are mixed; else light is mixed."""
     encoding: encode.Encoding = "srgb"
     """What codes show."""
+    plain: tuple[NDArray[np.uint32], int] | None = None
+    """The codes of each object, (O,), and of what is behind, where they follow from these alone."""
     shading: Shading | None = None
     """The stages, made by `ready` when nothing above changes any more."""
+
+    def of_plain_codes(self) -> Shader:
+        """Return this shader for objects of one colour each, before one that is opaque."""
+        red, green, blue = encode.codes_of(self.surface.materials[:, :3], self.encoding).T
+        codes = red | green << 8 | blue << 16 | np.uint32(255 << 24)
+        return self._replace(plain=(codes, encode.code_of(self.background, self.encoding)))
 
     def ready(self, kept: Kept | None = None) -> Shader:
         """Return this shader with its stages made, or with those of the picture before."""
@@ -310,6 +318,8 @@ def shared_kernels(plan: RenderPlan) -> Rows:
     rows = bands.kernels_of(layers.samples, plan.depth_format.kind)
     if layers.samples == 1:
         return rows
+    if plan.mixes_plain_codes:
+        return [*rows, ("plain_codes.mix_plain_codes", "", "")]
     opaque = "a row of tiles is opaque" if layers.has_blended else ""
     if layers.samples != "area":
         rows.append(("weights.share_samples", "", opaque))

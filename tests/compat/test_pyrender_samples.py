@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from rasterjit.compat import pyrender
+from rasterjit.pipeline.fragments.plain_codes import mix_plain_codes
 from rasterjit.pipeline.visibility import draw
 from rasterjit.survey.plan import RenderPlan
 
@@ -61,3 +62,37 @@ def test_nothing_is_drawn_at_centers(monkeypatch):
     _, depth = drawn(1.0, pyrender.RenderFlags.NONE)
 
     assert (depth > 0.0).any()
+
+
+@pytest.mark.parametrize("flags", ["FLAT", "FLAT|ALL_WIREFRAME"])
+def test_objects_of_one_colour_are_mixed_as_shaded_ones_are(monkeypatch, flags):
+    bits = pyrender.RenderFlags.NONE
+    for name in flags.split("|"):
+        bits |= pyrender.RenderFlags[name]
+    color, _ = drawn(1.0, bits)
+    monkeypatch.setattr(RenderPlan, "mixes_plain_codes", False)
+    shaded, _ = drawn(1.0, bits)
+
+    # Both objects, what is behind them, and means of these.
+    assert len(np.unique(color.reshape(-1, 3), axis=0)) > 3
+    np.testing.assert_array_equal(color, shaded)
+
+
+@pytest.mark.parametrize("samples", [2, 4, 16])
+def test_plain_codes_are_means_rounded_half_up(samples):
+    rng = np.random.default_rng(samples)
+    starts = np.array([0, 3, 3, 40, 41], np.int64)
+    # Mostly runs of one face, as in pictures; some rows of faces at random.
+    opaque = np.repeat(rng.integers(-1, 41, (samples, 12, 10)), 10, axis=2).astype(np.int32)
+    opaque[:, 6:] = opaque[0, 6:]
+    opaque[:, :3] = rng.integers(-1, 41, (samples, 3, 100))
+    codes, behind = rng.integers(0, 1 << 24, 4).astype(np.uint32), 0x123456
+    color = np.empty((12, 100), np.uint32)
+    opaque_codes = codes | np.uint32(0xFF000000)
+    mix_plain_codes(opaque, opaque_codes, behind | 0xFF000000, starts, color)
+
+    owners = np.searchsorted(starts, opaque, side="right") - 1
+    shown = np.where(opaque < 0, behind | 0xFF000000, opaque_codes[owners]).astype(np.uint32)
+    channels = shown.view(np.uint8).reshape(*shown.shape, 4).astype(np.float64)
+    expected = np.floor(channels.mean(axis=0) + 0.5).astype(np.uint8)
+    np.testing.assert_array_equal(color.view(np.uint8).reshape(12, 100, 4), expected)

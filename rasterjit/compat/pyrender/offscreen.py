@@ -263,7 +263,8 @@ class OffscreenRenderer:
         for first in range(0, len(color), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
             # Nothing is number -1: the last row, black.
-            codes = packed[numbers[rows]].view(np.uint8).reshape(*numbers[rows].shape, 4)
+            codes = packed.take(numbers[rows], mode="wrap").view(np.uint8)
+            codes = codes.reshape(*numbers[rows].shape, 4)
             for channel in range(channels):
                 color[rows, :, channel] = codes[..., channel]
         return color, depths.read(frame, seen.size)
