@@ -314,6 +314,9 @@ class Imitated(NamedTuple):
     """(O, L) uint8: 1 where a light falls on an object."""
     faces_viewer: Any
     """(O,) uint8: 1 where normals point to the viewer | None -> nowhere."""
+    maps: Any = ()
+    """Of each light with a shadow map: its row, ``view_of_light`` and the map, see
+    ``lighting.pyrender``."""
 
 
 NO_LAMPS = np.empty((0, 7), np.float32)

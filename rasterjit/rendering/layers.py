@@ -174,7 +174,7 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
     if faces_viewer is not None:
         faces_viewer = kept.copied("facing the viewer", faces_viewer)
     taken = kept.copied("who takes what", imitated.taken)
-    return kept.made("imitated", Imitated, taken, faces_viewer)
+    return kept.made("imitated", Imitated, taken, faces_viewer, imitated.maps)
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:

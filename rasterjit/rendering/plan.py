@@ -129,7 +129,8 @@ def plan_frame(
     )
     if layers is not None and facts.imitation is not None:
         # Far beside a face that is seen from its edge there may be no place to look things up.
-        at_centers = not (facts.needs_textures or facts.casts_shadows)
+        casts_shadows = facts.casts_shadows or bool(facts.imitation.maps)
+        at_centers = not (facts.needs_textures or casts_shadows)
         layers = layers._replace(in_order=True, at_centers=at_centers)
     plan = RenderPlan(
         size=size,
@@ -207,7 +208,7 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
         lights = headlight(camera)
     lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
     if facts.imitation is not None:
-        return imitated_lighting(lighting, facts.imitation, facts.lights)
+        return imitated_lighting(lighting, facts.imitation, facts.lights, camera)
     if facts.limits is None or not facts.lamps:
         return lighting
     rows = lighting_of(facts.lamps, camera, 0).lights

@@ -508,7 +508,7 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
     steps += [
         Step(pyrender.show_ambient_on_base, (lighting.ambient,)),
         Step(lights.normalize_normals, ()),
-        *steps_of_lights(look, effects),
+        *imitated_light_steps(look, effects),
     ]
     if surface.maps is not None and surface.maps.counts[textures.OCCLUSION]:
         steps.append(Step(pyrender.dim_by_occlusion, ()))
@@ -517,6 +517,25 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
     if surface.vertex_colors is not None:
         steps.append(Step(pyrender.multiply_by_vertex_colors, ()))
     return steps + seen_steps(effects, rows.OUT_RED) + effect_steps(effects, "sample", look)
+
+
+def imitated_light_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
+    """Return the stages that add all lights, each dimmed by its map or by effects."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    steps, first, dimming = [], 0, acting(effects, "light")
+    maps = {row: (view, depths) for row, view, depths in look.lighting.imitated.maps}
+    for n in range(len(look.lighting.lights)):
+        dimmed = effect_steps(dimming, "light", look, n) if dimming else []
+        if n in maps:
+            found = look.lighting.lights[n], *maps[n]
+            steps += [*add_steps(look, first, n), Step(pyrender.find_shadow, found)]
+            steps += [*add_steps(look, n, n + 1), Step(pyrender.let_all_through, ())]
+            first = n + 1
+        elif dimmed:
+            steps += add_steps(look, first, n) + dimmed
+            first = n
+    return steps + add_steps(look, first, len(look.lighting.lights))
 
 
 def covering_steps(look: Look, effects: Sequence[Active]) -> list[Step]:

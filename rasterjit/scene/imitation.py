@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Curve: TypeAlias = Literal["gamma 2.2", "as is"]
+
+
+class DepthMap(NamedTuple):
+    """What a light sees, for shadows."""
+
+    light: int
+    """Which of the scene's lights."""
+    clip_from_world: NDArray[np.float64]
+    """(4, 4): the camera that the light sees by."""
+    clip_from_view: NDArray[np.float64]
+    """(4, 4): its projection."""
+    depths: NDArray[np.float32]
+    """(S, S): depth along its axis, scene units, the lowest row first; infinite where nothing is. S
+    is a power of two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +45,15 @@ class Imitation:
     """(O, L): 1 for each light that falls on an object, 0 for others."""
     faces_viewer: NDArray[np.uint8]
     """(O,): 1 for objects whose normals point to the viewer, for their meshes have none."""
+    maps: tuple[DepthMap, ...] = ()
+    """Of each light whose shadows fall as they fall there."""
 
     def same(self, other: Imitation | None) -> bool:
         """Tell whether another one asks for the same."""
         return (
             other is not None
             and self.encoding == other.encoding
+            and len(self.maps) == len(other.maps) == 0
             and all(
                 a.shape == b.shape and a.tobytes() == b.tobytes()
                 for a, b in zip(self._arrays, other._arrays, strict=True)

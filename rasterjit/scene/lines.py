@@ -102,8 +102,7 @@ class Lines(Mesh):
     """
 
     primitive: ClassVar[Primitive] = "lines"
-    depth_place: ClassVar[tuple[float, float]] = (0.0, 0.0)
-    """Where depths are taken from: how far to the right of each sample and below it, pixels."""
+    _depth_place: tuple[float, float] = (0.0, 0.0)
     _INSTEAD = "make other Lines"
     _PLACES = "points", "point"
     _PLAIN = Material("unlit", base_color=INK)
@@ -265,6 +264,11 @@ class Lines(Mesh):
     def caps(self) -> Cap:
         """What the ends of strips are."""
         return self._caps
+
+    @property
+    def depth_place(self) -> tuple[float, float]:
+        """Where depths are taken from: how far right of each sample and below it, pixels."""
+        return self._depth_place
 
     @property
     def links(self) -> NDArray[np.int32]:

@@ -23,7 +23,7 @@ from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import Imitated, Lighting
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.imitation import Imitation
+from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import (
     MOST_TEXELS,
     AmbientLight,
@@ -426,8 +426,11 @@ def lighting_of(
     )
 
 
-def imitated_lighting(lighting: Lighting, imitation: Imitation, planned: PlannedLights) -> Lighting:
+def imitated_lighting(
+    lighting: Lighting, imitation: Imitation, planned: PlannedLights, camera: Camera
+) -> Lighting:
     """Return lights as rows with the brightness that they have in another program's shader."""
+    eye = np.asarray(camera.eye_position(), np.float64).tolist()
     # Light from all around has no row.
     numbers = [
         n
@@ -437,9 +440,27 @@ def imitated_lighting(lighting: Lighting, imitation: Imitation, planned: Planned
     lighting.lights[:, 4:7] = imitation.radiance[numbers]
     faces_viewer = imitation.faces_viewer if imitation.faces_viewer.any() else None
     taken = np.ascontiguousarray(imitation.taken[:, numbers])
-    return lighting._replace(
-        ambient=imitation.ambient, highlights=None, imitated=Imitated(taken, faces_viewer)
+    maps = tuple(
+        (numbers.index(one.light), view_of_light(one, eye), one.depths)
+        for one in imitation.maps
+        if one.light in numbers
     )
+    return lighting._replace(
+        ambient=imitation.ambient, highlights=None, imitated=Imitated(taken, faces_viewer, maps)
+    )
+
+
+def view_of_light(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
+    """
+    Return how a light sees points relative to the eye, (20,) float32: its matrix, row by row.
+
+    Behind that are p, q, r, s: what lies at NDC z is (p - q z) / (r - s z) away from it.
+    """
+    x, y, z = eye
+    matrix = one.clip_from_world.copy()
+    matrix[:, 3] += (matrix[:, 0] * x + matrix[:, 1] * y) + matrix[:, 2] * z
+    (_, _, z_scale, z_offset), (_, _, w_scale, w_offset) = one.clip_from_view[2:]
+    return np.array([*matrix.ravel(), z_offset, w_offset, z_scale, w_scale], np.float32)
 
 
 def _row(light: Light, eye: Sequence[float]) -> list[float]:

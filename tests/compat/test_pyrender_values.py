@@ -239,3 +239,75 @@ def test_cameras_of_programs_are_cameras():
     renderer = pyrender.OffscreenRenderer(W, H)
     assert (renderer.render(made)[1] > 0).any()
     renderer.delete()
+
+
+UPRIGHT = [[0.0, 0.0, 1.0]] * 4
+QUAD = {"normals": UPRIGHT, "indices": [[0, 1, 2], [2, 1, 3]]}
+
+
+def spoilt(array, rows=slice(0, 1)):
+    """Return an array with rows that are no numbers."""
+    array = np.array(array, float)
+    array[rows] = np.nan
+    return array
+
+
+@pytest.mark.parametrize("flags", ["NONE", "DEPTH_ONLY", "ALL_WIREFRAME"])
+@pytest.mark.parametrize("mode", ["POINTS", "LINES", "LINE_STRIP", "TRIANGLES", "TRIANGLE_STRIP"])
+def test_vertices_that_are_no_numbers_are_left_out(mode, flags):
+    """As a graphics card does; clouds of depth cameras are full of them."""
+    places = np.random.default_rng(3).uniform(-0.8, 0.8, (60, 3))
+    flags, mode = getattr(pyrender.RenderFlags, flags), getattr(pyrender.GLTF, mode)
+    renderer = pyrender.OffscreenRenderer(W, H)
+    counts = []
+    for cloud in (spoilt(places, slice(0, 30)), places[30:], places, spoilt(places, slice(None))):
+        found = renderer.render(
+            scene(pyrender.Mesh([pyrender.Primitive(cloud, mode=mode)]))[0], flags
+        )
+        depth = found if flags == pyrender.RenderFlags.DEPTH_ONLY else found[1]
+        counts.append(int((depth > 0).sum()))
+    renderer.delete()
+    assert 0 == counts[3] < counts[0] == counts[1] < counts[2]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "alike"),
+    [
+        ({"normals": spoilt(UPRIGHT, slice(None))}, {"normals": np.zeros((4, 3))}),
+        ({"color_0": spoilt(np.ones((4, 3)), slice(None))}, {"color_0": np.zeros((4, 4))}),
+        ({"texcoord_0": spoilt(np.ones((4, 2)), slice(None))}, {"texcoord_0": np.zeros((4, 2))}),
+    ],
+)
+def test_attributes_that_are_no_numbers_are_0(numbers, alike):
+    renderer = pyrender.OffscreenRenderer(W, H)
+    look = pyrender.MetallicRoughnessMaterial(baseColorTexture=np.full((2, 2, 3), 0.5))
+    pictures = [
+        renderer.render(scene(pyrender.Mesh([
+            pyrender.Primitive(SQUARE, material=look, **{**QUAD, **given})
+        ]))[0])[0]
+        for given in (numbers, alike)
+    ]  # fmt: skip
+    renderer.delete()
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_poses_that_are_no_numbers_are_left_out():
+    mesh = pyrender.Mesh.from_trimesh(trimesh.creation.box(), poses=[np.eye(4), np.eye(4) * np.nan])
+    assert (depth_of(mesh) == depth_of(None)).all()
+    made, node = scene()
+    made.set_pose(node, np.full((4, 4), np.inf))
+    renderer = pyrender.OffscreenRenderer(W, H)
+    assert not renderer.render(made)[1].any()
+    renderer.delete()
+
+
+def test_a_program_that_sees_nothing_is_not_warned(recwarn):
+    box = trimesh.creation.box()
+    mesh = pyrender.Mesh([pyrender.Primitive(box.vertices, indices=box.faces)])
+    made, node = scene(mesh)
+    renderer = pyrender.OffscreenRenderer(W, H)
+    assert renderer.render(made)[1].any()
+    made.set_pose(node, translate((0.0, 0.0, 99.0)))
+    assert not renderer.render(made)[1].any()
+    renderer.delete()
+    assert not recwarn.list

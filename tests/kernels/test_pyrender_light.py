@@ -16,6 +16,8 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import int64
+from rasterjit.scene.imitation import DepthMap
+from rasterjit.survey.lights import view_of_light
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 COUNT = 200
@@ -97,6 +99,41 @@ def test_nothing_that_faces_away_is_black_and_both_sides_look_alike():
     light = some_lights()[:1]
     have = shaded(samples, light, np.ones((2, 1), np.uint8), np.zeros(3, np.float32))
     assert (have > 0.0).all()
+
+
+@pytest.mark.parametrize("is_spot", [False, True])
+def test_shadows_are_those_of_the_slow_twin(is_spot):
+    rng = np.random.default_rng(11)
+    samples, eye, size = random_samples(rng), np.array([1.0, -2.0, 3.0]), 16
+    near, far = 0.5, 12.0
+    clip = np.diag([0.2, 0.2, -2.0 / (far - near), 1.0])
+    clip[2, 3] = -(far + near) / (far - near)
+    if is_spot:
+        clip = np.diag([1.2, 1.2, -(far + near) / (far - near), 0.0])
+        clip[2, 3], clip[3, 2] = -2.0 * far * near / (far - near), -1.0
+    world_from_eye = np.eye(4)
+    world_from_eye[:3, 3] = eye
+    # The light stands where the eye is, for depths to be easy to tell.
+    clip_from_world = clip @ np.linalg.inv(world_from_eye)
+    depths = rng.uniform(2.0, 8.0, (size, size)).astype(np.float32)
+    depths[0, 0] = np.inf
+    away = np.where(np.isfinite(depths), depths, 1.0).astype(np.float64)
+    ndc = (clip[2, 3] - clip[2, 2] * away) / (clip[3, 3] - clip[3, 2] * away)
+    window = np.where(np.isfinite(depths), ndc * 0.5 + 0.5, 1.0)
+    light = some_lights()[0]
+    view = view_of_light(DepthMap(0, clip_from_world, clip, depths), eye.tolist())
+    columns = samples.astype(np.float64).T
+    blocks.run(samples, (pyrender.find_shadow, light, view, depths))
+    toward, found = light[:3] / np.linalg.norm(light[:3]), []
+    for n, column in enumerate(columns):
+        normal = column[rows.NORMAL_X : rows.NORMAL_Z + 1]
+        point = column[rows.POINT_X : rows.POINT_Z + 1] + eye
+        want = naive_pyrender.shadow(point, normal @ toward, clip_from_world, window)
+        assert 1.0 - samples[rows.SHADOW, n] == pytest.approx(want, abs=1e-3)
+        found.append(want)
+    assert min(found) < 0.1
+    assert max(found) > 0.9
+    assert ((np.array(found) > 0.2) & (np.array(found) < 0.8)).sum() > 10
 
 
 @pytest.mark.parametrize("encoding", ["gamma 2.2", "as is"])

@@ -64,6 +64,40 @@ def lit(base, metallic, roughness, normal, point, lights, ambient):
     return total
 
 
+def shadow(point, facing, clip_from_world, window_depths):
+    """
+    Return the share of a light that does not reach a point.
+
+    Parameters
+    ----------
+    point : (3,)
+    facing : float
+        Cosine between normal and light.
+    clip_from_world : (4, 4)
+    window_depths : (S, S)
+        0..1, the lowest row first.
+    """
+    size = len(window_depths)
+    x, y, z, w = (dot(row, [*point, 1.0]) for row in clip_from_world)
+    u, v, depth = (part / w * 0.5 + 0.5 for part in (x, y, z))
+    if depth > 1.0:
+        return 0.0
+    compared = depth - max(0.001 * (1.0 - held(facing, 0.0, 1.0)), 0.0001) / w
+
+    def is_behind(column, row):
+        return float(compared > window_depths[row % size][column % size])
+
+    total = 0.0
+    for across in (-1, 0, 1):
+        for up in (-1, 0, 1):
+            a, b = u * size + across + 0.5, v * size + up + 0.5
+            i, j = math.floor(a), math.floor(b)
+            for k, share in ((0, 1.0 - (a - i)), (1, a - i)):
+                for n, part in ((0, 1.0 - (b - j)), (1, b - j)):
+                    total += share * part * is_behind(i + k, j + n)
+    return total / 9.0
+
+
 def code(value):
     """Return the code of a linear value."""
     return math.floor(held(max(value, 0.0) ** (1.0 / 2.2), 0.0, 1.0) * 255.0 + 0.5)

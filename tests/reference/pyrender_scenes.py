@@ -219,6 +219,28 @@ def mask(pr):
     return scene, 0
 
 
+def over_a_floor(pr, light):
+    """Return a ball over a floor under a light: both shade themselves there, where it grazes."""
+    scene = empty(pr, sun=0.0)
+    scene.add(ball(pr, material(pr, 0.8, 0.5, 0.2, 1.0)))
+    floor = square(pr, material(pr, 0.9, 0.9, 0.9, 1.0, metallic=0.0, roughness=1.0), 2.5)
+    scene.add(floor, pose=at(0.0, -1.2, 0.0, down=np.pi / 2.0))
+    scene.add(light, pose=at(1.5, 3.0, 1.5, down=1.0, around=0.6))
+    return scene
+
+
+@scene_of
+def shadow_of_a_sun(pr):
+    sun = pr.DirectionalLight(color=np.ones(3), intensity=3.0)
+    return over_a_floor(pr, sun), pr.RenderFlags.SHADOWS_DIRECTIONAL
+
+
+@scene_of
+def shadow_of_a_spot(pr):
+    spot = pr.SpotLight(color=np.ones(3), intensity=40.0, innerConeAngle=0.5, outerConeAngle=0.7)
+    return over_a_floor(pr, spot), pr.RenderFlags.SHADOWS_SPOT
+
+
 def drawn(pr):
     """Return what each scene looks like: (color, depth) by name."""
     renderer = pr.OffscreenRenderer(*SIZE)

@@ -202,3 +202,36 @@ def test_a_scene_of_triangles_compiles_nothing_of_lines():
         "line_pieces.place_segments", "line_pieces.count_pieces", "line_pieces.write_pieces"
     }  # fmt: skip
     assert not any("line_pieces" in name for name in kernels[0])
+
+
+class Displaced(rj.Lines):
+    _depth_place = (2.0, 1.0)
+
+
+@pytest.mark.parametrize("is_parallel", [False, True])
+def test_depths_are_those_of_another_place(is_parallel):
+    lens = {"height": 3.0} if is_parallel else {"fov_y": 50.0}
+    view = rj.OrthographicCamera if is_parallel else rj.PerspectiveCamera
+    camera = view((0, 0, 3), (0, 0, 0), **lens)
+    ends = np.array([[-1.0, 0.5, 0.8], [1.1, -0.4, -0.9]])
+    plain, moved = (
+        draw(kind(ends, width=8.0, caps="butt"), camera, outputs=("depth", "face_id"))
+        for kind in (rj.Lines, Displaced)
+    )
+    np.testing.assert_array_equal(plain.face_id, moved.face_id)
+    # What a line shows two pixels to the right and one below is what it shows there.
+    there, here = plain.depth[1:, 2:], moved.depth[:-1, :-2]
+    both = np.isfinite(there) & np.isfinite(here)
+    assert both.sum() > 300
+    np.testing.assert_allclose(here[both], there[both], rtol=2e-5)
+    seen = plain.face_id >= 0
+    assert (np.abs(moved.depth[seen] - plain.depth[seen]) > 1e-3).all()
+
+
+def test_depths_of_another_place_stay_before_the_eye_of_short_lines():
+    ends = np.array([[0.0, 0.0, 2.0], [0.012, 0.0, -40.0]])
+    camera = rj.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_y=50.0)
+    frame = draw(Displaced(ends, width=6.0), camera, outputs=("depth",))
+    seen = frame.depth[np.isfinite(frame.depth)]
+    assert len(seen) > 10
+    assert (seen > 0.0).all()

@@ -4,16 +4,18 @@ Run scripts that were written for pyrender: the same classes and arguments, draw
 >>> import rasterjit.compat.pyrender as pyrender
 
 `install` makes ``import pyrender`` mean this package, and ``python -m rasterjit.compat.pyrender
-SCRIPT ARGS...`` runs a program so, unedited. Pictures come from a CPU, without OpenGL, EGL, OSMesa
-or a display; the environment variable ``PYOPENGL_PLATFORM`` is without effect. Vectors, matrices,
-colours and angles (radians) are as there, and so are pictures: light falls on materials as the
-original's shader has it, of at most four lights of a kind, the nearest; codes are those of its
-gamma of 2.2; faces are drawn in its order, and mixed as OpenGL mixes them. `RenderFlags.FLAT` shows
-colours as they are.
+SCRIPT ARGS...`` runs a program so, unedited, with the processes that it starts. Pictures come from
+a CPU, without OpenGL, EGL, OSMesa or a display; the environment variable ``PYOPENGL_PLATFORM`` is
+without effect. Vectors, matrices, colours and angles (radians) are as there, and so are pictures:
+light falls on materials as the original's shader has it, of at most four lights of a kind, the
+nearest; codes are those of its gamma of 2.2; faces are drawn in its order, and mixed as OpenGL
+mixes them. `RenderFlags.FLAT` shows colours as they are. Colours are means of four samples a
+pixel, depth is that of the first; without several samples, where `RenderFlags.SEG` asks for none,
+lines are a pixel wide across them. Depth of cameras that are no pinholes, as parallel ones, is what
+pyrender makes of it.
 
-What differs: shadows have the filter of RasterJIT's, without stains on what is lit; point lights
-cast shadows, and so do points, which are squares that face the camera. What cannot be drawn is
-refused with a ``ValueError``.
+What differs: point lights cast shadows, which they cannot do there. Attributes take what they take
+there; an error names the attribute, the value and what was expected.
 
 What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`

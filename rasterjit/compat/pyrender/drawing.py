@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,22 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender import wires
-from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
+from rasterjit.compat.pyrender.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.compat.pyrender.constants import GLTF, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.compat.pyrender.primitive import Primitive
+from rasterjit.compat.pyrender.primitive import Primitive, finite
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
-from rasterjit.scene.imitation import Imitation
+from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
 
 Float64 = NDArray[np.float64]
 
-_SHADOW = Shadow(size=2048)
+_SHADOW = Shadow(size=SHADOW_TEX_SZ)
 _SHADOW_FLAGS = {
     DirectionalLight: RenderFlags.SHADOWS_DIRECTIONAL,
     SpotLight: RenderFlags.SHADOWS_SPOT,
@@ -47,6 +49,14 @@ class Seen(NamedTuple):
     """Of the viewport, pixels."""
     point_size: float
     """Side of points, pixels."""
+
+
+class LightView(NamedTuple):
+    """What a light sees."""
+
+    camera: MatrixCamera
+    depths: NDArray[np.float32]
+    """(S, S): as ``scene.imitation.DepthMap`` has them."""
 
 
 class Drawing(NamedTuple):
@@ -88,7 +98,11 @@ def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
     clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
-    view = np.linalg.inv(scene.get_pose(node))
+    return _camera(np.linalg.inv(scene.get_pose(node)), clip)
+
+
+def _camera(view: Float64, clip: Float64) -> MatrixCamera:
+    """Return a camera of these matrices."""
     view[3] = 0.0, 0.0, 0.0, 1.0
     if mirrors(view):
         # The same picture, of axes that are a right hand's.
@@ -103,6 +117,7 @@ def convert(
     only: set[Node] | None = None,
     shapes_alone: bool = False,
     alphas_alone: bool = False,
+    views: Mapping[Node, LightView] | None = None,
     seen: Seen | None = None,
 ) -> Drawing:
     """
@@ -118,6 +133,8 @@ def convert(
         Whether nothing but depth and numbers is asked for: then all is opaque.
     alphas_alone : bool
         Whether alphas are shown as greys, without lights.
+    views : mapping of Node to LightView, optional
+        What lights see; shadows of others are those of RasterJIT.
     seen : Seen, optional
         How it is seen; without it points are left out, and edges of all faces are drawn.
     """
@@ -139,15 +156,33 @@ def convert(
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
+                if not (np.isfinite(instance).all() and np.isfinite(pose).all()):
+                    continue
                 place = transforms.compose(pose, instance)
                 shape, own = _shape(primitive, place, look, flags, seen)
                 if shape is not None:
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
+                lines = _normals(primitive, flags)
+                if lines is not None:
+                    drawn.add(lines, place, f"normals of {node.name}")
+                    owners.append(node)
+                    faces_viewer.append(False)
     if not shapes_alone:
-        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags)
+        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags, views or {})
     return Drawing(drawn, owners, is_blended, fades)
+
+
+def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
+    """Return the normals that flags ask for as lines, None without any."""
+    of_vertices, of_faces = (
+        bool(flags & flag) for flag in (RenderFlags.VERTEX_NORMALS, RenderFlags.FACE_NORMALS)
+    )
+    if not (of_vertices or of_faces):
+        return None
+    codes = np.round(np.append(wires.NORMAL_COLOR, 1.0) * 255.0).astype(np.uint8)
+    return wires.normals_of(primitive, of_vertices, of_faces, background_light(codes, flags))
 
 
 def _drawing_order(scene: Scene) -> list[Node]:
@@ -172,7 +207,9 @@ def _shape(
             shape.material = look
         return shape, np.eye(4)
     if primitive.mode in wires.LINE_MODES:
-        return wires.lines_of(primitive, look), place
+        is_sampled = not flags & RenderFlags.SEG
+        depth_place = wires.DEPTH_PLACE if is_sampled else (0.0, 0.0)
+        return wires.lines_of(primitive, look, depth_place), place
     if _is_wire(primitive, flags):
         culling = None if seen is None or look.double_sided else seen.camera
         return wires.edges_of(primitive, place, look, culling), place
@@ -205,7 +242,7 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
 
 def _imitation(
     drawn: scenes.Scene, owners: list[Node], faces_viewer: list[bool], scene: Scene,
-    flags: RenderFlags,
+    flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> Imitation:  # fmt: skip
     """Add the lights; return how bright they are, what they fall on and what codes show of it."""
     nodes = [node for node in scene._ordered() if node.light is not None]
@@ -215,7 +252,7 @@ def _imitation(
     drawn.lights.append(AmbientLight())
     radiance = np.zeros((len(nodes) + 1, 3), np.float32)
     for n, node in enumerate(nodes, start=1):
-        casts = flags & _SHADOW_FLAGS.get(type(node.light), RenderFlags.NONE)
+        casts = node not in views and casts_shadows(node.light, flags)
         drawn.lights.append(node.light.placed(scene.get_pose(node), _SHADOW if casts else None))
         radiance[n] = node.light.radiance
     taken = np.ones((len(owners), len(nodes) + 1), np.uint8)
@@ -227,7 +264,35 @@ def _imitation(
     return Imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
         np.float32(scene.ambient_light), taken, np.array(faces_viewer, np.uint8),
+        tuple(
+            DepthMap(n, seen.camera.clip_from_view @ seen.camera.view_from_world,
+                     seen.camera.clip_from_view, seen.depths)
+            for n, seen in ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
+            if seen is not None
+        ),
     )  # fmt: skip
+
+
+def casts_shadows(light: Light, flags: RenderFlags) -> bool:
+    """Tell whether flags ask for a light's shadows."""
+    return bool(flags & _SHADOW_FLAGS.get(type(light), RenderFlags.NONE))
+
+
+def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
+    """
+    Return the camera that a directional or spot light sees the scene by.
+
+    The planes and sizes are those of pyrender 0.1.45: all of the scene and much around it.
+    """
+    pose, scale, light = scene.get_pose(node).copy(), float(scene.scale), node.light
+    near, far = 0.01 * scale, 10.0 * scale
+    if isinstance(light, SpotLight):
+        angle = min(2.0 * light.outerConeAngle + math.pi / 16.0, math.pi)
+        clip = PerspectiveCamera(angle, near, far, aspectRatio=1.0).get_projection_matrix()
+    else:
+        pose[:3, 3] = scene.centroid + pose[:3, 2] * scale
+        clip = OrthographicCamera(scale, scale, near, far).get_projection_matrix()
+    return _camera(np.linalg.inv(pose), np.array(clip, np.float64))
 
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
@@ -286,7 +351,7 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
     else:
         # Normals of a transform are turned by its inverse transpose.
         rows = transforms.normal_matrix(place)[:, :, None]
-        x, y, z = primitive.normals.T
+        x, y, z = finite(primitive.normals).T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
     colors = primitive.colors()
     return SceneMesh(

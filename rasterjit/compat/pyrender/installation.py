@@ -3,33 +3,61 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
+import importlib.util
 import sys
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
-_OURS = __package__
-"""The name of this package."""
+_OURS, _THEIRS = __package__, "pyrender"
 
 
 def install() -> None:
     """
     Make ``import pyrender``, and that of its modules, mean this package in this process.
 
-    Call it before the first such import. Calling it again changes nothing.
+    Call it before the first such import. Calling it again changes nothing, and until a program
+    imports pyrender nothing of that name is loaded.
 
     Raises
     ------
     RuntimeError
         If pyrender itself was imported before.
     """
-    ours = importlib.import_module(_OURS)
-    there = sys.modules.get("pyrender")
-    if there is not None and there is not ours and not getattr(there, "is_stand_in", False):
+    there = sys.modules.get(_THEIRS)
+    if there not in (None, sys.modules[_OURS]) and not getattr(there, "is_stand_in", False):
         place = getattr(there, "__file__", None)
         raise RuntimeError(
             f"install must come before the first import of pyrender, got one imported from {place}"
         )
-    sys.modules["pyrender"] = ours
-    for found in pkgutil.walk_packages(ours.__path__, f"{_OURS}."):
-        rest = found.name.removeprefix(_OURS)
-        if rest != ".__main__":
-            sys.modules[f"pyrender{rest}"] = importlib.import_module(found.name)
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Finder())
+
+
+class _Finder(MetaPathFinder):
+    """Finds pyrender and its modules in this package."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        top, _, rest = fullname.partition(".")
+        if top != _THEIRS:
+            return None
+        name = f"{_OURS}.{rest}" if rest else _OURS
+        found = importlib.util.find_spec(name)
+        if found is None:
+            return None
+        is_package = found.submodule_search_locations is not None
+        return ModuleSpec(fullname, _Loader(name), origin=found.origin, is_package=is_package)
+
+
+class _Loader(Loader):
+    """Loads a module of this package in the place of another."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def exec_module(self, module: ModuleType) -> None:
+        # What stands there when this returns is what the program imports.
+        sys.modules[module.__name__] = importlib.import_module(self._name)

@@ -189,7 +189,7 @@ def _primitive(
 
 def _looks(mesh: trimesh.Trimesh, smooth: bool, has_material: bool) -> tuple[Any, Any, Any]:
     """Return vertex colours, texture coordinates of vertices, and material."""
-    visual = mesh.visual
+    visual: Any = mesh.visual
     if not visual.defined:
         return None, None, _plain(_GREY)
     if visual.kind == "texture":
@@ -226,7 +226,7 @@ def _textured(material: Any) -> Material:
             "baseColorFactor", "baseColorTexture", "metallicFactor", "roughnessFactor",
             "metallicRoughnessTexture", "alphaCutoff",
         )  # fmt: skip
-        said = {name: getattr(material, name, None) for name in names}
+        said: dict[str, Any] = {name: getattr(material, name, None) for name in names}
         return MetallicRoughnessMaterial(
             alphaMode="BLEND", doubleSided=bool(material.doubleSided), **said
         )

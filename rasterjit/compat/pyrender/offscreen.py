@@ -8,17 +8,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.constants import NORMALS, RenderFlags
+from rasterjit.compat.pyrender.constants import NORMALS, SHADOW_TEX_SZ, RenderFlags
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
+    LightView,
     Seen,
     background_codes,
     background_light,
     camera_of,
+    camera_of_light,
+    casts_shadows,
     check_flags,
     convert,
 )
 from rasterjit.compat.pyrender.fields import Field, number
+from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.platforms import Platform
 from rasterjit.compat.pyrender.scene import Scene
@@ -44,6 +48,9 @@ _PICTURE = Quality(samples=4, blending="srgb8", subpixel_bits=12)
 _SHAPES = Quality(subpixel_bits=12)
 """How depth and numbers are drawn: at one place of each pixel. Mesa rounds vertices to 1/256 of a
 pixel, but finds depths by what was not rounded."""
+
+_MAP = Quality(subpixel_bits=8)
+"""How what lights see is drawn."""
 
 _X, _Y = SAMPLE_POSITIONS[4][0]
 _FIRST_SAMPLE = _X / STEPS, -_Y / STEPS
@@ -79,6 +86,7 @@ class OffscreenRenderer:
     def __init__(self, viewport_width: int, viewport_height: int, point_size: float = 1.0) -> None:
         self.viewport_width, self.viewport_height = viewport_width, viewport_height
         self.point_size = point_size
+        self._below: renderer.Renderer | None = None
         self._platform = Platform(self.viewport_width, self.viewport_height)
         self._engines: dict[Quality, Engine] = {}
 
@@ -91,7 +99,9 @@ class OffscreenRenderer:
         """The renderer below it, for programs that reach for pyrender's."""
         from rasterjit.compat.pyrender.renderer import Renderer as Below
 
-        return Below._of(self)
+        if self._below is None:
+            self._below = Below._of(self)
+        return self._below
 
     def render(
         self,
@@ -124,9 +134,9 @@ class OffscreenRenderer:
         depth : (H, W) float32, scene units
             Along the viewing axis; 0 where nothing is. In wireframes it is that of the faces.
         extra : dict of str to array
-            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the nearest
-            surface where depth is that of. Where nothing is, normals are 0, positions NaN and
-            distances infinite.
+            Only with ``outputs``: an array each, (H, W, C) or (H, W) float32, of the surface that
+            the depth is of; where edges are drawn, of the faces. Where nothing is, normals are 0,
+            positions NaN and distances infinite.
 
         Raises
         ------
@@ -170,7 +180,8 @@ class OffscreenRenderer:
         """Render colour and depth."""
         codes = background_codes(scene)
         has_alpha = bool(flags & RenderFlags.RGBA)
-        drawing = convert(scene, flags, seen=seen)
+        views = self._views_of_lights(scene, flags, seen.point_size)
+        drawing = convert(scene, flags, seen=seen, views=views)
         behind = codes.copy()
         # Where alpha is wanted what is behind comes in afterwards, for its codes count as they are.
         behind[3] = 0 if has_alpha and not drawing.fades else 255
@@ -187,6 +198,27 @@ class OffscreenRenderer:
         else:
             color = _opaque(frame.color[::-1])
         return color, depths.read(frame, seen.size)
+
+    def _views_of_lights(
+        self, scene: Scene, flags: RenderFlags, point_size: float
+    ) -> dict[Node, LightView]:
+        """Return what those lights see that cast shadows, but for point lights."""
+        views: dict[Node, LightView] = {}
+        if flags & RenderFlags.FLAT:
+            return views
+        for node in scene._ordered():
+            light = node.light
+            if not isinstance(light, DirectionalLight | SpotLight):
+                continue
+            if not casts_shadows(light, flags) or not scene.scale > 0.0:
+                continue
+            camera, size = camera_of_light(scene, node), (SHADOW_TEX_SZ, SHADOW_TEX_SZ)
+            seen = Seen(camera, size, point_size)
+            shapes = convert(scene, RenderFlags.DEPTH_ONLY, shapes_alone=True, seen=seen)
+            frame = self._draw(shapes, seen, ("depth",), _MAP)
+            if frame is not None:
+                views[node] = LightView(camera, frame.depth)
+        return views
 
     def _alphas(
         self, scene: Scene, seen: Seen, flags: RenderFlags, behind: int
@@ -244,10 +276,10 @@ class OffscreenRenderer:
         only: set[Node] | None,
         names: tuple[str, ...],
     ) -> dict[str, NDArray[Any]]:
-        """Render what else was asked for."""
+        """Render what else was asked for, at the place of each pixel that its depth is of."""
+        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
         solid = flags | RenderFlags.ALL_SOLID
         drawing = convert(scene, solid, only=only, shapes_alone=True, seen=seen)
-        place = (0.0, 0.0) if flags & RenderFlags.SEG else _FIRST_SAMPLE
         frame = self._draw_shapes(drawing, seen, names, place)
         if frame is not None:
             return {name: getattr(frame, name)[::-1].copy() for name in names}
@@ -274,6 +306,8 @@ class OffscreenRenderer:
             if engine is not None:
                 engine.close()
             engine = self._engines[quality] = Engine(seen.size, quality=quality)
+            # A program that sees nothing hears nothing of it there.
+            engine.told = None
         camera = _upside_down(seen.camera)
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -335,8 +335,11 @@ class Primitive:
         if key not in self._drawn:
             faces = self.faces()
             self._drawn[key] = made = SceneMesh(
-                self.positions, faces[:, ::-1] if is_turned else faces, normals=self.normals,
-                uv=self.texcoord_0, colors=self.colors(), material=look,
+                self.positions, faces[:, ::-1] if is_turned else faces,
+                normals=averaged_normals(self.positions, faces)
+                if self.normals is None else finite(self.normals),
+                uv=finite(self.texcoord_0), colors=self.colors(), material=look,
+                on_invalid="drop",
             )  # fmt: skip
             if is_lit:
                 # Copies have them, too.
@@ -374,7 +377,7 @@ class Primitive:
         """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
         if self.color_0 is None:
             return None
-        return np.clip(self.color_0.astype(np.float64), 0.0, 1.0)
+        return np.clip(finite(self.color_0).astype(np.float64), 0.0, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied and pickled: no copy shares what was drawn."""
@@ -394,6 +397,33 @@ class Primitive:
         if array.shape != (count, width):
             raise ValueError(f"{name} must have shape ({count}, {width}), got {array.shape}")
         return array
+
+
+@overload
+def finite(array: None) -> None: ...
+
+
+@overload
+def finite(array: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]: ...
+
+
+def finite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floating[Any]] | None:
+    """Return an array with 0 where it is not finite; itself where it is."""
+    if array is None or not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
+        return array
+    return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def averaged_normals(positions: Float32, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return averages over the faces around each vertex by area, (V, 3) of length 1 or 0."""
+    places = finite(positions).astype(np.float64)
+    a, b, c = np.moveaxis(places[faces], 1, 0)
+    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    sums = np.stack(
+        [np.bincount(faces.ravel(), across[:, axis], len(places)) for axis in range(3)], axis=1
+    )
+    length = np.sqrt((sums * sums).sum(axis=1, keepdims=True))
+    return sums / np.where(length > 0.0, length, 1.0)
 
 
 def diagonal(extents: NDArray[Any]) -> Any:

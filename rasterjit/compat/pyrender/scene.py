@@ -290,7 +290,7 @@ class Scene:
 
     def get_pose(self, node: Node) -> NDArray[np.float64]:
         """
-        Return a node's pose in the world, (4, 4) float64.
+        Return a node's pose in the world, (4, 4) float64; NaN if one on the way is not finite.
 
         Raises
         ------
@@ -303,6 +303,8 @@ class Scene:
         while above is not None:
             chain.append(above.matrix)
             above = self._parents[above]
+        if not all(np.isfinite(pose).all() for pose in chain):
+            return np.full((4, 4), np.nan)
         return transforms.compose(*reversed(chain))
 
     def set_pose(self, node: Node, pose: ArrayLike) -> None:

@@ -10,7 +10,7 @@ _VERSIONS = (
 )  # fmt: skip
 _LIGHTS = ("DirectionalLight", "PointLight", "SpotLight")
 
-SHARED = {
+SHARED: dict[str, dict[str, tuple[str, ...]]] = {
     "font": {
         "constants": ("FLOAT_SZ", "TextAlign"), "sampler": ("Sampler",), "texture": ("Texture",),
     },

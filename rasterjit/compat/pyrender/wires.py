@@ -8,13 +8,13 @@ a pixel. Of faces that are culled no edges are drawn; an edge between two others
 from __future__ import annotations
 
 import copy
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
-from rasterjit.compat.pyrender.primitive import Primitive
+from rasterjit.compat.pyrender.primitive import Primitive, finite
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
@@ -55,6 +55,8 @@ class LitLines(Lines):
     uv : (V, 2) array_like, optional
     colors : (V, 4) array_like, optional
     material : Material
+    depth_place : (float, float)
+        Where depths are taken from: how far to the right of each sample and below it, pixels.
 
     Raises
     ------
@@ -71,16 +73,17 @@ class LitLines(Lines):
         uv: Any = None,
         colors: Any = None,
         material: Material,
+        depth_place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         super().__init__(
-            points, segments, colors=colors, width=WIDTH, caps="butt", material=material
-        )
+            points, segments, colors=colors, width=WIDTH, caps="butt", material=material,
+            on_invalid="drop",
+        )  # fmt: skip
+        self._depth_place = depth_place
         # What lines have none of by themselves, checked as that of faces is.
-        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv)
+        own = Mesh(points, [[0, 0, 0]], normals=normals, uv=uv, on_invalid="drop")
         self._normals = self._vertex_normals = own.normals
         self._uv = own.uv
-
-    depth_place: ClassVar[tuple[float, float]] = DEPTH_PLACE
 
     @property
     def links(self) -> NDArray[np.int32]:
@@ -116,7 +119,7 @@ class _Edges:
         faces = primitive.faces()
         self._segments, self._of_faces = _edges_between(faces)
         self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
-        self._all = _lit_lines(primitive, self._segments, look)
+        self._all = _lit_lines(primitive, self._segments, look, DEPTH_PLACE)
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
     def all_of_them(self, look: Material) -> LitLines:
@@ -163,27 +166,55 @@ def edges_of(
     return edges.of_front_faces(look, clip_from_model)
 
 
-def lines_of(primitive: Primitive, look: Material) -> LitLines | None:
-    """Return the lines of a primitive of lines, a loop or a strip, in model space; None if none."""
+def lines_of(
+    primitive: Primitive, look: Material, depth_place: tuple[float, float] = DEPTH_PLACE
+) -> LitLines | None:
+    """
+    Return the lines of a primitive of lines, a loop or a strip, in model space; None without any.
+
+    Parameters
+    ----------
+    primitive : Primitive
+    look : Material
+    depth_place : (float, float)
+        Where their depths are taken from; see `LitLines`.
+    """
     segments = _segments_of(primitive)
     if not len(segments):
         return None
-    key = "lines", look.shading
-    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look)
+    key = "lines", look.shading, depth_place
+    known = primitive._drawn.get(key) or _lit_lines(primitive, segments, look, depth_place)
     primitive._drawn[key] = known.shown_by(look)
     return primitive._drawn[key]
 
 
-def _lit_lines(primitive: Primitive, segments: NDArray[np.int64], look: Material) -> LitLines:
+def _lit_lines(
+    primitive: Primitive,
+    segments: NDArray[np.int64],
+    look: Material,
+    depth_place: tuple[float, float],
+) -> LitLines:
     """Return lines between vertices of a primitive."""
     return LitLines(
-        primitive.positions, segments, normals=primitive.normals, uv=primitive.texcoord_0,
-        colors=primitive.colors(), material=look,
+        primitive.positions, segments, normals=finite(primitive.normals),
+        uv=finite(primitive.texcoord_0), colors=primitive.colors(), material=look,
+        depth_place=depth_place,
     )  # fmt: skip
 
 
-def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines | None:
-    """Return a primitive's normals as lines, in model space; None without any."""
+def normals_of(
+    primitive: Primitive, of_vertices: bool, of_faces: bool, color: NDArray[np.float32]
+) -> Lines | None:
+    """
+    Return a primitive's normals as lines, in model space; None without any.
+
+    Parameters
+    ----------
+    primitive : Primitive
+    of_vertices, of_faces : bool
+        Of which there are normals. Points have those of vertices.
+    color : (4,) float32, linear
+    """
     if primitive.normals is None:
         return None
     starts, ways = [], []
@@ -195,13 +226,14 @@ def normals_of(primitive: Primitive, of_vertices: bool, of_faces: bool) -> Lines
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
         ways.append(_unit(np.cross(b - a, c - a)))
+    if not starts:
+        return None
     first = np.concatenate(starts)
     last = first + NORMAL_LENGTH * float(primitive.scale) * np.concatenate(ways)
     numbers = np.arange(len(first))
-    color = np.floor(np.array(NORMAL_COLOR) * 255.0 + 0.5).astype(np.uint8)
     return Lines(
         np.concatenate([first, last]), np.stack([numbers, numbers + len(first)], axis=1),
-        colors=color, width=WIDTH, caps="butt",
+        colors=np.tile(color, (len(first), 1)), width=WIDTH, caps="butt", on_invalid="drop",
     )  # fmt: skip
 
 

@@ -12,6 +12,9 @@ is seen), base colour b, metallic m and roughness r, held to 0.04..1:
 - both times n·l and the light's colour and intensity, over the squared distance of a lamp, times
   the squared ramp of a cone.
 
+A light that has a shadow map is dimmed by the share of 3 x 3 places around a point's own that lie
+behind what is seen there by more than max(0.001 (1 - n·l), 0.0001) / w, in window coordinates.
+
 Nothing is black because it faces away: n·l is never below 0.001. Ambient light shows the base
 colour, whatever metallic is. Occlusion dims all that was added up so far, emission is added, and
 colours of vertices multiply the sum.
@@ -48,6 +51,8 @@ LEAST_ROUGHNESS = np.float32(0.04)
 DIELECTRIC = np.float32(0.04)
 SPARE = np.float32(0.001)
 """What is added to the denominator of what is mirrored."""
+FARTHEST = np.float32(64.0)
+"""How far outside of a shadow map, in its sizes, places are told apart."""
 OVER_PI = np.float32(1.0 / math.pi)
 
 
@@ -190,6 +195,77 @@ def add_lights_as_pyrender(
                     part(samples, rows.SHADOW, s, e), *parts_of_three(samples, rows.RED, s, e),
                     *parts_of_three(samples, rows.OUT_RED, s, e),
                 )  # fmt: skip
+
+
+@helper
+def covered_share(depths, across, down, depth):
+    """
+    Return the share of 3 x 3 places around one that are behind what a light sees there.
+
+    Each is the mean of four texels, by where it lies between them. The map goes on as it begins.
+    """
+    one, size = np.float32(1.0), np.int64(depths.shape[0])
+    left, low = np.floor(across), np.floor(down)
+    x, y = across - left, down - low
+    first, row = np.int64(np.int32(left)) - 1, np.int64(np.int32(low)) - 1
+    total = np.float32(0.0)
+    for j in range(4):
+        line = np.uintp((row + j) & (size - 1))
+        weight = one if 0 < j < 3 else (y if j == 3 else one - y)
+        found = np.float32(0.0)
+        for i in range(4):
+            share = one if 0 < i < 3 else (x if i == 3 else one - x)
+            is_behind = depth > depths[line, np.uintp((first + i) & (size - 1))]
+            found += share if is_behind else np.float32(0.0)
+        total += weight * found
+    return total * np.float32(1.0 / 9.0)
+
+
+@stage
+def find_shadow(
+    block: Block, count, light: float32[::1], view: float32[::1], depths: float32[:, ::1]
+):
+    """
+    Write the share of a light that reaches each sample, by its map.
+
+    Parameters
+    ----------
+    block : Block
+    light : (13,) float32
+        As ``Lighting.lights`` has it.
+    view : (20,) float32
+        ``survey.lights.view_of_light``.
+    depths : (S, S) float32
+        As ``DepthMap`` has them.
+    """
+    s, zero, one, half = block.samples, np.float32(0.0), np.float32(1.0), np.float32(0.5)
+    size = np.float32(depths.shape[0])
+    for n in range(count):
+        x, y, z = s[rows.POINT_X, n], s[rows.POINT_Y, n], s[rows.POINT_Z, n]
+        w = view[12] * x + view[13] * y + view[14] * z + view[15]
+        inverse = one / w
+        across = (view[0] * x + view[1] * y + view[2] * z + view[3]) * inverse
+        down = (view[4] * x + view[5] * y + view[6] * z + view[7]) * inverse
+        place = (view[8] * x + view[9] * y + view[10] * z + view[11]) * inverse
+        lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
+        facing = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
+        facing = clamped(facing * unit_scale(lx, ly, lz), zero, one)
+        # What is nearer by less than this covers nothing; the map has window coordinates there.
+        bias = max(np.float32(0.001) * (one - facing), np.float32(0.0001)) * inverse
+        held = place - (bias + bias)
+        depth = (view[16] - view[17] * held) / (view[18] - view[19] * held)
+        # Far outside it does not matter where.
+        u = clamped(across * half + half, -FARTHEST, FARTHEST) * size + half
+        v = clamped(down * half + half, -FARTHEST, FARTHEST) * size + half
+        covered = covered_share(depths, u, v, depth)
+        s[rows.SHADOW, n] = one - (covered if place <= one else zero)
+
+
+@stage
+def let_all_through(block: Block, count):
+    """Write that all of the next light reaches each sample."""
+    for n in range(count):
+        block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage

@@ -4,9 +4,12 @@ What ``import pyrender`` finds in the processes that a program starts.
 ``python -m rasterjit.compat.pyrender`` puts this folder on their path.
 """
 
-from rasterjit.compat.pyrender import install
+import sys
+
+from rasterjit.compat import pyrender
 
 is_stand_in = True
 """Tells `install` that this is not pyrender itself."""
 
-install()
+pyrender.install()
+sys.modules[__name__] = pyrender
