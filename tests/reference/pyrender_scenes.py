@@ -1,14 +1,16 @@
 """
 Small scenes for pyrender 0.1.45 and for the adapter alike, and what the original shows of them.
 
-``python tests/reference/pyrender_scenes.py`` records that anew, beside this file, where pyrender
-0.1.45, trimesh and a way to draw without a display (``PYOPENGL_PLATFORM=egl`` or ``osmesa``) are.
+``python tests/reference/pyrender_scenes.py pyrender`` records that anew, beside this file, where
+pyrender 0.1.45, trimesh and a way to draw without a display (``PYOPENGL_PLATFORM=egl`` or
+``osmesa``) are.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -262,15 +264,15 @@ def drawn(pr):
     return pictures
 
 
-def record():
+def record(module):
     # pyrender 0.1.45 asks NumPy for a name that it has no more.
     np.infty = np.inf
     rows = {
         name: {"color": color[::3, ::3].tolist(), "depth": depth[::3, ::3].tolist()}
-        for name, (color, depth) in drawn(importlib.import_module("pyrender")).items()
+        for name, (color, depth) in drawn(importlib.import_module(module)).items()
     }
     RECORDED.write_text(json.dumps(rows, separators=(",", ":")) + "\n")
 
 
 if __name__ == "__main__":
-    record()
+    record(sys.argv[1])
