@@ -49,6 +49,9 @@ ROWS_AT_ONCE = 16
 ROWS_MIXED_AT_ONCE = 32
 """Rows of opaque faces at once: few of their pixels show more than one or two faces."""
 
+PIXELS_MIXED_AT_ONCE = 1 << 14
+"""Pixels of them in pictures that are so narrow that these are more rows."""
+
 SEVERAL = "a pixel shows several faces"
 """When kernels that lay faces over each other are called."""
 
@@ -237,7 +240,8 @@ def mix_areas(
 
 def mix_opaque(band: Band, shader: Shader, target: Target, memory: Memory) -> None:
     """Write the colour of some rows of opaque faces at several samples."""
-    for part in parts_of(len(target.color), ROWS_MIXED_AT_ONCE):
+    most = max(ROWS_MIXED_AT_ONCE, PIXELS_MIXED_AT_ONCE // band.opaque.shape[2])
+    for part in parts_of(len(target.color), most):
         some = Target(*(image[part] for image in target))
         rows = part.start, part.start + len(some.color)
         found = share_faces(band.opaque, rows, memory)

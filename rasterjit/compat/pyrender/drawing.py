@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -107,7 +108,19 @@ def _camera(view: Float64, clip: Float64) -> MatrixCamera:
     if mirrors(view):
         # The same picture, of axes that are a right hand's.
         view[0], clip[:, 0] = -view[0], -clip[:, 0]
-    return MatrixCamera(view, clip)
+    return matrix_camera(view, clip)
+
+
+def matrix_camera(view: Float64, clip: Float64) -> MatrixCamera:
+    """Return a camera of two matrices, (4, 4); for those of late the one that was made then."""
+    return _known_camera(view.tobytes(), clip.tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _known_camera(view: bytes, clip: bytes) -> MatrixCamera:
+    """Return a camera, given the numbers of its matrices."""
+    own, projection = (np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))
+    return MatrixCamera(own, projection)
 
 
 def convert(

@@ -20,6 +20,7 @@ from rasterjit.compat.pyrender.drawing import (
     casts_shadows,
     check_flags,
     convert,
+    matrix_camera,
 )
 from rasterjit.compat.pyrender.fields import Field, number
 from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
@@ -386,7 +387,7 @@ def _upside_down(camera: MatrixCamera) -> MatrixCamera:
     """
     clip = camera.clip_from_view.copy()
     clip[1] = -clip[1]
-    return MatrixCamera(camera.view_from_world, clip)
+    return matrix_camera(camera.view_from_world, clip)
 
 
 def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, float]) -> MatrixCamera:
@@ -394,7 +395,7 @@ def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, floa
     clip = camera.clip_from_view.copy()
     clip[0] -= 2.0 * place[0] / size[0] * clip[3]
     clip[1] += 2.0 * place[1] / size[1] * clip[3]
-    return MatrixCamera(camera.view_from_world, clip)
+    return matrix_camera(camera.view_from_world, clip)
 
 
 def _opaque(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
