@@ -96,3 +96,23 @@ def test_plain_codes_are_means_rounded_half_up(samples):
     channels = shown.view(np.uint8).reshape(*shown.shape, 4).astype(np.float64)
     expected = np.floor(channels.mean(axis=0) + 0.5).astype(np.uint8)
     np.testing.assert_array_equal(color.view(np.uint8).reshape(12, 100, 4), expected)
+
+
+def test_edges_follow_the_eye_there_and_back():
+    scene, renderer = scene_of(1.0), pyrender.OffscreenRenderer(*SIZE)
+    wires = pyrender.RenderFlags.ALL_WIREFRAME
+    turned, straight = np.diag([-1.0, 1.0, -1.0, 1.0]), np.eye(4)
+    turned[2, 3], straight[2, 3] = -3.0, 3.0
+    seen = []
+    for pose in (straight, turned, straight):
+        scene.set_pose(scene.main_camera_node, pose)
+        seen.append(renderer.render(scene, wires))
+        # A scene of its own has no edges of an eye before.
+        fresh = scene_of(1.0)
+        fresh.set_pose(fresh.main_camera_node, pose)
+        for ours, expected in zip(seen[-1], renderer.render(fresh, wires), strict=True):
+            np.testing.assert_array_equal(ours, expected)
+    renderer.delete()
+
+    assert not np.array_equal(seen[0][1], seen[1][1])
+    np.testing.assert_array_equal(seen[0][0], seen[2][0])

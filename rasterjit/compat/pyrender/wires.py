@@ -120,6 +120,7 @@ class _Edges:
         self._segments, self._of_faces = _edges_between(faces)
         self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
         self._all = _lit_lines(primitive, self._segments, look, DEPTH_PLACE)
+        self._eye: Float64 | None = None
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
     def all_of_them(self, look: Material) -> LitLines:
@@ -129,16 +130,25 @@ class _Edges:
 
     def of_front_faces(self, look: Material, clip_from_model: Float64) -> LitLines | None:
         """Return the edges of faces that are seen counterclockwise, or None without any."""
-        # Which side of a plane the eye is on, where it may be infinitely far away.
-        is_front = self._planes @ _eye_of(clip_from_model) > 0.0
+        eye = _eye_of(clip_from_model)
+        if self._eye is None or not np.array_equal(self._eye, eye):
+            self._pick(eye)
+            self._eye = eye
+        if self._drawn is None:
+            return None
+        self._drawn = self._drawn[0], self._drawn[1].shown_by(look)
+        return self._drawn[1]
+
+    def _pick(self, eye: Float64) -> None:
+        """Find what is drawn where the eye is here, (4,); with w 0 it is infinitely far away."""
+        # Which side of a plane it is on.
+        is_front = self._planes @ eye > 0.0
         is_picked = np.zeros(len(self._segments), np.bool_)
         is_picked[self._of_faces[is_front]] = True
         if not is_picked.any():
-            return None
-        if self._drawn is None or not np.array_equal(self._drawn[0], is_picked):
+            self._drawn = None
+        elif self._drawn is None or not np.array_equal(self._drawn[0], is_picked):
             self._drawn = is_picked, self._all.picked(is_picked)
-        self._drawn = is_picked, self._drawn[1].shown_by(look)
-        return self._drawn[1]
 
 
 def edges_of(
