@@ -95,7 +95,9 @@ class Tab:
         self._time = self._due = self._changed_at = self._told_at = now
         self._version = viewer.version
         self._stamp: tuple[Any, ...] | None = None
+        # The last picture that was sent as it is, and whether the last one was not.
         self._exact: NDArray[np.uint8] | None = None
+        self._is_rough = False
         self._state: dict[str, Any] = {}
         self._only: int | None = None
         self._explained: PixelExplanation | None = None
@@ -122,7 +124,6 @@ class Tab:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._viewer.close()
         self._worker.close()
         self._coder.close()
 
@@ -133,13 +134,14 @@ class Tab:
     def _run(self) -> None:
         """Take in, draw and tell, until the page is gone."""
         while self._wait():
-            try:
-                self._go_on()
-                self._tell_state()
-            except Exception as error:
-                if not self._is_closed:
+            for act in (self._go_on, self._tell_state):
+                try:
+                    act()
+                except Exception as error:
+                    # What cannot be drawn is said, and not tried again before something changes.
                     self._viewer.fail(error)
-                    self._stamp = self._viewer.stamp
+                    self._stamp, self._is_rough = self._viewer.stamp, False
+        self._viewer.close()
 
     def _wait(self) -> bool:
         """Wait until there is something to do; False when the page is gone."""
@@ -183,11 +185,6 @@ class Tab:
         viewer = self._viewer
         is_idle = self._step is None and viewer.stamp == self._stamp
         return is_idle and not viewer.is_moving and not viewer.is_done
-
-    @property
-    def _is_rough(self) -> bool:
-        """Whether the last picture was not sent as it is."""
-        return self.sent > 0 and self._exact is None
 
     @property
     def _is_untold(self) -> bool:
@@ -236,7 +233,7 @@ class Tab:
         self._stamp = stamp
         if is_exact and self._exact is not None and np.array_equal(picture, self._exact):
             return
-        self._exact = picture if is_exact else None
+        self._exact, self._is_rough = (picture, False) if is_exact else (None, True)
         self.sent += 1
         number, encode = self.sent, encode_png if is_exact else encode_jpeg
 

@@ -14,6 +14,7 @@ import re
 import select
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from textwrap import wrap
@@ -492,7 +493,9 @@ def _prepared(terminal: Any) -> Iterator[bool]:
     def end(number: int, frame: Any) -> None:
         raise SystemExit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, end)
+    # Only the main thread is told of signals.
+    is_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, end) if is_main else None
     try:
         with (
             terminal.fullscreen(), terminal.hidden_cursor(), terminal.cbreak(),
@@ -509,7 +512,8 @@ def _prepared(terminal: Any) -> Iterator[bool]:
                 while terminal.inkey(timeout=0):
                     pass
     finally:
-        signal.signal(signal.SIGTERM, before)
+        if is_main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _run(viewer: Viewer, terminal: Any, tells_releases: bool, title: str) -> None:

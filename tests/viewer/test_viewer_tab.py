@@ -269,16 +269,35 @@ def test_error_is_told_and_the_page_goes_on(page, monkeypatch):
     viewer = page.tab._viewer
     draw = viewer.draw
 
+    tries = []
+
     def fail():
+        tries.append(viewer.version)
         raise MemoryError("too much")
 
     monkeypatch.setattr(viewer, "draw", fail)
     page.say("key_down", key="+", modifiers=[])
     page.wait(lambda page: "MemoryError: too much" in page.state["line"])
+    page.wait(lambda page: not viewer.is_moving)
+    time.sleep(0.3)
+    # It is not tried without end.
+    assert tries.count(viewer.version) <= 2
     monkeypatch.setattr(viewer, "draw", draw)
     page.say("key_down", key="2", modifiers=[])
     page.wait(lambda page: page.state["kind"] == "depth")
     page.settle()
+
+
+def test_what_cannot_be_told_does_not_end_the_page(page, monkeypatch):
+    def fail(self):
+        raise ValueError("no plan")
+
+    monkeypatch.setattr(Tab, "_effects", fail)
+    page.say("key_down", key="2", modifiers=[])
+    time.sleep(0.3)
+    monkeypatch.undo()
+    page.say("key_down", key="3", modifiers=[])
+    page.wait(lambda page: page.state["kind"] == "normal")
 
 
 def test_viewer_that_changes_by_itself_is_looked_at(pair):

@@ -10,6 +10,7 @@ import re
 import select
 import shlex
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -187,6 +188,15 @@ def test_terminal_shows_the_picture_and_ends(tmp_path, key):
         behind = one.said.rpartition(b"\x1b[?1049l")[2]
         assert one.said.count(b"\x1b[?1049h") == one.said.count(b"\x1b[?1049l") == 1
         assert not re.sub(rb"\x1b(\[[?>=<\d;]*[A-Za-z]|[78=>])", b"", behind).strip()
+
+
+def test_terminal_is_as_it_was_when_the_viewer_is_told_to_end(tmp_path):
+    with terminal(tmp_path, PLAIN) as one:
+        one.read_until(lambda said: b" Q end  H help" in said)
+        one.process.terminate()
+        one.ends()
+        assert one.process.returncode == 128 + signal.SIGTERM
+        assert one.said.count(b"\x1b[?1049l") == 1
 
 
 def test_terminal_with_pixels_is_shown_each_of_them(tmp_path):
