@@ -291,8 +291,7 @@ class Tab:
         kind, switched, modes = viewer.look
         return {
             "type": "state",
-            # The page has a button for it.
-            "line": viewer.line.removesuffix("H help").rstrip(),
+            "line": viewer.line,
             "kind": kind,
             "switched": list(switched),
             "modes": modes,
@@ -337,15 +336,12 @@ class Tab:
             "distance": None, "rows": rows_of(told),
         }  # fmt: skip
         if face is not None:
-            place = [
-                sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
-                for k in range(3)
-            ]
+            place = face.position
             self._picked |= {
                 "object": self._viewer.numbers[face.object_number],
                 "name": str(face.object_name),
                 "face": face.mesh_face,
-                "position": [float(part) for part in place],
+                "position": place,
                 "distance": None if before is None else math.dist(place, before),
             }
 
@@ -359,6 +355,8 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
         "type": "welcome",
         "title": viewer.name,
         "help": viewer.help_rows,
+        "help_key": viewer.help_key,
+        "has_usual_keys": viewer.has_usual_keys,
         "kinds": [{"kind": kind, "name": NAMES[kind], "key": key} for key, kind in KINDS.items()],
         "keys": {name: key for key, name in switches.KEYS.items()},
         "modes": [
