@@ -107,6 +107,19 @@ def told_to(tell: Tell) -> Iterator[None]:
         _TELLERS.remove(tell)
 
 
+@contextmanager
+def told_besides(tell: Tell) -> Iterator[None]:
+    """Let a function show the progress, besides what shows it by now, for any thread."""
+    shown_by = _TELLERS[-1]
+
+    def tell_both(text: str) -> None:
+        shown_by(text)
+        tell(text)
+
+    with told_to(tell_both):
+        yield
+
+
 class Progress:
     """
     What was compiled since this was made.

@@ -89,9 +89,6 @@ def show(
     if token is not None:
         browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if chosen == "window" and importlib.util.find_spec("rendercanvas") is None:
-        extra = "viewer" if chosen == "window" else chosen
-        raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
         what, camera, size=size, background=background, cull=cull, up=up, time_budget=time_budget,
         name=title, threads=threads,
