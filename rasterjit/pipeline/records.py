@@ -314,6 +314,8 @@ class Imitated(NamedTuple):
     """(O, L) uint8: 1 where a light falls on an object."""
     faces_viewer: Any
     """(O,) uint8: 1 where normals point to the viewer | None -> nowhere."""
+    are_squares: Any = None
+    """(O,) uint8: 1 where two triangles stand for a point each | None -> nowhere."""
     maps: Any = ()
     """Of each light with a shadow map: its row, ``view_of_light`` and the map, see
     ``lighting.pyrender``."""

@@ -170,11 +170,13 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
     """Return what pyrender's shader is given, where that of the picture before lay."""
     if imitated is None:
         return None
-    faces_viewer = imitated.faces_viewer
+    faces_viewer, are_squares = imitated.faces_viewer, imitated.are_squares
     if faces_viewer is not None:
         faces_viewer = kept.copied("facing the viewer", faces_viewer)
+    if are_squares is not None:
+        are_squares = kept.copied("squares", are_squares)
     taken = kept.copied("who takes what", imitated.taken)
-    return kept.made("imitated", Imitated, taken, faces_viewer, imitated.maps)
+    return kept.made("imitated", Imitated, taken, faces_viewer, are_squares, imitated.maps)
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:

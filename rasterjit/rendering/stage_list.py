@@ -501,6 +501,9 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
 
     lighting, surface = look.lighting, look.surface
     steps = []
+    if lighting.imitated.are_squares is not None:
+        squares = lighting.imitated.are_squares, geometry.faces, look.placement
+        steps.append(Step(pyrender.place_in_squares, squares))
     if lighting.imitated.faces_viewer is not None:
         turned = lighting.imitated.faces_viewer, look.viewer
         steps.append(Step(pyrender.face_viewer, turned))

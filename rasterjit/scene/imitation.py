@@ -45,6 +45,9 @@ class Imitation:
     """(O, L): 1 for each light that falls on an object, 0 for others."""
     faces_viewer: NDArray[np.uint8]
     """(O,): 1 for objects whose normals point to the viewer, for their meshes have none."""
+    are_squares: NDArray[np.uint8]
+    """(O,): 1 for objects of two triangles for each of the points that they stand for: light falls
+    on these alone."""
     maps: tuple[DepthMap, ...] = ()
     """Of each light whose shadows fall as they fall there."""
 
@@ -62,4 +65,4 @@ class Imitation:
 
     @property
     def _arrays(self) -> tuple[NDArray[np.float32] | NDArray[np.uint8], ...]:
-        return self.radiance, self.ambient, self.taken, self.faces_viewer
+        return self.radiance, self.ambient, self.taken, self.faces_viewer, self.are_squares

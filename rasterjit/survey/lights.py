@@ -438,16 +438,17 @@ def imitated_lighting(
         if not isinstance(light, AmbientLight)
     ]
     lighting.lights[:, 4:7] = imitation.radiance[numbers]
-    faces_viewer = imitation.faces_viewer if imitation.faces_viewer.any() else None
+    faces_viewer, are_squares = (
+        flags if flags.any() else None for flags in (imitation.faces_viewer, imitation.are_squares)
+    )
     taken = np.ascontiguousarray(imitation.taken[:, numbers])
     maps = tuple(
         (numbers.index(one.light), view_of_light(one, eye), one.depths)
         for one in imitation.maps
         if one.light in numbers
     )
-    return lighting._replace(
-        ambient=imitation.ambient, highlights=None, imitated=Imitated(taken, faces_viewer, maps)
-    )
+    imitated = Imitated(taken, faces_viewer, are_squares, maps)
+    return lighting._replace(ambient=imitation.ambient, highlights=None, imitated=imitated)
 
 
 def view_of_light(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 sys.path.append(str(Path(__file__).parents[2]))
 beside = importlib.import_module("benchmarks.pyrender_beside.__main__")
+sheet = importlib.import_module("benchmarks.pyrender_beside.sheet")
 likeness = importlib.import_module("benchmarks.pyrender_beside.likeness")
 
 PYTHON = os.environ.get("PYRENDER_PYTHON")
@@ -57,6 +59,28 @@ def test_the_measure_finds_masks_that_differ_beside_their_outline():
     assert found.outline > 0.05
     assert found.far == 0.0
     assert any("mask" in text for text in likeness.compare(a_disc(), by_four).failures())
+
+
+def test_what_one_of_them_refuses_is_told():
+    row = {"scene": "plain", "flag": "NONE", "theirs": "ValueError: there", "ours": a_disc()}
+    assert beside.verdict(row) == "yes: the original fails (ValueError: there)"
+    row |= {"theirs": a_disc(), "ours": "ValueError: here"}
+    assert beside.verdict(row) == "refused: ValueError: here"
+    assert not beside.is_met(row)
+    assert "| NONE | plain |" in beside.table_of_pictures([row])
+
+
+def test_a_sheet_shows_both_and_their_difference(tmp_path):
+    row = {"scene": "disc", "flag": "NONE", "theirs": a_disc(), "ours": a_disc(code=110)}
+    sheet.draw_sheet([row], tmp_path / "sheet.png")
+    shown = np.asarray(Image.open(tmp_path / "sheet.png"))
+    middle = sheet.BAR + sheet.CELL[1] // 2
+    columns = [n * sheet.CELL[0] + sheet.CELL[0] // 2 for n in range(3)]
+    assert [shown[middle, column].tolist() for column in columns] == [
+        [100] * 3,
+        [110] * 3,
+        [80] * 3,
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,16 @@
 """
 Small scenes for pyrender 0.1.45 and for the adapter alike, and what the original shows of them.
 
-``python tests/reference/pyrender_scenes.py`` records that anew, beside this file, where pyrender
-0.1.45, trimesh and a way to draw without a display (``PYOPENGL_PLATFORM=egl`` or ``osmesa``) are.
+``python tests/reference/pyrender_scenes.py pyrender`` records that anew, beside this file, where
+pyrender 0.1.45, trimesh and a way to draw without a display (``PYOPENGL_PLATFORM=egl`` or
+``osmesa``) are.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -241,9 +243,19 @@ def shadow_of_a_spot(pr):
     return over_a_floor(pr, spot), pr.RenderFlags.SHADOWS_SPOT
 
 
+@scene_of
+def points_under_a_sun(pr):
+    scene = empty(pr, sun=0.0)
+    rng = np.random.default_rng(5)
+    spread = rng.uniform(-1.2, 1.2, (400, 3))
+    scene.add(pr.Mesh.from_points(spread, colors=rng.integers(0, 256, (400, 3)).astype(np.uint8)))
+    scene.add(pr.DirectionalLight(color=np.ones(3), intensity=5.0), pose=at(down=1.0, around=0.6))
+    return scene, pr.RenderFlags.SHADOWS_DIRECTIONAL
+
+
 def drawn(pr):
     """Return what each scene looks like: (color, depth) by name."""
-    renderer = pr.OffscreenRenderer(*SIZE)
+    renderer = pr.OffscreenRenderer(*SIZE, point_size=4.0)
     pictures = {}
     for name, build in SCENES.items():
         scene, flags = build(pr)
@@ -252,15 +264,15 @@ def drawn(pr):
     return pictures
 
 
-def record():
+def record(module):
     # pyrender 0.1.45 asks NumPy for a name that it has no more.
     np.infty = np.inf
     rows = {
         name: {"color": color[::3, ::3].tolist(), "depth": depth[::3, ::3].tolist()}
-        for name, (color, depth) in drawn(importlib.import_module("pyrender")).items()
+        for name, (color, depth) in drawn(importlib.import_module(module)).items()
     }
     RECORDED.write_text(json.dumps(rows, separators=(",", ":")) + "\n")
 
 
 if __name__ == "__main__":
-    record()
+    record(sys.argv[1])

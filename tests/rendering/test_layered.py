@@ -541,7 +541,7 @@ def test_no_more_layers_are_held_or_shaded_than_are_seen(monkeypatch):
     monkeypatch.setattr(layers.Shader, "shade", lambda *a: shaded.append(1) or shade(*a))
     monkeypatch.setattr(
         fragments, "find_layers",
-        lambda *a: rooms.append(a[7][1].shape[1]) or find(*a),
+        lambda *a: rooms.append(a[8][1].shape[1]) or find(*a),
     )  # fmt: skip
     size = (16, 16)
     for most in LEVELS:

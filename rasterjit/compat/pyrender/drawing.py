@@ -142,6 +142,7 @@ def convert(
     if alphas_alone:
         flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
+    are_squares: list[bool] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
@@ -164,13 +165,17 @@ def convert(
                     drawn.add(shape, own, node.name or "points")
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
+                    are_squares.append(primitive.mode == GLTF.POINTS)
                 lines = _normals(primitive, flags)
                 if lines is not None:
                     drawn.add(lines, place, f"normals of {node.name}")
                     owners.append(node)
                     faces_viewer.append(False)
+                    are_squares.append(False)
     if not shapes_alone:
-        drawn._imitation = _imitation(drawn, owners, faces_viewer, scene, flags, views or {})
+        drawn._imitation = _imitation(
+            drawn, owners, (faces_viewer, are_squares), scene, flags, views or {}
+        )
     return Drawing(drawn, owners, is_blended, fades)
 
 
@@ -241,10 +246,14 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
 
 
 def _imitation(
-    drawn: scenes.Scene, owners: list[Node], faces_viewer: list[bool], scene: Scene,
+    drawn: scenes.Scene, owners: list[Node], ways: tuple[list[bool], list[bool]], scene: Scene,
     flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> Imitation:  # fmt: skip
-    """Add the lights; return how bright they are, what they fall on and what codes show of it."""
+    """
+    Add the lights; return how bright they are, what they fall on and what codes show of it.
+
+    ``ways`` tells of each object whether its normals face the viewer, and whether it is of squares.
+    """
     nodes = [node for node in scene._ordered() if node.light is not None]
     if flags & RenderFlags.FLAT:
         nodes = []
@@ -263,7 +272,7 @@ def _imitation(
         taken[:, 1:] = [rows[node] for node in owners]
     return Imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
-        np.float32(scene.ambient_light), taken, np.array(faces_viewer, np.uint8),
+        np.float32(scene.ambient_light), taken, *(np.array(way, np.uint8) for way in ways),
         tuple(
             DepthMap(n, seen.camera.clip_from_view @ seen.camera.view_from_world,
                      seen.camera.clip_from_view, seen.depths)
@@ -335,9 +344,11 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
     camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
     centers = transforms.apply(place, primitive.positions)
-    depth = -transforms.apply(view, centers)[:, 2]
-    w = depth * -clip[3, 2] + clip[3, 3]
-    is_seen = w > 0.0
+    x, y, z = transforms.apply(view, centers).T
+    w = z * clip[3, 2] + clip[3, 3]
+    # OpenGL leaves out points that lie outside the picture, whatever of their squares does not.
+    across, high = (row[0] * x + row[1] * y + row[2] * z + row[3] for row in clip[:2])
+    is_seen = (w > 0.0) & (np.abs(across) <= w) & (np.abs(high) <= w)
     if not is_seen.any():
         return None
     right = point_size / size[0] / clip[0, 0] * view[0, :3]

@@ -31,9 +31,11 @@ import math
 
 import numpy as np
 
+from rasterjit.pipeline.geometry.barycentric import place
 from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import LIGHT, VIEWER, directions_of, three_rows
+from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
@@ -41,7 +43,7 @@ from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.float_math import clamped, power
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32, int64, uint8
+from rasterjit.runtime.state import float32, int32, int64, uint8
 
 COLOR_RED = rows.TINT_RED
 """Rows, three: colours of vertices. They are those of glass, which this model does not know."""
@@ -69,6 +71,46 @@ def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: fl
                 s[rows.NORMAL_X + axis, n] = (
                     toward_viewer[axis] - toward_viewer[3] * s[rows.POINT_X + axis, n]
                 )
+
+
+@helper
+def between(one, other):
+    """Return the point between two, and the square of the way."""
+    x, y, z = other[0] - one[0], other[1] - one[1], other[2] - one[2]
+    middle = one[0] + 0.5 * x, one[1] + 0.5 * y, one[2] + 0.5 * z
+    return middle, x * x + y * y + z * z
+
+
+@stage
+def place_in_squares(
+    block: Block, count, are_squares: uint8[::1], faces: int32[:, ::1], placement: Placement
+):
+    """Move the samples of half squares to the middle of their squares: of the longest edge."""
+    s, whole, m, p = block.samples, block.whole, placement.relative_from_model, placement.positions
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        if are_squares[owner] == 0:
+            continue
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            face = np.uintp(whole[rows.FACE, r])
+            a, b, c = np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+            pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+            pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
+            pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
+            middle, longest = between(pa, pb)
+            other, way = between(pb, pc)
+            if way > longest:
+                middle, longest = other, way
+            other, way = between(pc, pa)
+            if way > longest:
+                middle, longest = other, way
+            for n in range(
+                np.uintp(whole[rows.FIRST, r]), np.uintp(whole[rows.FIRST, r + np.uintp(1)])
+            ):
+                s[rows.POINT_X, n] = np.float32(middle[0])
+                s[rows.POINT_Y, n] = np.float32(middle[1])
+                s[rows.POINT_Z, n] = np.float32(middle[2])
 
 
 @disjoint_helper
