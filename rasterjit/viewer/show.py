@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.rendering.plan import Cull
+from rasterjit.runtime import progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
@@ -119,7 +120,7 @@ def choose_backend(backend: str) -> str:
         trial.choose_toolkit()
     if backend != "auto":
         return backend
-    if canvas.in_notebook():
+    if progress.in_notebook():
         return "notebook"
     toolkit, problem = trial.find_toolkit()
     if toolkit:

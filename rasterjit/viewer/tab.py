@@ -238,7 +238,14 @@ class Tab:
         number, encode = self.sent, encode_png if is_exact else encode_jpeg
 
         def code() -> None:
-            self._tell(struct.pack(">I", number) + encode(picture))
+            try:
+                file = encode(picture)
+            except Exception as error:
+                # The page does not wait for it, and reads why.
+                self._viewer.fail(error)
+                self.take({"type": SHOWN, "number": number})
+                return
+            self._tell(struct.pack(">I", number) + file)
 
         self._coder.submit(code)
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import told_to
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer.canvas import Connection, DrawCancelled
+from rasterjit.viewer.canvas import Connection, DrawCancelled, at_terminal
 from rasterjit.viewer.controls import MOVES, TURNS, Event, Fly
 from rasterjit.viewer.graphics import forget_kitty, half_blocks, kitty, sixel
 from rasterjit.viewer.overlay import Row
@@ -453,7 +453,7 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     ValueError
         If standard input or output is no terminal.
     """
-    if not (sys.__stdout__ and sys.__stdout__.isatty() and sys.__stdin__.isatty()):
+    if not at_terminal():
         raise ValueError(
             "backend must not be 'terminal' where standard input or output is none, but a file or "
             "a pipe"
