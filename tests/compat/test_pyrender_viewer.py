@@ -759,7 +759,7 @@ def column():
     return np.nonzero(found.min(axis=2) > 60)[1]
 
 def until(is_so):
-    limit = time.monotonic() + 40.0
+    limit = time.monotonic() + 120.0
     while not is_so() and time.monotonic() < limit:
         time.sleep(0.1)
 
