@@ -43,6 +43,9 @@ TOKEN_BYTES = 16
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 """What a token that is given must be."""
 
+LEAST_DIFFERENT = 5
+"""Characters of such a token that differ: one in 10,000 of 16 random digits has fewer."""
+
 COOKIE_DIGITS = 8
 """Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
 each, so viewers beside each other need names of their own."""
@@ -126,12 +129,14 @@ def check_token(token: Any) -> str:
     Raises
     ------
     ValueError
-        If it is not 16 to 128 letters, digits, ``-`` and ``_``.
+        If it is not 16 to 128 letters, digits, ``-`` and ``_``, at least five of them different.
     """
-    if not isinstance(token, str) or not TOKEN.fullmatch(token):
+    is_one = isinstance(token, str) and TOKEN.fullmatch(token)
+    if not is_one or len(set(token)) < LEAST_DIFFERENT:
         raise ValueError(
-            "token must be 16 to 128 letters, digits, - and _ (or not given, for a random one), "
-            f"got {in_short(token)}"
+            "token must be 16 to 128 letters, digits, - and _, at least "
+            f"{LEAST_DIFFERENT} of them different (or not given, for a random one), got "
+            + in_short(token)
         )
     return token
 
@@ -161,8 +166,8 @@ def serve(
     announce : callable
         Is told where the page is, in words.
     token : str, optional
-        16 to 128 letters, digits, ``-`` and ``_``. Default: a random one. Pages that are open find
-        a viewer again that is started anew with the same one, at the same port.
+        16 to 128 letters, digits, ``-`` and ``_``, hard to guess. Default: a random one. Pages
+        that are open find a viewer again that is started anew with the same one, at the same port.
     on_start : callable, optional
         Is handed a function that ends the server, from any thread.
 

@@ -102,7 +102,7 @@ class Connection:
         """Pass an event on, at the time it comes."""
         self._pass_time()
         self.viewer.handle(event)
-        # A page takes the wish for another picture as a reason not to send this one uncompressed.
+        # A widget takes the wish for another picture as a reason not to send this one uncompressed.
         if self.viewer.is_moving or self.viewer.stamp != self._stamp:
             self._canvas.request_draw()
 

@@ -69,8 +69,8 @@ def show(
         that is free.
     token : str, optional
         Part of the page's address, without which nobody comes in: 16 to 128 letters, digits, ``-``
-        and ``_``. Default: a random one. With the same token and port, pages that are open find a
-        viewer again that is started anew.
+        and ``_``, hard to guess. Default: a random one. With the same token and port, pages
+        that are open find a viewer again that is started anew.
 
     Returns
     -------

@@ -5,7 +5,7 @@ The viewer, without a window: events and time go in, pictures come out.
 ``rendering.budget`` chooses for the time there is, or in draft quality until the times of the scene
 are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures more
 times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes windows,
-pages, notebooks and terminals of these two.
+notebooks and terminals of these two, ``tab`` pages.
 """
 
 from __future__ import annotations

@@ -520,7 +520,18 @@ def test_program_that_holds_its_scene_keeps_nobody_else_waiting(cube):
 
 @pytest.mark.parametrize(
     "token",
-    ["", "short", "x" * 129, "with spaces in it", "a/b/c/d/e/f/g/h/i", "ä" * 16, 5, b"x" * 16],
+    [
+        "",
+        "short",
+        "x" * 129,
+        "x" * 16,
+        "0123" * 8,
+        "with spaces in it",
+        "a/b/c/d/e/f/g/h/i",
+        "ä" * 16,
+        5,
+        b"x" * 16,
+    ],
 )
 def test_token_that_is_none_is_refused(cube, token, monkeypatch):
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
