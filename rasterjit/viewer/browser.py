@@ -28,7 +28,7 @@ from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
 from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.messages import LONGEST_MESSAGE, read_message
-from rasterjit.viewer.tab import Tab, Tell
+from rasterjit.viewer.tab import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.viewer import Viewer
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
@@ -322,7 +322,7 @@ class _Outbox:
     Attributes
     ----------
     sent : int
-        Pictures so far.
+        Number of the last picture that went.
     """
 
     def __init__(self) -> None:
@@ -350,8 +350,9 @@ class _Outbox:
                         said = json.dumps(self._said.pop(next(iter(self._said))))
                         await send({"type": "websocket.send", "text": said})
                     if self._pictures:
-                        self.sent += 1
-                        await send({"type": "websocket.send", "bytes": self._pictures.popleft()})
+                        picture = self._pictures.popleft()
+                        self.sent = int.from_bytes(picture[:NUMBER_BYTES], "big")
+                        await send({"type": "websocket.send", "bytes": picture})
 
 
 def guarded(app: App, host: str, token: str) -> App:

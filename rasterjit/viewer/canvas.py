@@ -60,10 +60,11 @@ def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> N
     """Do what comes, up to the first None."""
     while (one := tasks.get()) is not None:
         future, task = one
-        try:
-            future.set_result(task())
-        except BaseException as error:
-            future.set_exception(error)
+        if future.set_running_or_notify_cancel():
+            try:
+                future.set_result(task())
+            except BaseException as error:
+                future.set_exception(error)
         # While it waits, it keeps nothing alive.
         del one, future, task
 

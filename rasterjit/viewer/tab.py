@@ -9,7 +9,6 @@ are sent as JPEG; at rest, as they are.
 from __future__ import annotations
 
 import math
-import struct
 import threading
 import time
 from collections import deque
@@ -58,7 +57,10 @@ MERGED = {
 """Messages of which several in a row are as good as one, where these fields are the same."""
 
 Tell = Callable[[dict[str, Any] | bytes], None]
-"""Takes what a page is told, or a picture: its number, 4 bytes, big end first, and a file."""
+"""Takes what a page is told, or a picture: its number, big end first, and a file."""
+
+NUMBER_BYTES = 4
+"""Of a picture's number."""
 
 
 class Tab:
@@ -245,7 +247,7 @@ class Tab:
                 self._viewer.fail(error)
                 self.take({"type": SHOWN, "number": number})
                 return
-            self._tell(struct.pack(">I", number) + file)
+            self._tell(number.to_bytes(NUMBER_BYTES, "big") + file)
 
         self._coder.submit(code)
 

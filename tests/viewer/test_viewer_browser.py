@@ -338,15 +338,15 @@ def test_page_has_shown_no_picture_that_was_not_sent():
         outbox = browser._Outbox()
         sending = asyncio.create_task(outbox.send_all(send))
         for number in range(5):
-            outbox.put(bytes([number]))
+            outbox.put(bytes([0, 0, 1, number]))
         while not said:
             await asyncio.sleep(0)
         sending.cancel()
         return outbox.sent
 
     said = []
-    assert asyncio.run(fill()) == 1
-    assert said == [b"\0"]
+    assert asyncio.run(fill()) == 256
+    assert said == [bytes([0, 0, 1, 0])]
 
 
 def test_more_pages_than_there_may_be_are_kept_out():
