@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.runtime.progress import is_terminal
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
@@ -59,10 +60,11 @@ def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> N
     """Do what comes, up to the first None."""
     while (one := tasks.get()) is not None:
         future, task = one
-        try:
-            future.set_result(task())
-        except BaseException as error:
-            future.set_exception(error)
+        if future.set_running_or_notify_cancel():
+            try:
+                future.set_result(task())
+            except BaseException as error:
+                future.set_exception(error)
         # While it waits, it keeps nothing alive.
         del one, future, task
 
@@ -101,7 +103,7 @@ class Connection:
         """Pass an event on, at the time it comes."""
         self._pass_time()
         self.viewer.handle(event)
-        # A page takes the wish for another picture as a reason not to send this one uncompressed.
+        # A widget takes the wish for another picture as a reason not to send this one uncompressed.
         if self.viewer.is_moving or self.viewer.stamp != self._stamp:
             self._canvas.request_draw()
 
@@ -188,15 +190,11 @@ def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     return canvas, backend.loop
 
 
-def in_notebook() -> bool:
-    """Tell whether this process is the kernel of a notebook."""
-    shell = sys.modules.get("IPython")
-    running = shell.get_ipython() if shell is not None else None
-    return running is not None and getattr(running, "kernel", None) is not None
+def at_terminal() -> bool:
+    """Tell whether somebody sits at a terminal."""
+    return all(is_terminal(stream) for stream in (sys.__stdin__, sys.__stdout__))
 
 
 def has_terminal() -> bool:
-    """Tell whether somebody sits at a terminal that can show pictures."""
-    streams = sys.__stdin__, sys.__stdout__
-    is_there = all(stream is not None and stream.isatty() for stream in streams)
-    return is_there and importlib.util.find_spec("blessed") is not None
+    """Tell whether somebody sits at a terminal, and what shows pictures there is installed."""
+    return at_terminal() and importlib.util.find_spec("blessed") is not None

@@ -9,7 +9,6 @@ are sent as JPEG; at rest, as they are.
 from __future__ import annotations
 
 import math
-import struct
 import threading
 import time
 from collections import deque
@@ -58,7 +57,10 @@ MERGED = {
 """Messages of which several in a row are as good as one, where these fields are the same."""
 
 Tell = Callable[[dict[str, Any] | bytes], None]
-"""Takes what a page is told, or a picture: its number, 4 bytes, big end first, and a file."""
+"""Takes what a page is told, or a picture: its number, big end first, and a file."""
+
+NUMBER_BYTES = 4
+"""Of a picture's number."""
 
 
 class Tab:
@@ -238,7 +240,14 @@ class Tab:
         number, encode = self.sent, encode_png if is_exact else encode_jpeg
 
         def code() -> None:
-            self._tell(struct.pack(">I", number) + encode(picture))
+            try:
+                file = encode(picture)
+            except Exception as error:
+                # The page does not wait for it, and reads why.
+                self._viewer.fail(error)
+                self.take({"type": SHOWN, "number": number})
+                return
+            self._tell(number.to_bytes(NUMBER_BYTES, "big") + file)
 
         self._coder.submit(code)
 
@@ -291,8 +300,7 @@ class Tab:
         kind, switched, modes = viewer.look
         return {
             "type": "state",
-            # The page has a button for it.
-            "line": viewer.line.removesuffix("H help").rstrip(),
+            "line": viewer.line,
             "kind": kind,
             "switched": list(switched),
             "modes": modes,
@@ -337,15 +345,12 @@ class Tab:
             "distance": None, "rows": rows_of(told),
         }  # fmt: skip
         if face is not None:
-            place = [
-                sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
-                for k in range(3)
-            ]
+            place = face.position
             self._picked |= {
                 "object": self._viewer.numbers[face.object_number],
                 "name": str(face.object_name),
                 "face": face.mesh_face,
-                "position": [float(part) for part in place],
+                "position": place,
                 "distance": None if before is None else math.dist(place, before),
             }
 
@@ -359,6 +364,8 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
         "type": "welcome",
         "title": viewer.name,
         "help": viewer.help_rows,
+        "help_key": viewer.help_key,
+        "has_usual_keys": viewer.has_usual_keys,
         "kinds": [{"kind": kind, "name": NAMES[kind], "key": key} for key, kind in KINDS.items()],
         "keys": {name: key for key, name in switches.KEYS.items()},
         "modes": [

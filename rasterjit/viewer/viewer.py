@@ -5,7 +5,7 @@ The viewer, without a window: events and time go in, pictures come out.
 ``rendering.budget`` chooses for the time there is, or in draft quality until the times of the scene
 are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures more
 times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes windows,
-pages, notebooks and terminals of these two.
+notebooks and terminals of these two, ``tab`` pages.
 """
 
 from __future__ import annotations
@@ -135,7 +135,9 @@ class Viewer:
     is_live : bool
         Whether what is shown may change by itself, when `advance` is called.
     help_rows : tuple of tuple of str
-        What H shows.
+        What the key for help shows.
+    help_key : str
+        That key.
 
     Raises
     ------
@@ -145,6 +147,7 @@ class Viewer:
 
     is_live = False
     help_rows: tuple[Row, ...] = HELP
+    help_key = "H"
 
     def __init__(
         self,
@@ -299,7 +302,12 @@ class Viewer:
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
-        return "   ".join([*parts, "H help"])
+        return "   ".join(parts)
+
+    @property
+    def has_usual_keys(self) -> bool:
+        """Whether keys do what ``HELP`` says."""
+        return self.help_rows is HELP
 
     @property
     def stamp(self) -> tuple[Any, ...]:
@@ -726,7 +734,8 @@ class Viewer:
         if self._shows_costs:
             write_panel(picture, self._cost_rows(), "top right", self.ratio)
         if self._shows_line:
-            write_panel(picture, [(self.line,)], "bottom left", self.ratio)
+            line = f"{self.line}   {self.help_key} help"
+            write_panel(picture, [(line,)], "bottom left", self.ratio)
 
     def _cost_rows(self) -> list[Row]:
         """Return what the effects cost, as rows."""

@@ -288,6 +288,21 @@ def test_error_is_told_and_the_page_goes_on(page, monkeypatch):
     page.settle()
 
 
+def test_picture_that_cannot_be_coded_is_told_and_not_waited_for(page, monkeypatch):
+    def fail(picture):
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(tab, "encode_jpeg", fail)
+    for key in "+-" * MOST_ON_WAY:
+        sent = page.tab.sent
+        page.say("key_down", key=key, modifiers=[])
+        page.wait(lambda page: page.tab.sent > sent)  # noqa: B023
+    page.wait(lambda page: "MemoryError: no room" in page.state["line"])
+    page.say("key_down", key="2", modifiers=[])
+    page.wait(lambda page: page.state["kind"] == "depth")
+    page.settle()
+
+
 def test_what_cannot_be_told_does_not_end_the_page(page, monkeypatch):
     def fail(self):
         raise ValueError("no plan")

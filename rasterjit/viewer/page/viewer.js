@@ -26,6 +26,8 @@ const connection = new Connection({
     if (message.type === "welcome") {
       welcome = message;
       furnish();
+    } else if (message.type === "compiling") {
+      at("waiting").textContent = `Drawing the first picture${message.text && ": "}${message.text}.`;
     } else {
       state = message;
       update();
@@ -149,9 +151,10 @@ window.addEventListener("keydown", (event) => {
   if (event.repeat && !REPEATED.includes(key)) {
     return;
   }
-  if (name === "h" || name === "?") {
+  const isUsual = welcome?.has_usual_keys ?? true;
+  if (name === "?" || (name === "h" && isUsual)) {
     toggle("help");
-  } else if (name === "i") {
+  } else if (name === "i" && isUsual) {
     at("line").hidden = !at("line").hidden;
   } else {
     held.add(key);
@@ -320,22 +323,26 @@ function fill(table, rows) {
 function furnish() {
   document.title = welcome.title || "RasterJIT";
   fill(at("keys"), welcome.help);
+  const {has_usual_keys: isUsual, help_key: helpKey} = welcome;
+  const hintOf = (key) => (isUsual ? [made("kbd", {textContent: key.toUpperCase()})] : []);
+  at("measure-costs").hidden = !isUsual;
+  document.querySelector("[data-opens=help]").title =
+    `What mouse, fingers and keys do (${helpKey})`;
+  if (!isUsual) {
+    canvas.ariaLabel = `Picture of the scene. ${helpKey} lists what keys do.`;
+  }
   at("kinds").replaceChildren(...welcome.kinds.map(({kind, name, key}) =>
     made("label", {}, [
       made("input", {type: "radio", name: "kind", value: kind, onchange: () => look({kind})}),
       `${name} `, made("kbd", {textContent: key}),
     ])));
-  const labelOf = (name) => {
-    const key = welcome.keys[name];
-    return [`${name} `, made("kbd", {textContent: key.toUpperCase()})];
-  };
   at("switches").replaceChildren(
     ...Object.keys(welcome.keys).map((name) =>
       made("label", {}, [
         made("input", {
           type: "checkbox", dataset: {effect: name}, onchange: () => switchEffect(name),
         }),
-        ...labelOf(name),
+        `${name} `, ...hintOf(welcome.keys[name]),
       ])),
     ...welcome.modes.map(({key, name, modes}) =>
       made("label", {}, [
@@ -347,7 +354,7 @@ function furnish() {
           made("option", {value: "", textContent: "off"}),
           ...Object.entries(modes).map(([value, text]) => made("option", {value, textContent: text})),
         ]),
-        made("kbd", {textContent: key.toUpperCase()}),
+        ...hintOf(key),
       ])),
   );
   at("nodes").replaceChildren(...welcome.objects.map(({number, name, color}) => {
