@@ -21,10 +21,12 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
+from rasterjit.scene.color import ROOT_BITS, whole_root
 from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
+from rasterjit.scene.vectors import length
 
 Float64 = NDArray[np.float64]
 
@@ -89,8 +91,15 @@ def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np
     """Return what is shown as codes, (4,)."""
     shown = np.float32(codes) / np.float32(255.0)
     if not flags & RenderFlags.FLAT:
-        shown[:3] = shown[:3].astype(np.float64) ** 2.2
+        shown[:3] = _gamma_table()[codes[:3]]
     return shown
+
+
+@functools.cache
+def _gamma_table() -> NDArray[np.float32]:
+    """Return what each code shows, (256,): its share of 255 to the power 2.2."""
+    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
+    return np.array([found / (1 << ROOT_BITS) for found in roots], np.float32)
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
@@ -99,7 +108,17 @@ def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
     clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
-    return _camera(np.linalg.inv(scene.get_pose(node)), clip)
+    return _camera(_inverse_of("camera", scene.get_pose(node)), clip)
+
+
+def _inverse_of(what: str, pose: Float64) -> Float64:
+    """Return the inverse of a pose, or raise ``ValueError`` naming whose it is."""
+    try:
+        return transforms.inverse(pose)
+    except ValueError:
+        raise ValueError(
+            f"pose of the {what} must be finite and have an inverse, got {pose.tolist()}"
+        ) from None
 
 
 def _camera(view: Float64, clip: Float64) -> MatrixCamera:
@@ -210,7 +229,7 @@ def _drawing_order(scene: Scene) -> list[Node]:
     if not blended or scene.main_camera_node is None:
         return nodes
     eye = scene.get_pose(scene.main_camera_node)[:3, 3]
-    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    away = {node: length(scene.get_pose(node)[:3, 3] - eye) for node in blended}
     solid = [node for node in nodes if node not in away]
     return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
@@ -287,7 +306,7 @@ def _imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
         np.float32(scene.ambient_light), taken, *(np.array(way, np.uint8) for way in ways),
         tuple(
-            DepthMap(n, seen.camera.clip_from_view @ seen.camera.view_from_world,
+            DepthMap(n, transforms.compose(seen.camera.clip_from_view, seen.camera.view_from_world),
                      seen.camera.clip_from_view, seen.depths)
             for n, seen in ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
             if seen is not None
@@ -314,7 +333,7 @@ def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
     else:
         pose[:3, 3] = scene.centroid + pose[:3, 2] * scale
         clip = OrthographicCamera(scale, scale, near, far).get_projection_matrix()
-    return _camera(np.linalg.inv(pose), np.array(clip, np.float64))
+    return _camera(_inverse_of("light", pose), np.array(clip, np.float64))
 
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
@@ -344,7 +363,7 @@ def _nearest(
 ) -> NDArray[np.uint8]:
     """Return 1 for each light that is among the nearest of its kind to a node, else 0."""
     place = scene.get_pose(owner)[:3, 3]
-    away = [np.linalg.norm(scene.get_pose(node)[:3, 3] - place) for node in nodes]
+    away = [length(scene.get_pose(node)[:3, 3] - place) for node in nodes]
     left, taken = dict(most), np.zeros(len(nodes), np.uint8)
     for n in np.argsort(away, kind="stable"):
         taken[n] = left[kinds[n]] > 0

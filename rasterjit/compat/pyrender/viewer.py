@@ -52,10 +52,12 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.compat.pyrender.showing import Lens, Look, Showing
 from rasterjit.compat.pyrender.trackball import Trackball
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
+from rasterjit.scene.vectors import length
 from rasterjit.viewer import browser, canvas, notebook, show, terminal, trial
 from rasterjit.viewer.controls import Event
 
@@ -90,9 +92,9 @@ FASTEST_GIF = 50.0
 ORTHONORMAL = 1e-6
 """How far the axes of a pose that only turns and moves may be off."""
 
-_RAYMOND_AZIMUTHS = (0.0, 2.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi)
-_RAYMOND_TILT = math.pi / 6.0
-"""Three lights around the viewer, each as far from where it looks from, radians."""
+_RAYMOND_AZIMUTHS = (0.0, 120.0, 240.0)
+_RAYMOND_TILT = 30.0
+"""Three lights around the viewer, each as far from where it looks from, degrees."""
 
 _WINDOW = threading.Lock()
 """Held by the viewer that has a window: a process has one event loop for them."""
@@ -781,7 +783,8 @@ class Viewer:
         radius = 0.5 * (self._scene.scale or DEFAULT_SCENE_SCALE)
         projection = camera.get_projection_matrix(*self._viewport_size)
         slopes = [1.0 / abs(float(projection[axis, axis])) for axis in (0, 1)]
-        distance = radius / math.sin(math.atan(min(slopes)))
+        # The sphere around the scene touches the nearest sides of the view.
+        distance = radius * math.sqrt(1.0 + min(slopes) ** 2) / min(slopes)
         if isinstance(camera, OrthographicCamera):
             factor = radius / min(slopes)
             camera.xmag, camera.ymag = camera.xmag * factor, camera.ymag * factor
@@ -824,7 +827,7 @@ class Viewer:
         half = 1.0 / math.sqrt(2.0)
         pose = np.eye(4)
         pose[:3, :3] = [[0.0, -half, half], [1.0, 0.0, 0.0], [0.0, half, half]]
-        distance = (self._scene.scale or DEFAULT_SCENE_SCALE) / (2.0 * math.tan(math.pi / 6.0))
+        distance = 0.5 * math.sqrt(3.0) * (self._scene.scale or DEFAULT_SCENE_SCALE)
         pose[:3, 3] = distance * np.array([1.0, 0.0, 1.0]) + self._center()
         return pose
 
@@ -859,7 +862,7 @@ class Viewer:
         for of in [node for node in scene._ordered() if node.mesh is not None]:
             if of not in shown and of not in self._axes and of.mesh is not None:
                 low, high = of.mesh.bounds
-                size = 0.5 * math.dist(low, high)
+                size = 0.5 * length(high - low)
                 self._axes[of] = Node(mesh=_axis_mesh(), scale=np.ones(3) * size)
                 scene.add_node(self._axes[of], parent_node=of)
 
@@ -964,10 +967,10 @@ def _call(registered: Any, viewer: Viewer) -> None:
 
 def _light_node(azimuth: float) -> Node:
     """Return one of three lights around the camera, relative to it."""
-    sine, cosine = math.sin(_RAYMOND_TILT), math.cos(_RAYMOND_TILT)
-    back = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), cosine])
-    right = np.array([-back[1], back[0], 0.0])
-    right /= math.hypot(right[0], right[1])
+    sine, cosine = transforms.sine_cosine(_RAYMOND_TILT)
+    y, x = transforms.sine_cosine(azimuth)
+    back = np.array([sine * x, sine * y, cosine])
+    right = np.array([-y, x, 0.0])
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0), matrix=pose)
