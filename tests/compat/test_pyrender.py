@@ -325,6 +325,25 @@ def test_textures_are_laid_over_a_trimesh(renderer):
         assert right[1] > 200 > 100 > right[0]
 
 
+def test_smooth_normals_are_those_of_trimesh_and_need_no_scipy(monkeypatch):
+    given = trimesh.load("models/torus_knot.obj", process=False)
+    knot = trimesh.Trimesh(given.vertices, given.faces, process=False)
+    loose = trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [9, 9, 9]], [[0, 1, 2], [0, 1, 3], [2, 3, 1]],
+        process=False,
+    )  # fmt: skip
+    meant = [np.array(mesh.copy(True).vertex_normals) for mesh in (knot, given, loose)]
+
+    def refuse(*args, **options):
+        raise AssertionError("trimesh averages normals by SciPy, which may be missing")
+
+    monkeypatch.setattr("trimesh.geometry.weighted_vertex_normals", refuse)
+    for mesh, normals in zip((knot, given, loose), meant, strict=True):
+        made = meshes.Mesh.from_trimesh(mesh).primitives[0].normals
+        np.testing.assert_allclose(made, normals, rtol=0.0, atol=1e-7)
+    assert not meshes.Mesh.from_trimesh(loose).primitives[0].normals[4].any()
+
+
 def test_a_trimesh_scene_is_taken():
     given = trimesh.Scene()
     given.add_geometry(trimesh.creation.box(), transform=at(1.0))
