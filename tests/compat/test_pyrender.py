@@ -342,6 +342,7 @@ def test_smooth_normals_are_those_of_trimesh_and_need_no_scipy(monkeypatch):
         made = meshes.Mesh.from_trimesh(mesh).primitives[0].normals
         np.testing.assert_allclose(made, normals, rtol=0.0, atol=1e-7)
     assert not meshes.Mesh.from_trimesh(loose).primitives[0].normals[4].any()
+    assert not len(meshes.Mesh.from_trimesh(trimesh.Trimesh()).primitives[0].positions)
 
 
 def test_a_trimesh_scene_is_taken():

@@ -199,6 +199,8 @@ def _vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     G. Thuermer and C. Wuethrich, "Computing Vertex Normals from Polygonal Facets", Journal of
     Graphics Tools 3 (1), 1998.
     """
+    if not len(mesh.vertices):
+        return np.zeros((0, 3))
     if "vertex_normals" not in mesh._cache:
         from trimesh.util import unitize
 
