@@ -367,6 +367,16 @@ def test_second_drawing_leaves_the_first_as_it_is():
     assert np.shares_memory(second.vertices, first.vertices)
 
 
+def test_objects_of_one_look_share_it_and_one_that_cannot_be_placed_is_left_out():
+    scene, box = box_scene()
+    twin = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box(), smooth=False))
+    twin.mesh.primitives[0].material = box.mesh.primitives[0].material
+    lost = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box()))
+    scene.set_pose(lost, np.full((4, 4), np.nan))
+    first, second = (node.mesh.material for node in convert(scene, RenderFlags.NONE).scene.nodes)
+    assert first is second
+
+
 @pytest.mark.parametrize(
     ("call", "error", "named"),
     [
