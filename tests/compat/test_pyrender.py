@@ -325,6 +325,26 @@ def test_textures_are_laid_over_a_trimesh(renderer):
         assert right[1] > 200 > 100 > right[0]
 
 
+def test_smooth_normals_are_those_of_trimesh_and_need_no_scipy(monkeypatch):
+    given = trimesh.load("models/torus_knot.obj", process=False)
+    knot = trimesh.Trimesh(given.vertices, given.faces, process=False)
+    loose = trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [9, 9, 9]], [[0, 1, 2], [0, 1, 3], [2, 3, 1]],
+        process=False,
+    )  # fmt: skip
+    meant = [np.array(mesh.copy(True).vertex_normals) for mesh in (knot, given, loose)]
+
+    def refuse(*args, **options):
+        raise AssertionError("trimesh averages normals by SciPy, which may be missing")
+
+    monkeypatch.setattr("trimesh.geometry.weighted_vertex_normals", refuse)
+    for mesh, normals in zip((knot, given, loose), meant, strict=True):
+        made = meshes.Mesh.from_trimesh(mesh).primitives[0].normals
+        np.testing.assert_allclose(made, normals, rtol=0.0, atol=1e-7)
+    assert not meshes.Mesh.from_trimesh(loose).primitives[0].normals[4].any()
+    assert not len(meshes.Mesh.from_trimesh(trimesh.Trimesh()).primitives[0].positions)
+
+
 def test_a_trimesh_scene_is_taken():
     given = trimesh.Scene()
     given.add_geometry(trimesh.creation.box(), transform=at(1.0))
@@ -345,6 +365,16 @@ def test_second_drawing_leaves_the_first_as_it_is():
     assert first.material is look
     assert second.material.base_color[:3] == (1.0, 0.0, 0.0)
     assert np.shares_memory(second.vertices, first.vertices)
+
+
+def test_objects_of_one_look_share_it_and_one_that_cannot_be_placed_is_left_out():
+    scene, box = box_scene()
+    twin = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box(), smooth=False))
+    twin.mesh.primitives[0].material = box.mesh.primitives[0].material
+    lost = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box()))
+    scene.set_pose(lost, np.full((4, 4), np.nan))
+    first, second = (node.mesh.material for node in convert(scene, RenderFlags.NONE).scene.nodes)
+    assert first is second
 
 
 @pytest.mark.parametrize(

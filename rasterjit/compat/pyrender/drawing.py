@@ -180,6 +180,8 @@ def convert(
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
             continue
         pose = scene.get_pose(node)
+        if not np.isfinite(pose).all():
+            continue
         for primitive in mesh.primitives:
             if primitive.is_empty:
                 continue
@@ -188,10 +190,7 @@ def convert(
                 primitive = primitive.of_alphas()
             look = _material(primitive, flags, shapes_alone)
             is_blended = is_blended or look.alpha_mode == "blend"
-            for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
-                if not (np.isfinite(instance).all() and np.isfinite(pose).all()):
-                    continue
-                place = transforms.compose(pose, instance)
+            for place in [pose] if primitive.poses is None else _places(pose, primitive.poses):
                 shape, own = _shape(primitive, place, look, flags, seen)
                 if shape is not None:
                     drawn.add(shape, own, node.name or "points")
@@ -209,6 +208,11 @@ def convert(
             drawn, owners, (faces_viewer, are_squares), scene, flags, views or {}
         )
     return Drawing(drawn, owners, is_blended, fades)
+
+
+def _places(pose: Float64, instances: Float64) -> list[Float64]:
+    """Return where instances stand whose poses are finite."""
+    return [transforms.compose(pose, own) for own in instances if np.isfinite(own).all()]
 
 
 def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:

@@ -49,8 +49,9 @@ class Field(Generic[T]):
         try:
             kept = self._check(value)
         except (TypeError, ValueError) as error:
-            message = f"{self._name} {error}, got {cut_short(value)}"
-            raise type(error)(message) from None
+            # Some say themselves what they got.
+            got = "" if ", got " in str(error) else f", got {cut_short(value)}"
+            raise type(error)(f"{self._name} {error}{got}") from None
         instance.__dict__[self._kept] = kept
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -256,22 +257,35 @@ class MetallicRoughnessMaterial(Material):
         }
         picture = textures.get("base_color_texture")
         color = np.clip(np.asarray(self.baseColorFactor, np.float64), 0.0, 1.0)
-        mode = "blend" if self.alphaMode == "BLEND" else "opaque"
+        mode: material.AlphaMode = "blend" if self.alphaMode == "BLEND" else "opaque"
         is_opaque = color[3] * least_alpha >= 1.0 and (picture is None or picture.is_opaque)
         if mode == "opaque" or is_opaque:
             # What hides all behind it needs no layers.
             mode, color[3] = "opaque", 1.0
-        return material.Material(
-            "pbr" if is_lit else "unlit",
-            color.tolist(),
-            metallic=self.metallicFactor,
-            roughness=self.roughnessFactor,
+        look = _known_look if not textures else _look
+        return look(
+            "pbr" if is_lit else "unlit", tuple(color.tolist()),
+            float(self.metallicFactor), float(self.roughnessFactor),
             # The factor counts twice, as in pyrender's shader.
-            emissive=np.square(np.asarray(self.emissiveFactor, np.float64)).tolist(),
-            alpha_mode=mode,
-            double_sided=self.doubleSided or not is_culled,
-            **textures,
-        )
+            tuple(np.square(np.asarray(self.emissiveFactor, np.float64)).tolist()),
+            mode, self.doubleSided or not is_culled, **textures,
+        )  # fmt: skip
+
+
+def _look(
+    shading: material.Shading, color: tuple[float, ...], metallic: float, roughness: float,
+    emissive: tuple[float, ...], alpha_mode: material.AlphaMode, double_sided: bool,
+    **textures: Any,
+) -> material.Material:  # fmt: skip
+    """Return a material as RasterJIT has it."""
+    return material.Material(
+        shading, color, metallic=metallic, roughness=roughness, emissive=emissive,
+        alpha_mode=alpha_mode, double_sided=double_sided, **textures,
+    )  # fmt: skip
+
+
+_known_look = functools.lru_cache(maxsize=1024)(_look)
+"""Of what has no textures: scenes have many objects of few looks."""
 
 
 class SpecularGlossinessMaterial(Material):

@@ -177,7 +177,7 @@ def _primitive(
     look = own if material is None else copy.deepcopy(material)
     look.wireframe = wireframe
     if smooth:
-        positions, normals, indices = mesh.vertices, mesh.vertex_normals, faces
+        positions, normals, indices = mesh.vertices, _vertex_normals(mesh), faces
     else:
         positions = mesh.vertices[faces].reshape(-1, 3)
         normals, indices = np.repeat(mesh.face_normals, 3, axis=0), None
@@ -186,6 +186,35 @@ def _primitive(
         np.array(positions), normals=np.array(normals), texcoord_0=uv, color_0=colors,
         indices=indices, material=look, poses=poses,
     )  # fmt: skip
+
+
+def _vertex_normals(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+    """
+    Return the normals that a mesh was given, else averages by angle over a vertex's faces.
+
+    The averages are those of ``Trimesh.vertex_normals``, which needs SciPy for them: pyrender
+    brought it along. Without it, trimesh warns and compares each vertex with all faces.
+
+    References
+    ----------
+    G. Thuermer and C. Wuethrich, "Computing Vertex Normals from Polygonal Facets", Journal of
+    Graphics Tools 3 (1), 1998.
+    """
+    if not len(mesh.vertices):
+        return np.zeros((0, 3))
+    if "vertex_normals" not in mesh._cache:
+        from trimesh.util import unitize
+
+        faces = np.asarray(mesh.faces)
+        # Faces without an area have normals of 0, and angles that say nothing.
+        shares = np.where(mesh.face_normals.any(axis=1)[:, None], mesh.face_angles, 0.0)
+        corners = faces.ravel()
+        made = [
+            np.bincount(corners, (shares * axis[:, None]).ravel(), minlength=len(mesh.vertices))
+            for axis in mesh.face_normals.T
+        ]
+        mesh.vertex_normals = unitize(np.stack(made, axis=1))
+    return np.asarray(mesh.vertex_normals)
 
 
 def _looks(mesh: trimesh.Trimesh, smooth: bool, has_material: bool) -> tuple[Any, Any, Any]:
