@@ -107,16 +107,22 @@ try {
 
 // Pointers and keys.
 
+// What is told of a pixel lies in the other half of a narrow page.
+function pick(place) {
+  at("pick").classList.toggle("above", place.y > canvas.clientHeight / 2);
+  connection.say("pick", place);
+}
+
 listen(canvas, {
   say,
-  click: (place) => connection.say("pick", place),
+  click: pick,
   tap(place) {
     at("why").open = false;
-    connection.say("pick", place);
+    pick(place);
   },
   long(place) {
     at("why").open = true;
-    connection.say("pick", place);
+    pick(place);
   },
   fit: () => press("f"),
 });
@@ -174,7 +180,7 @@ window.addEventListener("blur", () => {
 
 // The bar and its panels.
 
-const NARROW = window.matchMedia("(max-width: 600px)");
+const NARROW = window.matchMedia("(max-width: 900px)");
 const openers = [...document.querySelectorAll("[data-opens]")];
 
 function toggle(id) {
@@ -361,7 +367,7 @@ function furnish() {
         swatch, made("span", {textContent: name || `object ${number}`, title: name}),
       ]),
       made("button", {
-        type: "button", textContent: "Only", ariaLabel: `Show only ${name || `object ${number}`}`,
+        type: "button", textContent: "Only", dataset: {only: number}, ariaLabel: `Show only ${name || `object ${number}`}`,
         onclick: () => {
           const isAlone = state?.only === number;
           reveal(isAlone ? [] : numbersBut(number), isAlone ? null : number);
@@ -412,6 +418,9 @@ function update() {
   const hidden = new Set(state.hidden);
   for (const box of document.querySelectorAll("[data-number]")) {
     box.checked = !hidden.has(Number(box.dataset.number));
+  }
+  for (const button of document.querySelectorAll("[data-only]")) {
+    button.ariaPressed = state.only === Number(button.dataset.only);
   }
   fill(at("costs"), state.costs);
   updatePick();
