@@ -210,6 +210,8 @@ class Viewer:
         self._fastest = self._latest = 0.0
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
+        # Of the version whose picture becomes no better.
+        self._best_version = -1
         self._count = 0
         # What is wrong is said at once.
         explain(self.scene, self.camera, size=self.size, **self._options)
@@ -387,10 +389,8 @@ class Viewer:
 
     def look_from(self, camera: Camera) -> None:
         """Look from where a camera stands; that it is tilted sideways is left out."""
-        home = self.controls.home if isinstance(self.controls, Orbit) else None
         orbit = Orbit.from_camera(camera, self._ball, self.controls.up, self.size)
-        self.controls = orbit if home is None else replace(orbit, home=home)
-        self._is_fitted = False
+        self.controls = replace(orbit, home=self._begun(Orbit).home)
         self._change()
 
     def set_look(self, kind: str, switched: Sequence[str], modes: Mapping[str, str | None]) -> None:
@@ -540,12 +540,13 @@ class Viewer:
             return next(self._steps)
         except (_OutdatedError, StopIteration) as end:
             if isinstance(end, StopIteration):
-                self._finished = True
+                self._finished, self._best_version = True, self._steps_version
             return False
 
     def _improve(self, version: int) -> Iterator[bool]:
         """Do one thing after the other, as long as nothing changes."""
         scene, camera, kind, times = self._shown, self.camera, self.kind, self._times
+        is_best = self._best_version == version
 
         def ask() -> None:
             if self.version != version:
@@ -553,7 +554,7 @@ class Viewer:
 
         with _renderer(self.size, self._threads) as renderer:
             renderer.before_picture = ask
-            if kind != "color":
+            if kind != "color" and not is_best:
                 start, outputs = perf_counter(), OUTPUTS_OF[kind]
                 frame = renderer.render(scene, camera, outputs=outputs, **self._options)
                 self._keep(frame, version, perf_counter() - start)
@@ -572,24 +573,38 @@ class Viewer:
                 renderer.refine(
                     scene, camera, outputs=OUTPUTS_OF[kind], first=(SHARP,), **self._options
                 )
-                if kind == "color"
+                if kind == "color" and not is_best
                 else iter(())
             )
             for number, (frame, seconds) in enumerate(_timed(frames)):
                 self._keep(frame, version, seconds)
                 yield True
-                if number == 1 and self._shows_costs and self.costs is None:
-                    used = switches.used_effects(scene, camera, renderer.size)
-                    names = switches.switchable(scene, used)
-                    costs = switches.costs(renderer, scene, camera, names)
-                    with self._lock:
-                        if version == self.version:
-                            self.costs = costs
+                if number == 1 and self._wants_costs:
+                    self._measure_costs(renderer, version, scene, camera)
                     yield True
                 if number == 1:
                     draw = self._timed_drawer(renderer, version, scene, camera)
                     for _ in times.calibrate(self._budget, draw):
                         yield True
+            if self._wants_costs:
+                self._measure_costs(renderer, version, scene, camera)
+                yield True
+
+    @property
+    def _wants_costs(self) -> bool:
+        """Whether what the effects cost is to be shown, and not known yet."""
+        return self._shows_costs and self.costs is None
+
+    def _measure_costs(
+        self, renderer: Renderer, version: int, scene: Scene, camera: Camera
+    ) -> None:
+        """Measure what the effects cost."""
+        used = switches.used_effects(scene, camera, renderer.size)
+        names = switches.switchable(scene, used)
+        costs = switches.costs(renderer, scene, camera, names)
+        with self._lock:
+            if version == self.version:
+                self.costs = costs
 
     def _timed_drawer(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
@@ -618,13 +633,19 @@ class Viewer:
         with self._lock:
             if self._frame is not None and self._frame_version == version and not is_best:
                 return self._frame
-            if version == self.version:
+            if version == self.version and not self._has_better(frame):
                 self._frame, self._frame_version = frame, version
                 # Stages leave out while anything compiles, in whatever thread: here time is time.
                 self._seconds = seconds
                 self._compiled = frame.stats.seconds["compile"] > COMPILING * seconds
                 self._count += 1
         return frame
+
+    def _has_better(self, frame: Frame) -> bool:
+        """Tell whether what is to be seen was made of more pictures, before steps began anew."""
+        if self._frame is None or self._frame_version != self.version:
+            return False
+        return self._frame.plan.pictures > frame.plan.pictures
 
     def _change(self) -> None:
         """Note that what is seen changes."""
@@ -636,9 +657,12 @@ class Viewer:
         """Begin what is done at rest anew, with the same picture."""
         with self._lock:
             is_current = self._frame_version == self.version
+            is_best = self._best_version == self.version
             self.version += 1
             if is_current:
                 self._frame_version = self.version
+            if is_best:
+                self._best_version = self.version
 
     def _press(self, key: str) -> bool:
         """Do what a key asks for, and tell whether it is one of the viewer's own."""

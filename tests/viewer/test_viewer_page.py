@@ -511,6 +511,66 @@ def test_phone_has_room_for_all_and_every_pixel(phone, tmp_path):
     np.testing.assert_array_equal(window[above], picture[above])
 
 
+OVERLAPS = """
+(() => {
+  const all = [...document.querySelectorAll("#bar, #line, #said, #gone, .panel")]
+    .filter((one) => one.checkVisibility({visibilityProperty: true}))
+    .map((one) => [one.id, one.getBoundingClientRect()]);
+  return all.flatMap(([a, one], index) => all.slice(index + 1)
+    .filter(([, two]) => one.left < two.right && two.left < one.right
+      && one.top < two.bottom && two.top < one.bottom)
+    .map(([b]) => [a, b]));
+})()
+"""
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "mobile"),
+    [(1280, 800, False), (850, 600, False), (610, 740, False), (740, 360, True), (360, 740, True)],
+)
+def test_nothing_lies_on_something_else(browser_page, server, width, height, mobile):
+    open_page(browser_page, server[1], width=width, height=height, mobile=mobile)
+    browser_page.evaluate("document.querySelector('#screenshot').click()")
+    wait_until(browser_page, "said.innerText.startsWith('saved')")
+    assert browser_page.evaluate(OVERLAPS) == []
+    (middle_x, middle_y) = width / 2, height / 2
+    if mobile:
+        touch(browser_page, "touchStart", (middle_x, middle_y + 20))
+        time.sleep(TAP)
+        touch(browser_page, "touchEnd")
+    else:
+        click(browser_page, middle_x, middle_y + 20)
+        browser_page.evaluate("why.open = true")
+    wait_until(browser_page, "!pick.hidden && reasons.rows.length > 5")
+    assert browser_page.evaluate(OVERLAPS) == []
+    if width < 600:
+        ((_, _, _, _, bottom),) = browser_page.evaluate(BOXES % "#pick")
+        assert bottom < middle_y, "what is told covers the pixel"
+    for panel in ("look", "effects", "objects", "view", "help"):
+        browser_page.evaluate(f"document.querySelector('[data-opens={panel}]').click()")
+        wait_until(browser_page, f"!document.getElementById('{panel}').hidden")
+        assert browser_page.evaluate(OVERLAPS) == [], panel
+        if mobile:
+            least = f"#{panel} :is(button, label:has(input), select, summary)"
+            for name, _, top, _, bottom in browser_page.evaluate(BOXES % least):
+                assert bottom - top >= LEAST_TOUCH, name
+    press(browser_page, "Escape")
+
+
+def test_what_is_shown_alone_and_what_the_scene_lacks_are_told_apart(page):
+    page.evaluate("document.querySelector('[data-opens=objects]').click()")
+    page.evaluate("document.querySelector('[data-only=\"1\"]').click()")
+    pressed = "[...document.querySelectorAll('[data-only]')].map((one) => one.ariaPressed).join()"
+    wait_until(page, f"{pressed} === 'false,true'")
+    page.evaluate("document.querySelector('#show-all').click()")
+    wait_until(page, f"{pressed} === 'false,false'")
+    page.evaluate("document.querySelector('[data-opens=effects]').click()")
+    colors = """[true, false].map((is) => getComputedStyle([...document.querySelectorAll(
+      '[data-effect]')].find((one) => one.disabled === is).parentElement).color)"""
+    lacking, possible = page.evaluate(colors)
+    assert lacking != possible
+
+
 def free_port():
     with socket.create_server(("127.0.0.1", 0)) as found:
         return found.getsockname()[1]

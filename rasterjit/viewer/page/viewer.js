@@ -109,16 +109,22 @@ try {
 
 // Pointers and keys.
 
+// What is told of a pixel lies in the other half of a narrow page.
+function pick(place) {
+  at("pick").classList.toggle("above", place.y > canvas.clientHeight / 2);
+  connection.say("pick", place);
+}
+
 listen(canvas, {
   say,
-  click: (place) => connection.say("pick", place),
+  click: pick,
   tap(place) {
     at("why").open = false;
-    connection.say("pick", place);
+    pick(place);
   },
   long(place) {
     at("why").open = true;
-    connection.say("pick", place);
+    pick(place);
   },
   fit: () => press("f"),
 });
@@ -177,7 +183,7 @@ window.addEventListener("blur", () => {
 
 // The bar and its panels.
 
-const NARROW = window.matchMedia("(max-width: 600px)");
+const NARROW = window.matchMedia("(max-width: 900px)");
 const openers = [...document.querySelectorAll("[data-opens]")];
 
 function toggle(id) {
@@ -368,7 +374,7 @@ function furnish() {
         swatch, made("span", {textContent: name || `object ${number}`, title: name}),
       ]),
       made("button", {
-        type: "button", textContent: "Only", ariaLabel: `Show only ${name || `object ${number}`}`,
+        type: "button", textContent: "Only", dataset: {only: number}, ariaLabel: `Show only ${name || `object ${number}`}`,
         onclick: () => {
           const isAlone = state?.only === number;
           reveal(isAlone ? [] : numbersBut(number), isAlone ? null : number);
@@ -419,6 +425,9 @@ function update() {
   const hidden = new Set(state.hidden);
   for (const box of document.querySelectorAll("[data-number]")) {
     box.checked = !hidden.has(Number(box.dataset.number));
+  }
+  for (const button of document.querySelectorAll("[data-only]")) {
+    button.ariaPressed = state.only === Number(button.dataset.only);
   }
   fill(at("costs"), state.costs);
   updatePick();
