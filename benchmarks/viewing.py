@@ -214,7 +214,9 @@ def page(place: Path, file: Path, size: tuple[int, int], folder: Path) -> dict[s
         assert process.stdout is not None
         address = re.search(r"http://\S+", process.stdout.readline())
         assert address is not None
-        profile = stack.enter_context(tempfile.TemporaryDirectory(dir=folder))
+        profile = stack.enter_context(
+            tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True)
+        )
         tab = stack.enter_context(chromium.chromium(program, profile))
         tab.call("Page.addScriptToEvaluateOnNewDocument", source=WATCH)
         width, height = size
