@@ -128,6 +128,9 @@ class Viewer:
     ----------
     controls : Orbit or Fly
         The camera that is moved.
+    is_hurried : bool
+        Whether what moves is drawn in half as many pixels a side at once, since to show it takes
+        long.
     version : int
         Grows whenever what is seen changes.
     writes_text : bool
@@ -168,6 +171,7 @@ class Viewer:
             "time_budget": time_budget, "name": name, "threads": threads,
         }  # fmt: skip
         self.writes_text = self.enlarges = True
+        self.is_hurried = False
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
@@ -482,7 +486,7 @@ class Viewer:
             return renderer.render(scene, camera, outputs=outputs, **self._options)
 
         is_known = self.kind == "color" and self._times.is_known
-        if self._fastest > TOO_LONG * self._budget:
+        if self.is_hurried or self._fastest > TOO_LONG * self._budget:
             if self._coarse is None:
                 self._coarse = _renderer(_half(self.size), self._threads)
             frame = draw(FASTEST, self._coarse)
