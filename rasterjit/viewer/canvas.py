@@ -148,7 +148,7 @@ class Connection:
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
         self._work()
-        if viewer.is_moving or viewer.is_live or self._step is not None:
+        if viewer.is_moving or viewer.is_live:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
         stamp = viewer.stamp
@@ -173,7 +173,18 @@ class Connection:
             if error is not None:
                 viewer.fail(error)
         if self._step is None and not viewer.is_moving and not viewer.is_done:
-            self._step = self._worker.submit(viewer.step)
+            self._step = self._worker.submit(self._improve)
+            # To ask before there is anything new is no way to wait: rendercanvas lets events wait
+            # for a tenth of a second after a draw that shows nothing.
+            self._step.add_done_callback(lambda _: self._canvas.request_draw())
+
+    def _improve(self) -> bool:
+        """Do what is to be done at rest until there is something new to see."""
+        stamp = self.viewer.stamp
+        while self.viewer.step():
+            if self.viewer.stamp != stamp:
+                return True
+        return False
 
     def show_again(self) -> None:
         """Show the picture once more, though it was shown: the canvas has lost it."""
