@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -28,6 +30,10 @@ from rasterjit.viewer.viewer import Viewer
 FRAME_RATE = 60.0
 """Most pictures a second."""
 
+GIVEN_WAY = 10
+"""How much nicer than others a thread is that gives way: it gets a tenth of a processor that
+another one wants."""
+
 Result = TypeVar("Result")
 
 
@@ -36,10 +42,20 @@ class DrawCancelled(Exception):  # noqa: N818
 
 
 class Worker:
-    """A thread that does one thing after the other; nobody waits for it when the process ends."""
+    """
+    A thread that does one thing after the other; nobody waits for it when the process ends.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    gives_way : bool
+        Whether it, and the threads that it begins, leave the processors to others that want them,
+        where the system has that for threads.
+    """
+
+    def __init__(self, *, gives_way: bool = False) -> None:
         self._tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        if gives_way:
+            self.submit(give_way)
         threading.Thread(
             target=_work, args=(self._tasks,), name="rasterjit-viewer", daemon=True
         ).start()
@@ -69,6 +85,16 @@ def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> N
         del one, future, task
 
 
+def give_way() -> None:
+    """Let other threads go first from now on, before this one and those that it begins."""
+    if sys.platform == "linux":
+        # Here, and in no other system, a thread has a niceness of its own.
+        thread = threading.get_native_id()
+        with suppress(OSError):
+            before = os.getpriority(os.PRIO_PROCESS, thread)
+            os.setpriority(os.PRIO_PROCESS, thread, before + GIVEN_WAY)
+
+
 class Connection:
     """
     What keeps a canvas showing a viewer.
@@ -87,7 +113,7 @@ class Connection:
         self.viewer = viewer
         self._canvas = canvas
         self._context = canvas.get_bitmap_context()
-        self._worker = Worker()
+        self._worker = Worker(gives_way=True)
         self._step: Future[bool] | None = None
         self._time = time.perf_counter()
         self._stamp: tuple[Any, ...] | None = None
@@ -124,7 +150,7 @@ class Connection:
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
         self._work()
-        if viewer.is_moving or viewer.is_live or self._step is not None:
+        if viewer.is_moving or viewer.is_live:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
         stamp = viewer.stamp
@@ -149,7 +175,18 @@ class Connection:
             if error is not None:
                 viewer.fail(error)
         if self._step is None and not viewer.is_moving and not viewer.is_done:
-            self._step = self._worker.submit(viewer.step)
+            self._step = self._worker.submit(self._improve)
+            # To ask before there is anything new is no way to wait: rendercanvas lets events wait
+            # for a tenth of a second after a draw that shows nothing.
+            self._step.add_done_callback(lambda _: self._canvas.request_draw())
+
+    def _improve(self) -> bool:
+        """Do what is to be done at rest until there is something new to see."""
+        stamp = self.viewer.stamp
+        while self.viewer.step():
+            if self.viewer.stamp != stamp:
+                return True
+        return False
 
     def show_again(self) -> None:
         """Show the picture once more, though it was shown: the canvas has lost it."""

@@ -128,10 +128,16 @@ class Viewer:
     ----------
     controls : Orbit or Fly
         The camera that is moved.
+    is_hurried : bool
+        Whether what moves is drawn in half as many pixels a side at once, since to show it takes
+        long.
     version : int
         Grows whenever what is seen changes.
     writes_text : bool
         Whether help, numbers and the line at the bottom are written on the pictures.
+    enlarges : bool
+        Whether pictures with half as many pixels a side are made as large as the others; who shows
+        them does so otherwise.
     is_live : bool
         Whether what is shown may change by itself, when `advance` is called.
     help_rows : tuple of tuple of str
@@ -167,7 +173,8 @@ class Viewer:
             "camera": camera, "size": size, "background": background, "cull": cull, "up": up,
             "time_budget": time_budget, "name": name, "threads": threads,
         }  # fmt: skip
-        self.writes_text = True
+        self.writes_text = self.enlarges = True
+        self.is_hurried = False
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
@@ -457,7 +464,8 @@ class Viewer:
         """
         Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
 
-        If there is none it is drawn now, in the time that there is for it.
+        If there is none it is drawn now, in the time that there is for it. While something moves
+        it may be half as high and wide, if `enlarges` is false.
         """
         picture = self.picture()
         self._write_on(picture)
@@ -474,7 +482,8 @@ class Viewer:
             self._drawing = budget.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
             frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
-        return self._enlarged(picture_of(frame, self.kind, self.numbers if self._hidden else None))
+        picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
+        return self._enlarged(picture) if self.enlarges else picture
 
     def _draw_in_time(self) -> Frame:
         """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""
@@ -485,7 +494,7 @@ class Viewer:
             return renderer.render(scene, camera, outputs=outputs, **self._options)
 
         is_known = self.kind == "color" and self._times.is_known
-        if self._fastest > TOO_LONG * self._budget:
+        if self.is_hurried or self._fastest > TOO_LONG * self._budget:
             if self._coarse is None:
                 self._coarse = _renderer(_half(self.size), self._threads)
             frame = draw(FASTEST, self._coarse)
@@ -747,7 +756,7 @@ class Viewer:
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
         told = self.explanation
-        if told is not None and told.size == self.size:
+        if told is not None and told.size == picture.shape[1::-1]:
             mark_pixel(picture, told.x, told.y, self.ratio)
         if not self.writes_text:
             return

@@ -554,6 +554,9 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     larger = np.repeat(np.repeat(half.color, 2, axis=0), 2, axis=1)[:31, :41]
     np.testing.assert_array_equal(viewer.draw(), larger)
     assert "at half the size" in viewer.line
+    viewer.enlarges = False
+    np.testing.assert_array_equal(viewer.draw(), half.color)
+    viewer.enlarges = True
     # What is under the cursor is known all the same.
     event = {"event_type": "wheel", "x": 20, "y": 15}
     assert viewer._depth_under(event) == half.depth[7, 10]

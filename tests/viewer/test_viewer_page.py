@@ -149,6 +149,23 @@ def test_address_loses_the_token_and_no_script_sees_it(page, server):
     wait_until(page, "picture.dataset.kind === 'png'")
 
 
+def test_browser_without_a_decoder_shows_the_same(page, server):
+    pixels = """(() => {
+      const data = picture.getContext("2d").getImageData(0, 0, picture.width, picture.height).data;
+      return [window.ImageDecoder === undefined, data.reduce((sum, one, at) =>
+        (sum + one * (at % 9973)) % 2147483647, 0)];
+    })()"""
+    has_none, with_it = page.evaluate(pixels)
+    assert not has_none
+    source = "delete window.ImageDecoder"
+    script = page.call("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
+    try:
+        open_page(page, server[1])
+        assert page.evaluate(pixels) == [True, with_it]
+    finally:
+        page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+
+
 def test_keys_work_as_soon_as_the_page_is_open(page):
     assert page.evaluate("document.activeElement.id") == "picture"
     press(page, "3")

@@ -33,10 +33,10 @@ const connection = new Connection({
       update();
     }
   },
-  picture(bitmap, number, kind) {
-    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
-      canvas.width = bitmap.width;
-      canvas.height = bitmap.height;
+  picture(bitmap, width, height, number, kind) {
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
     }
     context.drawImage(bitmap, 0, 0);
     Object.assign(canvas.dataset, {kind, number});
