@@ -34,8 +34,8 @@ WIDTH = 1.0
 
 DEPTH_PLACE = 0.5, 0.5
 """
-Where Mesa takes depths of lines from, with several samples a pixel: half a pixel to the right of
-each and above it, which is below in pictures that are drawn upside down.
+Where Mesa takes depths and attributes of lines from, with several samples a pixel: half a pixel to
+the right of each and above it, which is below in pictures that are drawn upside down.
 """
 
 NORMAL_COLOR = 0.1, 0.1, 1.0
@@ -59,7 +59,8 @@ class LitLines(Lines):
     colors : (V, 4) array_like, optional
     material : Material
     depth_place : (float, float)
-        Where depths are taken from: how far to the right of each sample and below it, pixels.
+        Where depths and attributes are taken from: how far to the right of each sample and below
+        it, pixels.
 
     Raises
     ------
@@ -191,7 +192,7 @@ def lines_of(
     primitive : Primitive
     look : Material
     depth_place : (float, float)
-        Where their depths are taken from; see `LitLines`.
+        Where depths and attributes are taken from; see `LitLines`.
     """
     segments = _segments_of(primitive)
     if not len(segments):
