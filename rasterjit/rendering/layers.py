@@ -186,8 +186,12 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
         faces_viewer = kept.copied("facing the viewer", faces_viewer)
     if are_squares is not None:
         are_squares = kept.copied("squares", are_squares)
+    gains = imitated.gains
+    if gains is not None:
+        gains = kept.copied("gains", gains)
     taken = kept.copied("who takes what", imitated.taken)
-    return kept.made("imitated", Imitated, taken, faces_viewer, are_squares, imitated.maps)
+    own = taken, faces_viewer, are_squares, gains
+    return kept.made("imitated", Imitated, *own, imitated.maps)
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:

@@ -175,6 +175,7 @@ def convert(
         flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
     are_squares: list[bool] = []
+    gains: list[NDArray[np.float32]] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
@@ -197,16 +198,17 @@ def convert(
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
                     are_squares.append(primitive.mode == GLTF.POINTS)
+                    gains.append(primitive.gains())
                 lines = _normals(primitive, flags)
                 if lines is not None:
                     drawn.add(lines, place, f"normals of {node.name}")
                     owners.append(node)
                     faces_viewer.append(False)
                     are_squares.append(False)
+                    gains.append(np.ones(6, np.float32))
     if not shapes_alone:
-        drawn._imitation = _imitation(
-            drawn, owners, (faces_viewer, are_squares), scene, flags, views or {}
-        )
+        of_objects = faces_viewer, are_squares, gains
+        drawn._imitation = _imitation(drawn, owners, of_objects, scene, flags, views or {})
     return Drawing(drawn, owners, is_blended, fades)
 
 
@@ -228,7 +230,7 @@ def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
 
 def _drawing_order(scene: Scene) -> list[Node]:
     """Return the nodes that have meshes, those seen through last and from far to near."""
-    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    nodes = scene._drawn()
     blended = [node for node in nodes if node.mesh.is_transparent]
     if not blended or scene.main_camera_node is None:
         return nodes
@@ -243,7 +245,8 @@ def _shape(
 ) -> tuple[SceneMesh | None, Float64]:
     """Return what a primitive is drawn by, None if by nothing, and its pose."""
     if primitive.mode == GLTF.POINTS:
-        shape = None if seen is None else _squares(primitive, place, seen)
+        is_lit = look.shading == "pbr"
+        shape = None if seen is None else _squares(primitive, place, seen, is_lit)
         if shape is not None:
             shape.material = look
         return shape, np.eye(4)
@@ -282,13 +285,15 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
 
 
 def _imitation(
-    drawn: scenes.Scene, owners: list[Node], ways: tuple[list[bool], list[bool]], scene: Scene,
+    drawn: scenes.Scene, owners: list[Node],
+    ways: tuple[list[bool], list[bool], list[NDArray[np.float32]]], scene: Scene,
     flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> Imitation:  # fmt: skip
     """
     Add the lights; return how bright they are, what they fall on and what codes show of it.
 
-    ``ways`` tells of each object whether its normals face the viewer, and whether it is of squares.
+    ``ways`` tells of each object whether its normals face the viewer, whether it is of squares, and
+    its gains.
     """
     nodes = [node for node in scene._ordered() if node.light is not None]
     if flags & RenderFlags.FLAT:
@@ -308,7 +313,8 @@ def _imitation(
         taken[:, 1:] = [rows[node] for node in owners]
     return Imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
-        np.float32(scene.ambient_light), taken, *(np.array(way, np.uint8) for way in ways),
+        np.float32(scene.ambient_light), taken, np.array(ways[0], np.uint8),
+        np.array(ways[1], np.uint8), np.array(ways[2], np.float32).reshape(-1, 6),
         tuple(
             DepthMap(n, transforms.compose(seen.camera.clip_from_view, seen.camera.view_from_world),
                      seen.camera.clip_from_view, seen.depths)
@@ -375,7 +381,7 @@ def _nearest(
     return taken
 
 
-def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | None:
+def _squares(primitive: Primitive, place: Float64, seen: Seen, is_lit: bool) -> SceneMesh | None:
     """Return a square of so many pixels that faces the camera at each point in front of it."""
     camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
@@ -400,7 +406,7 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = finite(primitive.normals).T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.colors()
+    colors = primitive.colors(is_lit)
     return SceneMesh(
         corners.reshape(-1, 3), faces, normals=np.repeat(normals[is_seen], 4, axis=0),
         colors=None if colors is None else np.repeat(colors[is_seen], 4, axis=0),

@@ -336,8 +336,8 @@ class Primitive:
             faces = self.faces()
             self._drawn[key] = made = SceneMesh(
                 self.positions, faces[:, ::-1] if is_turned else faces,
-                normals=finite(self.normals), uv=finite(self.texcoord_0), colors=self.colors(),
-                material=look, on_invalid="drop",
+                normals=finite(self.normals), uv=finite(self.texcoord_0),
+                colors=self.colors(is_lit), material=look, on_invalid="drop",
             )  # fmt: skip
             if self.normals is None:
                 # Given, they are no reason to warn of sharp edges: light goes by the viewer.
@@ -374,11 +374,31 @@ class Primitive:
         )  # fmt: skip
         return grey
 
-    def colors(self) -> NDArray[np.float64] | None:
-        """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
+    def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
+        """
+        Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without.
+
+        Where light counts, those of each channel are shares of its gain.
+        """
         if self.color_0 is None:
             return None
-        return np.clip(finite(self.color_0).astype(np.float64), 0.0, 1.0)
+        given = finite(self.color_0).astype(np.float64)
+        if is_lit:
+            given[:, :3] /= self.gains()[3:]
+        return np.clip(given, 0.0, 1.0)
+
+    def gains(self) -> NDArray[np.float32]:
+        """Return the factors, (6,), on base colours and on its own that are left for lit ones."""
+        base, _ = self.material._base()
+        made = np.ones(6, np.float32)
+        made[:3] = np.fmax(base[:3], 1.0)
+        if self.color_0 is not None and len(self.color_0):
+            known = self._drawn.get("gains")
+            if known is None:
+                most = finite(self.color_0)[:, :3].max(axis=0)
+                known = self._drawn["gains"] = np.maximum(most, 1.0)
+            made[3:] = known
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied and pickled: no copy shares what was drawn."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -274,8 +273,7 @@ class Showing(viewer.Viewer):
         numbers, lit = self.numbers, self._shown._imitation
         if self._hidden and numbers and lit is not None:
             # What is said of each object is said of those that are left.
-            taken, faces_viewer = lit.taken[numbers], lit.faces_viewer[numbers]
-            self._shown._imitation = replace(lit, taken=taken, faces_viewer=faces_viewer)
+            self._shown._imitation = lit.of(numbers)
         return is_possible
 
     def _write_on(self, picture: NDArray[np.uint8]) -> None:

@@ -51,6 +51,7 @@ from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.compat.pyrender.showing import Lens, Look, Showing
 from rasterjit.compat.pyrender.trackball import Trackball
+from rasterjit.compat.pyrender.window import Window
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
@@ -149,7 +150,7 @@ _KEYS = {
 """Keys, and the method that each calls."""
 
 
-class Viewer:
+class Viewer(Window):
     """
     A viewer of a scene, in a window if one opens here, else in a page, or in a notebook.
 
@@ -221,6 +222,9 @@ class Viewer:
             ord(key.lower()): value for key, value in (registered_keys or {}).items()
         }
         self._message, self._message_until = "", 0.0
+        # Programs count with them; a message stays as long as all others.
+        self._ticks_till_fade = 2.0 / 3.0 * float(self._viewer_flags["refresh_rate"])
+        self._message_opac = 1.0 + self._ticks_till_fade
         self._saved_frames: list[NDArray[np.uint8]] = []
         self._error: BaseException | None = None
         self._stop: Callable[[], Any] | None = None
@@ -355,7 +359,11 @@ class Viewer:
         self.close()
 
     def on_draw(self) -> None:
-        """Draw anew: it does so by itself, wherever the scene changed."""
+        """
+        Draw anew: it does so by itself, wherever the scene changed.
+
+        It is called before each look at the scene, so subclasses can move things there.
+        """
 
     def on_resize(self, width: int, height: int) -> None:
         """Take the size of the window, pixels."""
@@ -432,6 +440,8 @@ class Viewer:
         """Return the scene as it is, for a picture of a size; None if it is closed."""
         if not self._is_active:
             return None
+        if self._is_started:
+            self.on_draw()
         scene, flags = self._scene, check_flags(self._flags())
         self._camera_node.matrix = self._trackball.pose
         self._set_lights()
@@ -560,8 +570,8 @@ class Viewer:
             matrix=self._default_camera_pose,
             camera=self._default_persp_cam if is_perspective else self._default_orth_cam,
         )
-        self._raymond_lights = [_light_node(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
-        self._direct_light = Node(light=DirectionalLight(color=np.ones(3), intensity=1.0))
+        self._raymond_lights = self._create_raymond_lights()
+        self._direct_light = self._create_direct_light()
         self._axes: dict[Node | str, Node] = {}
         if self._viewer_flags["show_world_axis"]:
             self._set_axes(True, self._viewer_flags["show_mesh_axes"])
@@ -674,7 +684,24 @@ class Viewer:
             last = now
         recorder.close()
 
+    def _create_raymond_lights(self) -> list[Node]:
+        """Return three new lights around the camera, which programs take; also of the class."""
+        return [_light_node(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
+
+    def _create_direct_light(self) -> Node:
+        """Return a new light of the camera's own direction; also of the class."""
+        return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0))
+
     # What keys do.
+
+    @property
+    def _message_text(self) -> str | None:
+        """What is to be read, None without; functions of keys write it."""
+        return self.message or None
+
+    @_message_text.setter
+    def _message_text(self, text: str | None) -> None:
+        self._say("" if text is None else str(text))
 
     def _say(self, message: str) -> None:
         self._message, self._message_until = message, time.monotonic() + MESSAGE_SECONDS

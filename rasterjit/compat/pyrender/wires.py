@@ -212,8 +212,8 @@ def _lit_lines(
     """Return lines between vertices of a primitive."""
     return LitLines(
         primitive.positions, segments, normals=finite(primitive.normals),
-        uv=finite(primitive.texcoord_0), colors=primitive.colors(), material=look,
-        depth_place=depth_place,
+        uv=finite(primitive.texcoord_0), colors=primitive.colors(look.shading == "pbr"),
+        material=look, depth_place=depth_place,
     )  # fmt: skip
 
 
