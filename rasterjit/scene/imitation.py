@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.color import ROOT_BITS, decoding_table, whole_root
+
 Curve: TypeAlias = Literal["gamma 2.2", "as is"]
+
+
+@functools.cache
+def shown_by_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
+    """Return what each code stands for, (256,) float32: the inverse of ``encode.Encoding``."""
+    if encoding == "srgb":
+        return decoding_table()
+    if encoding == "as is":
+        return np.arange(256, dtype=np.float32) / np.float32(255.0)
+    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
+    return np.array([root / (1 << ROOT_BITS) for root in roots], np.float32)
 
 
 class DepthMap(NamedTuple):
