@@ -163,7 +163,7 @@ def _refuse(scene: Scene, facts: Facts) -> None:
     """Raise ``ValueError`` if texture coordinates are missing, or alphas cannot be told."""
     contents, quality = facts.contents, facts.quality
     if facts.imitation is not None:
-        _refuse_imitating(scene, facts.imitation, facts)
+        _refuse_imitating(scene, facts.imitation)
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
@@ -178,14 +178,9 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
 
 
-def _refuse_imitating(scene: Scene, imitation: Imitation, facts: Facts) -> None:
+def _refuse_imitating(scene: Scene, imitation: Imitation) -> None:
     """Raise ``ValueError`` naming what a scene that is lit as pyrender's cannot have."""
-    told, found = imitation.taken.shape, (len(scene.nodes), len(scene.lights))
-    if told != found:
-        raise ValueError(
-            f"scene must keep its {told[0]} objects and {told[1]} lights, for each is told how it "
-            f"is lit as in pyrender; got {found[0]} and {found[1]}"
-        )
+    imitation.check_counts(len(scene.nodes), len(scene.lights))
     for name in EFFECT_FIELDS:
         if getattr(scene, name) is not None:
             raise ValueError(f"{name} must be None where a scene is lit as in pyrender")

@@ -65,6 +65,15 @@ class Imitation:
     maps: tuple[DepthMap, ...] = ()
     """Of each light whose shadows fall as they fall there."""
 
+    def check_counts(self, objects: int, lights: int) -> None:
+        """Raise ``ValueError`` if a scene has another number of objects or lights than this."""
+        told = self.taken.shape
+        if told != (objects, lights):
+            raise ValueError(
+                f"scene must keep its {told[0]} objects and {told[1]} lights, for each is told how "
+                f"it is lit as in pyrender; got {objects} and {lights}"
+            )
+
     def same(self, other: Imitation | None) -> bool:
         """Tell whether another one asks for the same."""
         return (
