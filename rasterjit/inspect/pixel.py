@@ -125,7 +125,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
     if drawn.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
-    plain = seen = np.array([encode.code_of(linear)], np.uint32).view(np.uint8)
+    plain = seen = np.array([encode.code_of(linear, plan.facts.encoding)], np.uint32).view(np.uint8)
     if not all(planned.effect.is_explained for planned in plan.planned):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
         if plan.facts.draws_faces and (light is not None or plan.layers is not None):

@@ -181,7 +181,10 @@ def _terms_over(
 def _term_of(one: Active, added: NDArray[np.float32]) -> LightTerm:
     """Return what an effect adds to a colour, (3,) float32, as a term."""
     effect = one.effect
-    return LightTerm(effect.term or effect.name, added, np.zeros(3, np.float32), is_of_effect=True)
+    return LightTerm(
+        effect.term or effect.name, added, np.zeros(3, np.float32), is_of_effect=True,
+        is_told_apart=False,
+    )  # fmt: skip
 
 
 def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> Iterator[LightTerm]:
@@ -202,6 +205,9 @@ def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> It
         lights = lit.lighting.lights.copy()
         lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
         alone = lit.without("around").by(lights=lights, ambient=dark)
+        if lit.lighting.imitated is not None:
+            yield LightTerm(name, shade(drawn, surface, alone, x, y)[:3], dark, is_told_apart=False)
+            continue
         diffuse, specular = (shade(drawn, part, alone, x, y)[:3] for part in kinds)
         yield LightTerm(name, diffuse, specular)
 

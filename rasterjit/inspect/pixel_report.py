@@ -151,16 +151,19 @@ class LightTerm:
     """Kind of light and its number in ``Scene.lights``, ``"headlight"``, or of an effect, such as
     ``"environment"`` or ``"fog"`` (which takes light away as well)."""
     diffuse: NDArray[np.float32]
-    """(3,), linear red, green, blue; of an effect all that it adds."""
+    """(3,), linear red, green, blue; all that is added where it is not told apart."""
     specular: NDArray[np.float32]
     """(3,), linear red, green, blue."""
     is_of_effect: bool = False
-    """Whether an effect adds it, which is not told apart into diffuse and specular."""
+    """Whether an effect adds it."""
+    is_told_apart: bool = True
+    """Whether diffuse and specular are told apart: not of effects, nor of lights in the way of
+    pyrender's shader."""
 
     @property
     def label(self) -> str:
         """What to call ``diffuse``."""
-        return self.name if self.is_of_effect else f"{self.name}, diffuse"
+        return f"{self.name}, diffuse" if self.is_told_apart else self.name
 
 
 @dataclass(frozen=True, eq=False)

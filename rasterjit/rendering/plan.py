@@ -25,9 +25,10 @@ from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, settled
+from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import one_of, whole_size
 from rasterjit.survey import clip_planes
 from rasterjit.survey.blending import layers_of
@@ -161,6 +162,8 @@ def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32
 def _refuse(scene: Scene, facts: Facts) -> None:
     """Raise ``ValueError`` if texture coordinates are missing, or alphas cannot be told."""
     contents, quality = facts.contents, facts.quality
+    if facts.imitation is not None:
+        _refuse_imitating(scene, facts.imitation)
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
@@ -173,6 +176,14 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and facts.finds_faces:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+
+
+def _refuse_imitating(scene: Scene, imitation: Imitation) -> None:
+    """Raise ``ValueError`` naming what a scene that is lit as pyrender's cannot have."""
+    imitation.check_counts(len(scene.nodes), len(scene.lights))
+    for name in EFFECT_FIELDS:
+        if getattr(scene, name) is not None:
+            raise ValueError(f"{name} must be None where a scene is lit as in pyrender")
 
 
 def _refuse_points(scene: Scene, facts: Facts) -> None:

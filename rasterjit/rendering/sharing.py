@@ -51,7 +51,7 @@ def shared_lights(scene: Scene) -> list[int]:
 def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
     facts = plan.facts
-    if facts.contents.primitives or scene.section is not None:
+    if facts.contents.primitives or scene.section is not None or facts.imitation is not None:
         return False
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False

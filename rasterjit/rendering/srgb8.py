@@ -27,7 +27,7 @@ from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering import layers
 from rasterjit.rendering.layers import ROWS_AT_ONCE, Shader, Target
 from rasterjit.runtime.threads import Memory, Workers
-from rasterjit.scene.color import decoding_table
+from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.effect import Rows
 from rasterjit.survey.plan import RenderPlan
@@ -154,7 +154,7 @@ def shade(
     viewport = shader.geometry.viewport
     lists = bands.part_lists(coverage, viewport, plan.is_blended, workers)
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
-    light = decoding_table().copy()
+    light = shown_by_codes(shader.encoding).copy()
 
     def code_tiles(first: int) -> None:
         last = min(first + TILE_SIZE, viewport.height)

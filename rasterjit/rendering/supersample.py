@@ -35,7 +35,7 @@ from rasterjit.rendering import behind, coverage, layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import decoding_table
+from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.scene.transforms import Matrix
 from rasterjit.survey.effect import Active, FrameContext, Planned, Rows, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -409,13 +409,13 @@ def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Wor
 def _average_codes(context: FrameContext, accumulation: Accumulation) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
     plan, workers = context.plan, context.workers
-    sums, light = accumulation.sums, decoding_table().copy()
+    sums, light = accumulation.sums, shown_by_codes(plan.facts.encoding).copy()
     shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs
     linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
     packed = color.view(np.uint32)[:, :, 0]
-    behind = np.array([[encode.code_of(plan.background)]], np.uint32)
+    behind = np.array([[encode.code_of(plan.background, plan.facts.encoding)]], np.uint32)
 
     def write_band(band: slice) -> None:
         encoded.write_mean_codes(sums[band], accumulation.count, behind, packed[band])
@@ -438,6 +438,7 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
         if shown_as_given(one.effect)
     ]
     height, width, _ = sums.shape
+    table = encode.encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
@@ -452,7 +453,7 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
             )
             mixed.effect.places["mixed"](mixed.data, linear[band], rows, shown)
         if color is not None:
-            encode.encode_rows(shown, encode.encoding_table(), packed[band])
+            encode.encode_rows(shown, table, packed[band])
 
     workers.run(write_band, _bands(sums.shape, workers))
     result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}

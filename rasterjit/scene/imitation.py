@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.color import ROOT_BITS, decoding_table, whole_root
+
 Curve: TypeAlias = Literal["gamma 2.2", "as is"]
+
+
+@functools.cache
+def shown_by_codes(encoding: Literal["srgb"] | Curve) -> NDArray[np.float32]:
+    """Return what each code stands for, (256,) float32: the inverse of ``encode.Encoding``."""
+    if encoding == "srgb":
+        return decoding_table()
+    if encoding == "as is":
+        return np.arange(256, dtype=np.float32) / np.float32(255.0)
+    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
+    return np.array([root / (1 << ROOT_BITS) for root in roots], np.float32)
 
 
 class DepthMap(NamedTuple):
@@ -60,6 +74,15 @@ class Imitation:
             self, taken=self.taken[numbers], faces_viewer=self.faces_viewer[numbers],
             are_squares=self.are_squares[numbers], gains=self.gains[numbers],
         )  # fmt: skip
+
+    def check_counts(self, objects: int, lights: int) -> None:
+        """Raise ``ValueError`` if a scene has another number of objects or lights than this."""
+        told = self.taken.shape
+        if told != (objects, lights):
+            raise ValueError(
+                f"scene must keep its {told[0]} objects and {told[1]} lights, for each is told how "
+                f"it is lit as in pyrender; got {objects} and {lights}"
+            )
 
     def same(self, other: Imitation | None) -> bool:
         """Tell whether another one asks for the same."""

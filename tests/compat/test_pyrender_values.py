@@ -311,3 +311,29 @@ def test_a_program_that_sees_nothing_is_not_warned(recwarn):
     assert not renderer.render(made)[1].any()
     renderer.delete()
     assert not recwarn.list
+
+
+def test_sheared_and_mirrored_poses_turn_by_the_nearest_rotation():
+    """As trimesh finds it, which pyrender asks; of mirrors along an axis three are as near."""
+    generator = np.random.default_rng(3)
+    for n in range(40):
+        pose = trimesh.transformations.random_rotation_matrix(generator.random(3))
+        pose[:3, :3] += 0.2 * generator.normal(size=(3, 3)) * (n % 2)
+        node = pyrender.Node(matrix=pose)
+        turn = np.eye(4)
+        turn[:3, :3] = pose[:3, :3] / node.scale
+        w, x, y, z = trimesh.transformations.quaternion_from_matrix(turn)
+        np.testing.assert_allclose(np.abs(node.rotation @ (x, y, z, w)), 1.0, atol=1e-12)
+    for mirror in np.eye(4)[:3]:
+        turn = np.eye(4) - 2.0 * np.diag(mirror)
+        w, x, y, z = trimesh.transformations.quaternion_from_matrix(turn)
+        assert pyrender.Node(matrix=turn).rotation.tolist() == [x, y, z, w]
+
+
+def test_fields_of_view_are_those_of_their_tangent():
+    for yfov in (1e-3, 0.7, np.pi / 2.0, 3.0, np.pi, 4.0):
+        clip = pyrender.PerspectiveCamera(yfov, aspectRatio=2.0).get_projection_matrix()
+        np.testing.assert_allclose(clip[1, 1], 1.0 / np.tan(yfov / 2.0), rtol=1e-12)
+        assert clip[0, 0] == clip[1, 1] / 2.0
+    with pytest.raises(ValueError, match="yfov must be finite"):
+        pyrender.PerspectiveCamera(np.inf).get_projection_matrix(4, 3)

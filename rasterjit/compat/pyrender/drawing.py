@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,8 +20,7 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
-from rasterjit.scene.color import ROOT_BITS, whole_root
-from rasterjit.scene.imitation import DepthMap, Imitation
+from rasterjit.scene.imitation import DepthMap, Imitation, shown_by_codes
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
@@ -89,17 +87,8 @@ def background_codes(scene: Scene) -> NDArray[np.uint8]:
 
 def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np.float32]:
     """Return what is shown as codes, (4,)."""
-    shown = np.float32(codes) / np.float32(255.0)
-    if not flags & RenderFlags.FLAT:
-        shown[:3] = _gamma_table()[codes[:3]]
-    return shown
-
-
-@functools.cache
-def _gamma_table() -> NDArray[np.float32]:
-    """Return what each code shows, (256,): its share of 255 to the power 2.2."""
-    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
-    return np.array([found / (1 << ROOT_BITS) for found in roots], np.float32)
+    light = shown_by_codes("as is" if flags & RenderFlags.FLAT else "gamma 2.2")
+    return np.append(light[codes[:3]], shown_by_codes("as is")[codes[3]])
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
