@@ -14,6 +14,7 @@ from rendercanvas.anywidget import RenderCanvas
 from traitlets import Unicode
 
 from rasterjit.viewer.canvas import FRAME_RATE, Connection
+from rasterjit.viewer.codecs import QUALITY
 from rasterjit.viewer.notebook import NO_FRONT_END, Saved
 from rasterjit.viewer.viewer import Viewer
 
@@ -51,6 +52,8 @@ class ViewWidget(RenderCanvas):
         self._viewer, self._saved = viewer, Saved(viewer)
         self._cells = _running_loop()
         super().__init__(size=viewer.size, max_fps=FRAME_RATE)
+        # With less, the first picture at rest is not sharp: the lossless one comes much later.
+        self._quality = QUALITY
         self._name, self._alt = self._saved.name, self._saved.description
         self._connection = Connection(viewer, self)
         self._kept: tuple[Any, ...] = ()
