@@ -124,6 +124,11 @@ def scene_after_teapot(version: Version, cache: Path) -> Iterator[Cost]:
     yield from by_worker("scene", version, cache)
 
 
+def by_pyrender(version: Version, cache: Path) -> Iterator[Cost]:
+    """Draw by the adapter for pyrender, in one process."""
+    yield from by_worker("pyrender", version, cache)
+
+
 def everything(version: Version, cache: Path) -> Iterator[Cost]:
     """Compile ahead; then draw all there is, with what was compiled."""
     yield by_command("rasterjit warmup", ["warmup", "--quiet"], version, cache)
@@ -136,6 +141,7 @@ PARTS: dict[str, Callable[[Version, Path], Iterator[Cost]]] = {
     "command": first_command,
     "switching": switching,
     "scene": scene_after_teapot,
+    "pyrender": by_pyrender,
     "everything": everything,
 }
 

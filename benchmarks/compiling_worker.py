@@ -196,6 +196,39 @@ def everything(models: Path) -> Iterator[Step]:
     yield "accuracy settings", draw_settings
     yield "all outputs, peeled layers, diagnostics", draw_outputs
     yield "lines, triangles, rasterize", draw_primitives
+    yield "compat.pyrender under each flag", draw_as_pyrender
+
+
+def by_pyrender(models: Path) -> Iterator[Step]:
+    """Draw a ball by the adapter for pyrender, then under other flags, in one process."""
+    yield "first picture by compat.pyrender", lambda: draw_flags("NONE")
+    for name in ("SEG", "FLAT", "ALL_WIREFRAME", "SHADOWS_DIRECTIONAL"):
+        yield f"compat.pyrender, {name}", lambda name=name: draw_flags(name)
+
+
+def draw_flags(*names: str) -> None:
+    """Draw a lit ball by the adapter for pyrender, under one flag after the other."""
+    import trimesh
+
+    from rasterjit.compat import pyrender
+
+    scene, pose = pyrender.Scene(bg_color=(0.0, 0.0, 0.0, 0.0)), np.eye(4)
+    pose[2, 3] = 3.0
+    scene.add(pyrender.PerspectiveCamera(yfov=0.9), pose=pose)
+    for light in (pyrender.DirectionalLight, pyrender.SpotLight, pyrender.PointLight):
+        scene.add(light(intensity=2.0), pose=pose)
+    node = scene.add(pyrender.Mesh.from_trimesh(trimesh.creation.icosphere(2)))
+    renderer = pyrender.OffscreenRenderer(*SMALL)
+    for name in names:
+        renderer.render(scene, pyrender.RenderFlags[name], {node: 1})
+    renderer.delete()
+
+
+def draw_as_pyrender() -> None:
+    """Draw by the adapter for pyrender under each of its flags."""
+    from rasterjit.compat import pyrender
+
+    draw_flags(*(flag.name for flag in pyrender.RenderFlags if flag.name))
 
 
 def square(color_rows: int | None = None, **material: Any) -> Any:
@@ -377,6 +410,7 @@ PARTS: dict[str, Callable[[Path], Iterator[Step]]] = {
     "first": first_teapot,
     "switching": switching,
     "scene": scene_after_teapot,
+    "pyrender": by_pyrender,
     "everything": everything,
 }
 

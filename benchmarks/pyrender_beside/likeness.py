@@ -52,16 +52,16 @@ class Likeness(NamedTuple):
     """Share of the same pixels that err by more than the mark, a step of the original's buffer and
     what its depth changes in a step of its grid."""
 
-    def failures(self) -> list[str]:
-        """Return the marks that are missed, in words."""
+    def failures(self, color: float = COLOR_CODES, outline: float = MASK_SHARE) -> list[str]:
+        """Return the marks that are missed, in words; some pictures have their own."""
         found = []
-        if self.inside > COLOR_CODES:
+        if self.inside > color:
             found.append(f"colour {self.inside:.1f}")
         if self.alpha > COLOR_CODES:
             found.append(f"alpha {self.alpha:.1f}")
         if self.outside > COLOR_CODES:
             found.append(f"background {self.outside:.0f}")
-        if self.outline > MASK_SHARE or self.far > MASK_SHARE:
+        if self.outline > outline or self.far > MASK_SHARE:
             found.append(f"mask {self.outline:.2%}, {self.far:.2%}")
         if self.depth > DEPTH_ERROR or self.beyond > DEPTH_SHARE:
             found.append(f"depth {self.depth:.1e}, {self.beyond:.1%} beyond")

@@ -330,7 +330,8 @@ def show_options(command: Any) -> Any:
             click.option("--token", envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT",
                          help="Of the page's address, 16 to 128 letters, digits, - and _; a random "
                          "one unless given. Kept over restarts, at the same port, open pages come "
-                         "back by themselves."),
+                         "back by themselves. Others on this machine may read command lines: the "
+                         "variable hides it."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
                          metavar="WxH", help="Size of the window, pixels."),
             click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.012,

@@ -125,6 +125,14 @@ class FaceAtPixel:
     which have none, say nothing."""
 
     @property
+    def position(self) -> list[float]:
+        """Where it is at the pixel's centre: x, y and z, world space, scene units."""
+        return [
+            sum(float(w) * v for w, v in zip(self.weights, self.world[:, k].tolist(), strict=True))
+            for k in range(3)
+        ]
+
+    @property
     def kind(self) -> str:
         """What it is: ``"face"``, or the kind of a point or a segment."""
         return "face" if self.primitive is None else self.primitive.kind

@@ -161,7 +161,8 @@ def _fill_numbers(
     wanted = {"object_id", "instance_id", "material_id"}.intersection(plan.outputs)
     if not wanted:
         return
-    shapes, object_id = cache.shapes, cache.shapes.object_numbers[face_id]
+    # Nothing, -1, finds the last number. Half as long as an index takes.
+    shapes, object_id = cache.shapes, cache.shapes.object_numbers.take(face_id, mode="wrap")
     if cache.cut is not None:
         # Of the scene before it was cut.
         shapes, object_id = Shapes(list(cache.cut.meshes)), cache.cut.owners[object_id]
@@ -466,7 +467,7 @@ def metric_depth(
     What the depth format holds: infinite beyond its last step before an infinite far plane. Takes
     the size of the whole picture, and column and row of the first pixel of this part of it.
     """
-    depth = np.full(coverage.depth.shape, np.inf, np.float32)
+    depth = np.full(coverage.face_id.shape, np.inf, np.float32)
     (width, height), (left, top) = size, corner
     rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
     for row in range(0, len(depth), rows):

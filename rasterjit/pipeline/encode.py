@@ -95,6 +95,11 @@ def code_of(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
     return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 
+def codes_of(light: NDArray[np.float32], encoding: Encoding = "srgb") -> NDArray[np.uint32]:
+    """Return the codes of linear values of any shape, uint32: what `encode` makes of them."""
+    return code_thresholds(encoding).searchsorted(light, side="right").astype(np.uint32)
+
+
 @helper
 def bits_of(value):
     """Return the bits of a float32, as an int32."""

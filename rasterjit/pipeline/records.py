@@ -316,6 +316,8 @@ class Imitated(NamedTuple):
     """(O,) uint8: 1 where normals point to the viewer | None -> nowhere."""
     are_squares: Any = None
     """(O,) uint8: 1 where two triangles stand for a point each | None -> nowhere."""
+    gains: Any = None
+    """(O, 6) float32: factors on base colours and on those of vertices | None -> all are 1."""
     maps: Any = ()
     """Of each light with a shadow map: its row, ``view_of_light`` and the map, see
     ``lighting.pyrender``."""

@@ -49,6 +49,9 @@ ROWS_AT_ONCE = 16
 ROWS_MIXED_AT_ONCE = 32
 """Rows of opaque faces at once: few of their pixels show more than one or two faces."""
 
+PIXELS_MIXED_AT_ONCE = 1 << 14
+"""Pixels of them in pictures that are so narrow that these are more rows."""
+
 SEVERAL = "a pixel shows several faces"
 """When kernels that lay faces over each other are called."""
 
@@ -69,8 +72,16 @@ class Shader(NamedTuple):
     """Whether colours become codes before they are mixed; else light is mixed."""
     encoding: encode.Encoding = "srgb"
     """What codes show."""
+    plain: tuple[NDArray[np.uint32], int] | None = None
+    """The codes of each object, (O,), and of what is behind, where they follow from these alone."""
     shading: Shading | None = None
     """The stages, made by `ready` when nothing above changes any more."""
+
+    def of_plain_codes(self) -> Shader:
+        """Return this shader for objects of one colour each, before one that is opaque."""
+        red, green, blue = encode.codes_of(self.surface.materials[:, :3], self.encoding).T
+        codes = red | green << 8 | blue << 16 | np.uint32(255 << 24)
+        return self._replace(plain=(codes, encode.code_of(self.background, self.encoding)))
 
     def ready(self, kept: Kept | None = None) -> Shader:
         """Return this shader with its stages made, or with those of the picture before."""
@@ -175,8 +186,12 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
         faces_viewer = kept.copied("facing the viewer", faces_viewer)
     if are_squares is not None:
         are_squares = kept.copied("squares", are_squares)
+    gains = imitated.gains
+    if gains is not None:
+        gains = kept.copied("gains", gains)
     taken = kept.copied("who takes what", imitated.taken)
-    return kept.made("imitated", Imitated, taken, faces_viewer, are_squares, imitated.maps)
+    own = taken, faces_viewer, are_squares, gains
+    return kept.made("imitated", Imitated, *own, imitated.maps)
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -229,7 +244,8 @@ def mix_areas(
 
 def mix_opaque(band: Band, shader: Shader, target: Target, memory: Memory) -> None:
     """Write the colour of some rows of opaque faces at several samples."""
-    for part in parts_of(len(target.color), ROWS_MIXED_AT_ONCE):
+    most = max(ROWS_MIXED_AT_ONCE, PIXELS_MIXED_AT_ONCE // band.opaque.shape[2])
+    for part in parts_of(len(target.color), most):
         some = Target(*(image[part] for image in target))
         rows = part.start, part.start + len(some.color)
         found = share_faces(band.opaque, rows, memory)
@@ -310,6 +326,8 @@ def shared_kernels(plan: RenderPlan) -> Rows:
     rows = bands.kernels_of(layers.samples, plan.depth_format.kind)
     if layers.samples == 1:
         return rows
+    if plan.mixes_plain_codes:
+        return [*rows, ("plain_codes.mix_plain_codes", "", "")]
     opaque = "a row of tiles is opaque" if layers.has_blended else ""
     if layers.samples != "area":
         rows.append(("weights.share_samples", "", opaque))

@@ -296,7 +296,7 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
 def _finding_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
     return draw.kernels_of(
-        find_faces=plan.facts.finds_faces, keep_lists=plan.keeps_lists,
+        find_faces=plan.needs_centers, keep_lists=plan.keeps_lists,
         keep_clip_positions=plan.keeps_clip_positions,
         has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
         precision=plan.quality.precision, kinds=plan.facts.contents.primitives,

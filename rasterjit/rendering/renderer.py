@@ -22,6 +22,7 @@ from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
+from rasterjit.pipeline.fragments.bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
@@ -249,6 +250,8 @@ def draw_frame(
     with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
         # Project, clip, bin, draw.
         shared = None if needs_seen else shade.shared_memory(plan, workers)
+        if plan.facts.finds_faces and not (needs_seen or plan.needs_centers):
+            options |= {"find_faces": False, "keep_depth": False}
         seen = find(plan, views, kept=kept, face_id=shared, **options)
         if seen.coverage.covered is None:
             # The statistics look at the faces later.
@@ -341,7 +344,10 @@ def find_visible(
         "find_faces": plan.facts.finds_faces,
         "keep_lists": plan.keeps_lists,
         "keep_clip_positions": plan.keeps_clip_positions,
+        **options,
     }
+    if plan.layers is not None and not wanted["find_faces"]:
+        wanted["reach"] = sampled_viewport(viewport, plan.layers.samples).reach
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
         alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
@@ -351,7 +357,7 @@ def find_visible(
             views.clip_from_relative, plan.size,
             supersample.pixels_of(camera),
         ),
-        **(wanted | options),
+        **wanted,
     )  # fmt: skip
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,

@@ -95,6 +95,8 @@ def shade_faces(
         geometry, placement, surface, plan.lighting, plan.background, effects,
         find_alpha_tests(plan, cache), encoding=plan.facts.encoding,
     )  # fmt: skip
+    if plan.mixes_plain_codes:
+        shader = shader.of_plain_codes()
     # Shade each pixel, or what it shows of several faces.
     if plan.layers is not None:
         shade = srgb8.shade if plan.layers.mixes_codes else layers.shade

@@ -60,6 +60,8 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
     if plan.layers is None and not plan.facts.draws_faces and not plan.at("background"):
         # All pixels are alike.
         return ()
+    if plan.mixes_plain_codes:
+        return ()
     return tuple(
         StageTold(f"{short_name(step.stage.__module__)}.{step.stage.__name__}", step.stage.names)
         for step in _steps(plan)

@@ -14,7 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.fragments import bands, compositing, drawing_order, encoded
+from rasterjit.pipeline.fragments import (
+    bands,
+    compositing,
+    drawing_order,
+    encoded,
+    plain_codes,
+)
 from rasterjit.pipeline.fragments.bands import MOST_BYTES, Band, Lists
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Coverage
@@ -94,6 +100,9 @@ def code_rows(
             drawing_order.keep_drawn(band.transparent)
         if samples == 1:
             lay_layers(band, shader, color[part], memory)
+        elif shader.plain is not None:
+            starts = shader.placement.face_starts
+            plain_codes.mix_plain_codes(band.opaque, *shader.plain, starts, color[part])
         elif band.transparent.shape[1] == 0:
             target = Target(no_linear[part], color[part])
             layers.mix_opaque(band, shader, target, memory)
@@ -136,7 +145,9 @@ def shade(
         If a pixel has more layers than are sorted, and all are seen.
     """
     shader = shader._replace(has_codes=True)
-    if plan.at_centers:
+    if shader.plain is not None:
+        shader = bands.at_samples(shader, plan.samples)
+    elif plan.at_centers:
         shader = bands.at_samples(shader.ready(), plan.samples)
     else:
         shader = bands.at_samples(shader, plan.samples).ready()

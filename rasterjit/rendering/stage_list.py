@@ -507,6 +507,8 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
     if lighting.imitated.faces_viewer is not None:
         turned = lighting.imitated.faces_viewer, look.viewer
         steps.append(Step(pyrender.face_viewer, turned))
+    if lighting.imitated.gains is not None:
+        steps.append(Step(pyrender.brighten, (lighting.imitated.gains, 0, rows.RED)))
     steps += effect_steps(effects, "rows", look)
     steps += [
         Step(pyrender.show_ambient_on_base, (lighting.ambient,)),
@@ -519,6 +521,8 @@ def imitating_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -
     steps += emission_steps(*emitted, decoding_steps())
     if surface.vertex_colors is not None:
         steps.append(Step(pyrender.multiply_by_vertex_colors, ()))
+    if lighting.imitated.gains is not None:
+        steps.append(Step(pyrender.brighten, (lighting.imitated.gains, 3, rows.OUT_RED)))
     return steps + seen_steps(effects, rows.OUT_RED) + effect_steps(effects, "sample", look)
 
 

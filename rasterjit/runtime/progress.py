@@ -25,7 +25,7 @@ def write_line(text: str) -> None:
         _write_in_cell(text)
         return
     stream = sys.stderr
-    if not _is_terminal(stream) or _is_worker():
+    if not is_terminal(stream) or _is_worker():
         return
     line = f"rasterjit: {text}" if text else ""
     # Blanks go over the last one: not every terminal clears a line when it is told to.
@@ -64,11 +64,16 @@ def _write_in_cell(text: str) -> None:
         _CELL[:] = [_CellLine(run, display(bundle, raw=True, display_id=True))]
 
 
-def _runs_cell() -> bool:
-    """Tell whether a cell of a notebook runs in this thread."""
+def in_notebook() -> bool:
+    """Tell whether this process is the kernel of a notebook."""
     shell = sys.modules.get("IPython")
     running = shell.get_ipython() if shell is not None else None
-    if getattr(running, "kernel", None) is None:
+    return getattr(running, "kernel", None) is not None
+
+
+def _runs_cell() -> bool:
+    """Tell whether a cell of a notebook runs in this thread."""
+    if not in_notebook():
         return False
     if threading.current_thread() is not threading.main_thread():
         return False
@@ -81,8 +86,8 @@ def _runs_cell() -> bool:
         return True
 
 
-def _is_terminal(stream: TextIO | None) -> bool:
-    # Standard error may be missing, closed, or an object that knows no terminals.
+def is_terminal(stream: TextIO | None) -> bool:
+    """Tell whether a stream is one of a terminal; it may be missing, closed, or know none."""
     with suppress(AttributeError, ValueError):
         return stream.isatty()
     return False
@@ -105,6 +110,19 @@ def told_to(tell: Tell) -> Iterator[None]:
         yield
     finally:
         _TELLERS.remove(tell)
+
+
+@contextmanager
+def told_besides(tell: Tell) -> Iterator[None]:
+    """Let a function show the progress, besides what shows it by now, for any thread."""
+    shown_by = _TELLERS[-1]
+
+    def tell_both(text: str) -> None:
+        shown_by(text)
+        tell(text)
+
+    with told_to(tell_both):
+        yield
 
 
 class Progress:

@@ -643,7 +643,8 @@ def _are_dependent(rows: Float64) -> bool:
 
 def _volume(rows: Float64) -> float:
     """Return the signed volume that three vectors, (3, 3), span when scaled to length one."""
-    if not rows.any(axis=1).all():
+    three = rows.tolist()
+    if not all(map(any, three)):
         return 0.0
-    (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
+    (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_numbers(*row) for row in three)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

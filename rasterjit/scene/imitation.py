@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -48,8 +48,18 @@ class Imitation:
     are_squares: NDArray[np.uint8]
     """(O,): 1 for objects of two triangles for each of the points that they stand for: light falls
     on these alone."""
+    gains: NDArray[np.float32]
+    """(O, 6): what base colours of objects are multiplied by, red, green and blue, and what colours
+    of vertices are; 1 but for colours that were above 1."""
     maps: tuple[DepthMap, ...] = ()
     """Of each light whose shadows fall as they fall there."""
+
+    def of(self, numbers: list[int]) -> Imitation:
+        """Return what is said of some objects."""
+        return replace(
+            self, taken=self.taken[numbers], faces_viewer=self.faces_viewer[numbers],
+            are_squares=self.are_squares[numbers], gains=self.gains[numbers],
+        )  # fmt: skip
 
     def same(self, other: Imitation | None) -> bool:
         """Tell whether another one asks for the same."""
@@ -65,4 +75,5 @@ class Imitation:
 
     @property
     def _arrays(self) -> tuple[NDArray[np.float32] | NDArray[np.uint8], ...]:
-        return self.radiance, self.ambient, self.taken, self.faces_viewer, self.are_squares
+        of_objects = self.taken, self.faces_viewer, self.are_squares, self.gains
+        return self.radiance, self.ambient, *of_objects

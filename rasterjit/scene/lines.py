@@ -267,7 +267,7 @@ class Lines(Mesh):
 
     @property
     def depth_place(self) -> tuple[float, float]:
-        """Where depths are taken from: how far right of each sample and below it, pixels."""
+        """Where depths and attributes are taken from: right of each sample and below it, pixels."""
         return self._depth_place
 
     @property

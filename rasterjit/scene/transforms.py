@@ -228,9 +228,14 @@ def unit_vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
 def _unit_triple(name: str, components: _Triple) -> _Triple:
     """Return three floats scaled to length one, or raise ``ValueError`` as `unit_vector` does."""
     x, y, z = triple(name, components)
-    largest = max(abs(x), abs(y), abs(z))
-    if largest == 0.0:
+    if not (x or y or z):
         raise ValueError(f"{name} must not be the zero vector")
+    return unit_numbers(x, y, z)
+
+
+def unit_numbers(x: float, y: float, z: float) -> _Triple:
+    """Return three finite floats, not all 0, scaled as `unit_vector` scales them."""
+    largest = max(abs(x), abs(y), abs(z))
     exponent = math.frexp(largest)[1]
     x, y, z = math.ldexp(x, -exponent), math.ldexp(y, -exponent), math.ldexp(z, -exponent)
     length = math.sqrt((x * x + y * y) + z * z)

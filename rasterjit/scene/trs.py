@@ -82,7 +82,7 @@ def parts_of(matrix: NDArray[np.float64]) -> TRS:
         lengths[0], x = -lengths[0], tuple(-part for part in x)
         z = cross(x, y)
     translation = rows[0][3], rows[1][3], rows[2][3]
-    return TRS(translation, _rotation_of(x, y, z), tuple(lengths))
+    return TRS(translation, rotation_of(x, y, z), tuple(lengths))
 
 
 def _quaternion(value: ArrayLike) -> Quaternion:
@@ -94,7 +94,7 @@ def _quaternion(value: ArrayLike) -> Quaternion:
     return x, y, z, w
 
 
-def _rotation_of(x: Triple, y: Triple, z: Triple) -> Quaternion:
+def rotation_of(x: Triple, y: Triple, z: Triple) -> Quaternion:
     """Return the quaternion that turns the axes to these, of length 1."""
     # The largest of the four is found first: the others are divided by it.
     squares = (

@@ -441,13 +441,14 @@ def imitated_lighting(
     faces_viewer, are_squares = (
         flags if flags.any() else None for flags in (imitation.faces_viewer, imitation.are_squares)
     )
+    gains = imitation.gains if (imitation.gains != 1.0).any() else None
     taken = np.ascontiguousarray(imitation.taken[:, numbers])
     maps = tuple(
         (numbers.index(one.light), view_of_light(one, eye), one.depths)
         for one in imitation.maps
         if one.light in numbers
     )
-    imitated = Imitated(taken, faces_viewer, are_squares, maps)
+    imitated = Imitated(taken, faces_viewer, are_squares, gains, maps)
     return lighting._replace(ambient=imitation.ambient, highlights=None, imitated=imitated)
 
 

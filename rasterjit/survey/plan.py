@@ -181,6 +181,38 @@ class RenderPlan:
         )
 
     @cached_property
+    def needs_centers(self) -> bool:
+        """Whether anything looks at what is seen at the centres of pixels; else samples do."""
+        is_of_samples = (
+            self.takes_first_depth
+            and self.pictures == 1
+            and self.surfaces is None
+            and not self.facts.diagnose
+            and "points" not in self.facts.contents.primitives
+            and not any(one.effect.places for one in self.planned)
+            and {"color", "linear", "depth"}.issuperset(self.outputs)
+        )
+        return self.facts.finds_faces and not is_of_samples
+
+    @cached_property
+    def mixes_plain_codes(self) -> bool:
+        """Whether pixels show means of codes that follow from the object alone: as in pyrender."""
+        facts, layers = self.facts, self.layers
+        contents, seen = facts.contents, facts.seen
+        return (
+            facts.imitation is not None
+            and layers is not None
+            and layers.mixes_codes
+            and layers.samples not in (1, "area")
+            and not layers.has_blended
+            and not facts.is_lit
+            and not facts.needs_textures
+            and contents.vertex_colored + contents.face_colored + seen.with_field + seen.points == 0
+            and self.background[3] == 1.0
+            and not any(one.effect.places for one in self.planned)
+        )
+
+    @cached_property
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
         done = {} if self.drawn is None else self.drawn[0]

@@ -19,15 +19,16 @@ import re
 import secrets
 import socket
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import Future
 from importlib import resources
 from typing import Any
 
+from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
 from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.messages import LONGEST_MESSAGE, read_message
-from rasterjit.viewer.tab import Tab
+from rasterjit.viewer.tab import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.viewer import Viewer
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
@@ -41,6 +42,9 @@ TOKEN_BYTES = 16
 
 TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")
 """What a token that is given must be."""
+
+LEAST_DIFFERENT = 5
+"""Characters of such a token that differ: one in 10,000 of 16 random digits has fewer."""
 
 COOKIE_DIGITS = 8
 """Of a hash of the token, in the name of its cookie: cookies of all ports of a host are sent to
@@ -125,12 +129,14 @@ def check_token(token: Any) -> str:
     Raises
     ------
     ValueError
-        If it is not 16 to 128 letters, digits, ``-`` and ``_``.
+        If it is not 16 to 128 letters, digits, ``-`` and ``_``, at least five of them different.
     """
-    if not isinstance(token, str) or not TOKEN.fullmatch(token):
+    is_one = isinstance(token, str) and TOKEN.fullmatch(token)
+    if not is_one or len(set(token)) < LEAST_DIFFERENT:
         raise ValueError(
-            "token must be 16 to 128 letters, digits, - and _ (or not given, for a random one), "
-            f"got {in_short(token)}"
+            "token must be 16 to 128 letters, digits, - and _, at least "
+            f"{LEAST_DIFFERENT} of them different (or not given, for a random one), got "
+            + in_short(token)
         )
     return token
 
@@ -160,8 +166,8 @@ def serve(
     announce : callable
         Is told where the page is, in words.
     token : str, optional
-        16 to 128 letters, digits, ``-`` and ``_``. Default: a random one. Pages that are open find
-        a viewer again that is started anew with the same one, at the same port.
+        16 to 128 letters, digits, ``-`` and ``_``, hard to guess. Default: a random one. Pages
+        that are open find a viewer again that is started anew with the same one, at the same port.
     on_start : callable, optional
         Is handed a function that ends the server, from any thread.
 
@@ -182,12 +188,13 @@ def serve(
         ) from error
     own = secrets.token_urlsafe(TOKEN_BYTES) if token is None else check_token(token)
     with bind(host, port) as listening:
-        drawer = Worker()
+        drawer, notice = Worker(), Notice()
         first = drawer.submit(viewer.draw)
+        app = guarded(application(viewer, first, notice), host, own)
         # What is sent are pictures, which are compressed.
         config = uvicorn.Config(
-            guarded(application(viewer, first), host, own), log_level="warning", access_log=False,
-            server_header=False, ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
+            app, log_level="warning", access_log=False, server_header=False,
+            ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
             timeout_graceful_shutdown=GRACE,
         )  # fmt: skip
         server = uvicorn.Server(config)
@@ -206,7 +213,7 @@ def serve(
             on_start(stop)
         try:
             # Who interrupts it wants nothing else.
-            with contextlib.suppress(KeyboardInterrupt):
+            with contextlib.suppress(KeyboardInterrupt), told_besides(notice.tell):
                 server.run(sockets=[listening])
         finally:
             # One that is still drawn is told that nobody wants it.
@@ -233,12 +240,38 @@ def announcement(host: str, port: int, token: str) -> list[str]:
     return lines
 
 
-def application(viewer: Viewer, first: Future[Any]) -> App:
+class Notice:
+    """How far compiling is, for all pages."""
+
+    def __init__(self) -> None:
+        self._text = ""
+        self._tells: set[Tell] = set()
+
+    def tell(self, text: str) -> None:
+        """Tell all pages; an empty text when nothing compiles."""
+        self._text = text
+        for tell in tuple(self._tells):
+            tell({"type": "compiling", "text": text})
+
+    @contextlib.contextmanager
+    def told_to(self, tell: Tell) -> Iterator[None]:
+        """Tell a page, too."""
+        self._tells.add(tell)
+        tell({"type": "compiling", "text": self._text})
+        try:
+            yield
+        finally:
+            self._tells.discard(tell)
+
+
+def application(viewer: Viewer, first: Future[Any], notice: Notice) -> App:
     """Return an application that serves the page, and a twin of a viewer to each that is open."""
+    # Making a twin may take long, or wait for a program that holds its scene.
+    maker = Worker()
 
     async def serve_page(scope: dict[str, Any], receive: Any, send: Any) -> None:
         if scope["type"] == "websocket":
-            await _watch(viewer, first, receive, send)
+            await _watch(maker.submit(viewer.twin), first, notice, receive, send)
             return
         found = FILES.get(scope["path"])
         if scope["method"] != "GET":
@@ -252,8 +285,10 @@ def application(viewer: Viewer, first: Future[Any]) -> App:
     return serve_page
 
 
-async def _watch(viewer: Viewer, first: Future[Any], receive: Any, send: Any) -> None:
-    """Show a twin of a viewer to a page, until that goes."""
+async def _watch(
+    twin: Future[Viewer], first: Future[Any], notice: Notice, receive: Any, send: Any
+) -> None:
+    """Show a twin of a viewer, which is being made, to a page, until that goes."""
     await receive()
     await send({"type": "websocket.accept"})
     loop, outbox = asyncio.get_running_loop(), _Outbox()
@@ -263,15 +298,17 @@ async def _watch(viewer: Viewer, first: Future[Any], receive: Any, send: Any) ->
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(outbox.put, message)
 
-    tab = Tab(viewer.twin(), first, tell)
     sending = asyncio.create_task(outbox.send_all(send))
     try:
-        while (event := await receive())["type"] == "websocket.receive":
-            message = read_message(event.get("text"), tab.sent)
-            if message is not None:
-                tab.take(message)
+        with notice.told_to(tell):
+            # The worker does not know of anybody who waits no more.
+            tab = Tab(await asyncio.shield(asyncio.wrap_future(twin)), first, tell)
+            with contextlib.closing(tab):
+                while (event := await receive())["type"] == "websocket.receive":
+                    message = read_message(event.get("text"), outbox.sent)
+                    if message is not None:
+                        tab.take(message)
     finally:
-        tab.close()
         sending.cancel()
 
 
@@ -279,10 +316,17 @@ class _Outbox:
     """
     What is to be sent to a page: pictures, and the latest of each kind of what is said.
 
-    A page that reads nothing makes it no longer: pictures wait until others were shown.
+    A page that reads nothing makes it no longer: pictures wait until others were shown, and what
+    was not sent was not shown, whatever the page says.
+
+    Attributes
+    ----------
+    sent : int
+        Number of the last picture that went.
     """
 
     def __init__(self) -> None:
+        self.sent = 0
         self._pictures: deque[bytes] = deque()
         self._said: dict[str, dict[str, Any]] = {}
         self._is_filled = asyncio.Event()
@@ -306,7 +350,9 @@ class _Outbox:
                         said = json.dumps(self._said.pop(next(iter(self._said))))
                         await send({"type": "websocket.send", "text": said})
                     if self._pictures:
-                        await send({"type": "websocket.send", "bytes": self._pictures.popleft()})
+                        picture = self._pictures.popleft()
+                        self.sent = int.from_bytes(picture[:NUMBER_BYTES], "big")
+                        await send({"type": "websocket.send", "bytes": picture})
 
 
 def guarded(app: App, host: str, token: str) -> App:

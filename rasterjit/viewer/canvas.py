@@ -8,24 +8,31 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.runtime.progress import is_terminal
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.trial import choose_toolkit
 from rasterjit.viewer.viewer import Viewer
 
 FRAME_RATE = 60.0
 """Most pictures a second."""
+
+GIVEN_WAY = 10
+"""How much nicer than others a thread is that gives way: it gets a tenth of a processor that
+another one wants."""
 
 Result = TypeVar("Result")
 
@@ -35,10 +42,20 @@ class DrawCancelled(Exception):  # noqa: N818
 
 
 class Worker:
-    """A thread that does one thing after the other; nobody waits for it when the process ends."""
+    """
+    A thread that does one thing after the other; nobody waits for it when the process ends.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    gives_way : bool
+        Whether it, and the threads that it begins, leave the processors to others that want them,
+        where the system has that for threads.
+    """
+
+    def __init__(self, *, gives_way: bool = False) -> None:
         self._tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        if gives_way:
+            self.submit(give_way)
         threading.Thread(
             target=_work, args=(self._tasks,), name="rasterjit-viewer", daemon=True
         ).start()
@@ -59,12 +76,23 @@ def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> N
     """Do what comes, up to the first None."""
     while (one := tasks.get()) is not None:
         future, task = one
-        try:
-            future.set_result(task())
-        except BaseException as error:
-            future.set_exception(error)
+        if future.set_running_or_notify_cancel():
+            try:
+                future.set_result(task())
+            except BaseException as error:
+                future.set_exception(error)
         # While it waits, it keeps nothing alive.
         del one, future, task
+
+
+def give_way() -> None:
+    """Let other threads go first from now on, before this one and those that it begins."""
+    if sys.platform == "linux":
+        # Here, and in no other system, a thread has a niceness of its own.
+        thread = threading.get_native_id()
+        with suppress(OSError):
+            before = os.getpriority(os.PRIO_PROCESS, thread)
+            os.setpriority(os.PRIO_PROCESS, thread, before + GIVEN_WAY)
 
 
 class Connection:
@@ -85,7 +113,7 @@ class Connection:
         self.viewer = viewer
         self._canvas = canvas
         self._context = canvas.get_bitmap_context()
-        self._worker = Worker()
+        self._worker = Worker(gives_way=True)
         self._step: Future[bool] | None = None
         self._time = time.perf_counter()
         self._stamp: tuple[Any, ...] | None = None
@@ -101,7 +129,7 @@ class Connection:
         """Pass an event on, at the time it comes."""
         self._pass_time()
         self.viewer.handle(event)
-        # A page takes the wish for another picture as a reason not to send this one uncompressed.
+        # A widget takes the wish for another picture as a reason not to send this one uncompressed.
         if self.viewer.is_moving or self.viewer.stamp != self._stamp:
             self._canvas.request_draw()
 
@@ -122,7 +150,7 @@ class Connection:
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
         self._work()
-        if viewer.is_moving or viewer.is_live or self._step is not None:
+        if viewer.is_moving or viewer.is_live:
             canvas.request_draw()
         # Before the drawing: what the thread changes meanwhile is for the next picture.
         stamp = viewer.stamp
@@ -147,7 +175,18 @@ class Connection:
             if error is not None:
                 viewer.fail(error)
         if self._step is None and not viewer.is_moving and not viewer.is_done:
-            self._step = self._worker.submit(viewer.step)
+            self._step = self._worker.submit(self._improve)
+            # To ask before there is anything new is no way to wait: rendercanvas lets events wait
+            # for a tenth of a second after a draw that shows nothing.
+            self._step.add_done_callback(lambda _: self._canvas.request_draw())
+
+    def _improve(self) -> bool:
+        """Do what is to be done at rest until there is something new to see."""
+        stamp = self.viewer.stamp
+        while self.viewer.step():
+            if self.viewer.stamp != stamp:
+                return True
+        return False
 
     def show_again(self) -> None:
         """Show the picture once more, though it was shown: the canvas has lost it."""
@@ -188,15 +227,11 @@ def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     return canvas, backend.loop
 
 
-def in_notebook() -> bool:
-    """Tell whether this process is the kernel of a notebook."""
-    shell = sys.modules.get("IPython")
-    running = shell.get_ipython() if shell is not None else None
-    return running is not None and getattr(running, "kernel", None) is not None
+def at_terminal() -> bool:
+    """Tell whether somebody sits at a terminal."""
+    return all(is_terminal(stream) for stream in (sys.__stdin__, sys.__stdout__))
 
 
 def has_terminal() -> bool:
-    """Tell whether somebody sits at a terminal that can show pictures."""
-    streams = sys.__stdin__, sys.__stdout__
-    is_there = all(stream is not None and stream.isatty() for stream in streams)
-    return is_there and importlib.util.find_spec("blessed") is not None
+    """Tell whether somebody sits at a terminal, and what shows pictures there is installed."""
+    return at_terminal() and importlib.util.find_spec("blessed") is not None

@@ -70,7 +70,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     text : str
         What came; anything else is none.
     sent : int
-        Pictures that were sent to this page: it has shown no others.
+        Number of the last picture that was sent to this page: it has shown no later one.
     """
     if not isinstance(text, str) or len(text) > LONGEST_MESSAGE:
         return None

@@ -209,13 +209,11 @@ def rows_of(explained: PixelExplanation) -> list[Row]:
         rows.append(("shows", "the background"))
         rows += [("", reason) for reason in explained.reasons]
     else:
-        place = [sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
-                 for k in range(3)]  # fmt: skip
         rows += [
             ("object", f"{face.object_number} {face.object_name}"),
             ("face", f"{face.face} (of the object: {face.mesh_face})"),
             ("depth", f"{face.depth:.6g}"),
-            ("world position", "  ".join(f"{part:.5g}" for part in place)),
+            ("world position", "  ".join(f"{part:.5g}" for part in face.position)),
             ("weights", "  ".join(f"{float(weight):.4f}" for weight in face.weights)),
             ("faces here", str(len(explained.faces))),
         ]

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.rendering.plan import Cull
+from rasterjit.runtime import progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
@@ -68,8 +69,8 @@ def show(
         that is free.
     token : str, optional
         Part of the page's address, without which nobody comes in: 16 to 128 letters, digits, ``-``
-        and ``_``. Default: a random one. With the same token and port, pages that are open find a
-        viewer again that is started anew.
+        and ``_``, hard to guess. Default: a random one. With the same token and port, pages
+        that are open find a viewer again that is started anew.
 
     Returns
     -------
@@ -89,9 +90,6 @@ def show(
     if token is not None:
         browser.check_token(token)
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
-    if chosen == "window" and importlib.util.find_spec("rendercanvas") is None:
-        extra = "viewer" if chosen == "window" else chosen
-        raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
         what, camera, size=size, background=background, cull=cull, up=up, time_budget=time_budget,
         name=title, threads=threads,
@@ -122,7 +120,7 @@ def choose_backend(backend: str) -> str:
         trial.choose_toolkit()
     if backend != "auto":
         return backend
-    if canvas.in_notebook():
+    if progress.in_notebook():
         return "notebook"
     toolkit, problem = trial.find_toolkit()
     if toolkit:

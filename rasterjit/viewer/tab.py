@@ -9,7 +9,6 @@ are sent as JPEG; at rest, as they are.
 from __future__ import annotations
 
 import math
-import struct
 import threading
 import time
 from collections import deque
@@ -38,6 +37,15 @@ SETTLED = 0.05
 """Time after the last change from which on pictures are sent as they are, seconds: sooner, a better
 one follows."""
 
+SLOW = 1.0 / 40.0
+"""Time from a picture to the next from which on a page is slow, if that waited for it, seconds."""
+
+MOST_SLOW = 4
+"""Pictures that a page is slow with before it gets smaller ones; one in time makes up for one."""
+
+SMALL_FOR = 10.0
+"""Time for which it gets these before it is tried with larger ones again, seconds."""
+
 TOLD_EVERY = 0.1
 """Time between what is said of pictures while something moves, seconds."""
 
@@ -58,7 +66,10 @@ MERGED = {
 """Messages of which several in a row are as good as one, where these fields are the same."""
 
 Tell = Callable[[dict[str, Any] | bytes], None]
-"""Takes what a page is told, or a picture: its number, 4 bytes, big end first, and a file."""
+"""Takes what a page is told, or a picture: its number, big end first, and a file."""
+
+NUMBER_BYTES = 4
+"""Of a picture's number."""
 
 
 class Tab:
@@ -81,7 +92,8 @@ class Tab:
     """
 
     def __init__(self, viewer: Viewer, first: Future[Any], tell: Tell) -> None:
-        viewer.writes_text = False
+        # A page enlarges small pictures itself: these are coded and decoded sooner.
+        viewer.writes_text = viewer.enlarges = False
         self.sent = 0
         self._viewer, self._first, self._tell = viewer, first, tell
         self._changed = threading.Condition()
@@ -89,7 +101,7 @@ class Tab:
         self._messages: deque[Event] = deque(maxlen=MOST_WAITING)
         self._shown = 0
         self._has_size = False
-        self._worker, self._coder = Worker(), Worker()
+        self._worker, self._coder = Worker(gives_way=True), Worker()
         self._step: Future[bool] | None = None
         now = time.perf_counter()
         self._time = self._due = self._changed_at = self._told_at = now
@@ -98,6 +110,9 @@ class Tab:
         # The last picture that was sent as it is, and whether the last one was not.
         self._exact: NDArray[np.uint8] | None = None
         self._is_rough = False
+        # When the last one was drawn, whether the page let the next one wait, and how many waited.
+        self._drawn_at, self._has_waited, self._slow = now, False, 0
+        self._small_until = now
         self._state: dict[str, Any] = {}
         self._only: int | None = None
         self._explained: PixelExplanation | None = None
@@ -161,6 +176,7 @@ class Tab:
         if self._messages or (self._step is not None and self._step.done()):
             return 0.0
         if not self._has_room:
+            self._has_waited = viewer.is_moving
             return None
         if self._may_step:
             return 0.0
@@ -229,6 +245,7 @@ class Tab:
     def _draw(self, is_exact: bool) -> None:
         """Draw a picture, and have it coded and sent."""
         stamp = self._viewer.stamp
+        self._note_slowness()
         picture = self._viewer.draw()
         self._stamp = stamp
         if is_exact and self._exact is not None and np.array_equal(picture, self._exact):
@@ -238,9 +255,26 @@ class Tab:
         number, encode = self.sent, encode_png if is_exact else encode_jpeg
 
         def code() -> None:
-            self._tell(struct.pack(">I", number) + encode(picture))
+            try:
+                file = encode(picture)
+            except Exception as error:
+                # The page does not wait for it, and reads why.
+                self._viewer.fail(error)
+                self.take({"type": SHOWN, "number": number})
+                return
+            self._tell(number.to_bytes(NUMBER_BYTES, "big") + file)
 
         self._coder.submit(code)
+
+    def _note_slowness(self) -> None:
+        """Have smaller pictures drawn while something moves, for some time, if a page is slow."""
+        now = time.perf_counter()
+        is_slow = self._has_waited and now - self._drawn_at > SLOW
+        self._slow = max(0, self._slow + (1 if is_slow else -1))
+        self._drawn_at, self._has_waited = now, False
+        if self._slow >= MOST_SLOW:
+            self._slow, self._small_until = 0, now + SMALL_FOR
+        self._viewer.is_hurried = now < self._small_until
 
     def _apply(self, message: Event) -> None:
         """Do what a page asks for; what is not possible is passed over."""
@@ -291,8 +325,7 @@ class Tab:
         kind, switched, modes = viewer.look
         return {
             "type": "state",
-            # The page has a button for it.
-            "line": viewer.line.removesuffix("H help").rstrip(),
+            "line": viewer.line,
             "kind": kind,
             "switched": list(switched),
             "modes": modes,
@@ -337,15 +370,12 @@ class Tab:
             "distance": None, "rows": rows_of(told),
         }  # fmt: skip
         if face is not None:
-            place = [
-                sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
-                for k in range(3)
-            ]
+            place = face.position
             self._picked |= {
                 "object": self._viewer.numbers[face.object_number],
                 "name": str(face.object_name),
                 "face": face.mesh_face,
-                "position": [float(part) for part in place],
+                "position": place,
                 "distance": None if before is None else math.dist(place, before),
             }
 
@@ -359,6 +389,8 @@ def welcome(viewer: Viewer) -> dict[str, Any]:
         "type": "welcome",
         "title": viewer.name,
         "help": viewer.help_rows,
+        "help_key": viewer.help_key,
+        "has_usual_keys": viewer.has_usual_keys,
         "kinds": [{"kind": kind, "name": NAMES[kind], "key": key} for key, kind in KINDS.items()],
         "keys": {name: key for key, name in switches.KEYS.items()},
         "modes": [

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rasterjit.runtime.progress import told_to
 from rasterjit.scene.validation import one_of
-from rasterjit.viewer.canvas import Connection, DrawCancelled
+from rasterjit.viewer.canvas import Connection, DrawCancelled, at_terminal
 from rasterjit.viewer.controls import MOVES, TURNS, Event, Fly
 from rasterjit.viewer.graphics import forget_kitty, half_blocks, kitty, sixel
 from rasterjit.viewer.overlay import Row
@@ -359,7 +359,9 @@ def panel_lines(rows: Sequence[Row], columns: int, lines: int) -> list[str]:
 
 def last_line(viewer: Viewer, columns: int) -> str:
     """Return the keys that matter most, as many as there is room for."""
-    keys = FLY_KEYS if isinstance(viewer.controls, Fly) else ORBIT_KEYS
+    keys: tuple[str, ...] = ("Q end", f"{viewer.help_key} help")
+    if viewer.has_usual_keys:
+        keys = FLY_KEYS if isinstance(viewer.controls, Fly) else ORBIT_KEYS
     line = ""
     for key in keys:
         longer = f"{line}  {key}" if line else f" {key}"
@@ -451,7 +453,7 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     ValueError
         If standard input or output is no terminal.
     """
-    if not (sys.__stdout__ and sys.__stdout__.isatty() and sys.__stdin__.isatty()):
+    if not at_terminal():
         raise ValueError(
             "backend must not be 'terminal' where standard input or output is none, but a file or "
             "a pipe"
@@ -561,8 +563,7 @@ def _go_on(viewer: Viewer, screen: Screen, hands: Hands, terminal: Any) -> bool:
         stroke = terminal.inkey(timeout=0, esc_delay=HELD)
     hands.pass_time()
     screen.look(1 + viewer.shows_line)
-    # The last line says it.
-    told = [" " + viewer.line.removesuffix("H help")] if viewer.shows_line else []
+    told = [f" {viewer.line}"] if viewer.shows_line else []
     if screen.say(panel_of(viewer), [*told, last_line(viewer, screen.cells[0])]):
         screen.set_bitmap(viewer.draw())
     screen.draw()
@@ -572,4 +573,4 @@ def _go_on(viewer: Viewer, screen: Screen, hands: Hands, terminal: Any) -> bool:
 def panel_of(viewer: Viewer) -> Sequence[Row]:
     """Return what is to be read over the picture: help, or what is known of a pixel, or costs."""
     rows = viewer.panel_rows
-    return (*HELP, *LAST_ROWS) if rows is HELP else rows
+    return (*rows, *LAST_ROWS) if rows is HELP else rows

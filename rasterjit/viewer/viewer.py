@@ -5,7 +5,7 @@ The viewer, without a window: events and time go in, pictures come out.
 ``rendering.budget`` chooses for the time there is, or in draft quality until the times of the scene
 are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures more
 times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes windows,
-pages, notebooks and terminals of these two.
+notebooks and terminals of these two, ``tab`` pages.
 """
 
 from __future__ import annotations
@@ -128,14 +128,22 @@ class Viewer:
     ----------
     controls : Orbit or Fly
         The camera that is moved.
+    is_hurried : bool
+        Whether what moves is drawn in half as many pixels a side at once, since to show it takes
+        long.
     version : int
         Grows whenever what is seen changes.
     writes_text : bool
         Whether help, numbers and the line at the bottom are written on the pictures.
+    enlarges : bool
+        Whether pictures with half as many pixels a side are made as large as the others; who shows
+        them does so otherwise.
     is_live : bool
         Whether what is shown may change by itself, when `advance` is called.
     help_rows : tuple of tuple of str
-        What H shows.
+        What the key for help shows.
+    help_key : str
+        That key.
 
     Raises
     ------
@@ -145,6 +153,7 @@ class Viewer:
 
     is_live = False
     help_rows: tuple[Row, ...] = HELP
+    help_key = "H"
 
     def __init__(
         self,
@@ -164,7 +173,8 @@ class Viewer:
             "camera": camera, "size": size, "background": background, "cull": cull, "up": up,
             "time_budget": time_budget, "name": name, "threads": threads,
         }  # fmt: skip
-        self.writes_text = True
+        self.writes_text = self.enlarges = True
+        self.is_hurried = False
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
@@ -207,6 +217,8 @@ class Viewer:
         self._fastest = self._latest = 0.0
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
+        # Of the version whose picture becomes no better.
+        self._best_version = -1
         self._count = 0
         # What is wrong is said at once.
         explain(self.scene, self.camera, size=self.size, **self._options)
@@ -299,7 +311,12 @@ class Viewer:
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
-        return "   ".join([*parts, "H help"])
+        return "   ".join(parts)
+
+    @property
+    def has_usual_keys(self) -> bool:
+        """Whether keys do what ``HELP`` says."""
+        return self.help_rows is HELP
 
     @property
     def stamp(self) -> tuple[Any, ...]:
@@ -379,10 +396,8 @@ class Viewer:
 
     def look_from(self, camera: Camera) -> None:
         """Look from where a camera stands; that it is tilted sideways is left out."""
-        home = self.controls.home if isinstance(self.controls, Orbit) else None
         orbit = Orbit.from_camera(camera, self._ball, self.controls.up, self.size)
-        self.controls = orbit if home is None else replace(orbit, home=home)
-        self._is_fitted = False
+        self.controls = replace(orbit, home=self._begun(Orbit).home)
         self._change()
 
     def set_look(self, kind: str, switched: Sequence[str], modes: Mapping[str, str | None]) -> None:
@@ -449,7 +464,8 @@ class Viewer:
         """
         Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
 
-        If there is none it is drawn now, in the time that there is for it.
+        If there is none it is drawn now, in the time that there is for it. While something moves
+        it may be half as high and wide, if `enlarges` is false.
         """
         picture = self.picture()
         self._write_on(picture)
@@ -466,7 +482,8 @@ class Viewer:
             self._drawing = budget.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
             frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
-        return self._enlarged(picture_of(frame, self.kind, self.numbers if self._hidden else None))
+        picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
+        return self._enlarged(picture) if self.enlarges else picture
 
     def _draw_in_time(self) -> Frame:
         """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""
@@ -477,7 +494,7 @@ class Viewer:
             return renderer.render(scene, camera, outputs=outputs, **self._options)
 
         is_known = self.kind == "color" and self._times.is_known
-        if self._fastest > TOO_LONG * self._budget:
+        if self.is_hurried or self._fastest > TOO_LONG * self._budget:
             if self._coarse is None:
                 self._coarse = _renderer(_half(self.size), self._threads)
             frame = draw(FASTEST, self._coarse)
@@ -532,12 +549,13 @@ class Viewer:
             return next(self._steps)
         except (_OutdatedError, StopIteration) as end:
             if isinstance(end, StopIteration):
-                self._finished = True
+                self._finished, self._best_version = True, self._steps_version
             return False
 
     def _improve(self, version: int) -> Iterator[bool]:
         """Do one thing after the other, as long as nothing changes."""
         scene, camera, kind, times = self._shown, self.camera, self.kind, self._times
+        is_best = self._best_version == version
 
         def ask() -> None:
             if self.version != version:
@@ -545,7 +563,7 @@ class Viewer:
 
         with _renderer(self.size, self._threads) as renderer:
             renderer.before_picture = ask
-            if kind != "color":
+            if kind != "color" and not is_best:
                 start, outputs = perf_counter(), OUTPUTS_OF[kind]
                 frame = renderer.render(scene, camera, outputs=outputs, **self._options)
                 self._keep(frame, version, perf_counter() - start)
@@ -564,24 +582,38 @@ class Viewer:
                 renderer.refine(
                     scene, camera, outputs=OUTPUTS_OF[kind], first=(SHARP,), **self._options
                 )
-                if kind == "color"
+                if kind == "color" and not is_best
                 else iter(())
             )
             for number, (frame, seconds) in enumerate(_timed(frames)):
                 self._keep(frame, version, seconds)
                 yield True
-                if number == 1 and self._shows_costs and self.costs is None:
-                    used = switches.used_effects(scene, camera, renderer.size)
-                    names = switches.switchable(scene, used)
-                    costs = switches.costs(renderer, scene, camera, names)
-                    with self._lock:
-                        if version == self.version:
-                            self.costs = costs
+                if number == 1 and self._wants_costs:
+                    self._measure_costs(renderer, version, scene, camera)
                     yield True
                 if number == 1:
                     draw = self._timed_drawer(renderer, version, scene, camera)
                     for _ in times.calibrate(self._budget, draw):
                         yield True
+            if self._wants_costs:
+                self._measure_costs(renderer, version, scene, camera)
+                yield True
+
+    @property
+    def _wants_costs(self) -> bool:
+        """Whether what the effects cost is to be shown, and not known yet."""
+        return self._shows_costs and self.costs is None
+
+    def _measure_costs(
+        self, renderer: Renderer, version: int, scene: Scene, camera: Camera
+    ) -> None:
+        """Measure what the effects cost."""
+        used = switches.used_effects(scene, camera, renderer.size)
+        names = switches.switchable(scene, used)
+        costs = switches.costs(renderer, scene, camera, names)
+        with self._lock:
+            if version == self.version:
+                self.costs = costs
 
     def _timed_drawer(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
@@ -610,13 +642,19 @@ class Viewer:
         with self._lock:
             if self._frame is not None and self._frame_version == version and not is_best:
                 return self._frame
-            if version == self.version:
+            if version == self.version and not self._has_better(frame):
                 self._frame, self._frame_version = frame, version
                 # Stages leave out while anything compiles, in whatever thread: here time is time.
                 self._seconds = seconds
                 self._compiled = frame.stats.seconds["compile"] > COMPILING * seconds
                 self._count += 1
         return frame
+
+    def _has_better(self, frame: Frame) -> bool:
+        """Tell whether what is to be seen was made of more pictures, before steps began anew."""
+        if self._frame is None or self._frame_version != self.version:
+            return False
+        return self._frame.plan.pictures > frame.plan.pictures
 
     def _change(self) -> None:
         """Note that what is seen changes."""
@@ -628,9 +666,12 @@ class Viewer:
         """Begin what is done at rest anew, with the same picture."""
         with self._lock:
             is_current = self._frame_version == self.version
+            is_best = self._best_version == self.version
             self.version += 1
             if is_current:
                 self._frame_version = self.version
+            if is_best:
+                self._best_version = self.version
 
     def _press(self, key: str) -> bool:
         """Do what a key asks for, and tell whether it is one of the viewer's own."""
@@ -715,7 +756,7 @@ class Viewer:
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
         told = self.explanation
-        if told is not None and told.size == self.size:
+        if told is not None and told.size == picture.shape[1::-1]:
             mark_pixel(picture, told.x, told.y, self.ratio)
         if not self.writes_text:
             return
@@ -726,7 +767,8 @@ class Viewer:
         if self._shows_costs:
             write_panel(picture, self._cost_rows(), "top right", self.ratio)
         if self._shows_line:
-            write_panel(picture, [(self.line,)], "bottom left", self.ratio)
+            line = f"{self.line}   {self.help_key} help"
+            write_panel(picture, [(line,)], "bottom left", self.ratio)
 
     def _cost_rows(self) -> list[Row]:
         """Return what the effects cost, as rows."""

@@ -143,6 +143,7 @@ class View {
   // Hide the saved picture of this widget; until the kernel sends another, show it here.
   replace () {
     const name = this.link.model.get('_name')
+    if (!name) { return }
     for (const image of document.querySelectorAll(`img[src^="${PNG}"]`)) {
       if (image === this.picture || !headOf(image).includes(name)) { continue }
       if (this.picture.naturalWidth <= 1) { this.picture.src = image.src }

@@ -68,7 +68,13 @@ class ViewWidget(RenderCanvas):
 
     def _rfb_handle_msg(self, widget: Any, content: dict[str, Any], buffers: Any) -> None:
         """Take a message of the front end."""
-        self._soon(super()._rfb_handle_msg, widget, content, buffers)
+        self._soon(self._hear, widget, content, buffers)
+
+    def _hear(self, *message: Any) -> None:
+        """Take a message of the front end, and what it asks for at once, not when it is drawn."""
+        super()._rfb_handle_msg(*message)
+        if not self.get_closed():
+            self._process_events()
 
     def _rfb_schedule_maybe_draw(self, *changes: Any) -> None:
         """Draw soon, if it is time to; nothing is drawn before there is a loop."""

@@ -70,6 +70,27 @@ def test_what_one_of_them_refuses_is_told():
     assert "| NONE | plain |" in beside.table_of_pictures([row])
 
 
+def test_a_known_difference_has_an_end():
+    row = {"scene": "lines", "flag": "SEG", "theirs": a_disc(), "ours": a_disc(code=105)}
+    row["like"] = likeness.compare(row["theirs"], row["ours"])
+    assert beside.verdict(row) == "yes: known to differ (colour 5.0)"
+    assert beside.verdict(row | {"flag": "NONE"}) == "colour 5.0"
+    row["like"] = likeness.compare(row["theirs"], a_disc(code=110))
+    assert beside.verdict(row) == "colour 10.0"
+
+
+def test_times_are_told_as_the_documentation_tells_them():
+    row = {"flag": "RGBA", "egl_warm": 200.0, "osmesa_warm": 100.0, "rasterjit_warm": 25.0}
+    row |= {"ratio_warm": 4.0, "egl_cold": 400.0, "rasterjit_cold": 50.0, "ratio_cold": 8.0}
+    head, rule, line = beside.table_of_times([row]).splitlines()
+    page = (Path(__file__).parents[2] / "docs/pyrender.md").read_text()
+    assert f"{head}\n{rule}\n" in page
+    assert line == "| `RGBA` | 5.0 | 10.0 | 40.0 | 4.0 | 2.5 | fails | 20.0 | 8.0 |"
+    rows = page[page.index(rule) :].splitlines()[1:]
+    flags = [one.split("`")[1] for one in rows if one.startswith("| `")]
+    assert flags == list(beside.PAGE_FLAGS)
+
+
 def test_a_sheet_shows_both_and_their_difference(tmp_path):
     row = {"scene": "disc", "flag": "NONE", "theirs": a_disc(), "ours": a_disc(code=110)}
     sheet.draw_sheet([row], tmp_path / "sheet.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pyrender_shapes
 import pytest
 import trimesh
 
@@ -12,7 +13,6 @@ import rasterjit.compat.pyrender as pyrender
 from rasterjit.compat.pyrender import wires
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
-from tests.compat import pyrender_shapes
 
 W, H = 40, 30
 SAMPLES = ((0.375, 0.875), (0.875, 0.625), (0.125, 0.375), (0.625, 0.125))

@@ -28,7 +28,7 @@ from rasterjit.compat.pyrender import scene as pyrender
 from rasterjit.compat.pyrender import viewer as viewers
 from rasterjit.compat.pyrender.showing import Showing, same_scene
 from rasterjit.scene.camera import MatrixCamera, PerspectiveCamera
-from rasterjit.viewer import browser, notebook, show, trial
+from rasterjit.viewer import browser, notebook, show, tab, terminal, trial
 
 PATIENCE = 60.0
 """Seconds for a picture on a loaded machine."""
@@ -342,6 +342,22 @@ def test_page_is_told_where_any_lens_is(page):
         assert found.fov_y == pytest.approx(90.0)
         viewer._showing.look_from(PerspectiveCamera((0, 0, 5), (0, 0, 0)))
     np.testing.assert_allclose(viewer._trackball.pose, at(z=5.0), atol=1e-12)
+
+
+def test_text_beside_pictures_says_the_keys_and_messages_of_pyrender(page):
+    scene, _ = box_scene()
+    with viewing(scene) as viewer:
+        showing = viewer._showing
+        showing.writes_text = False
+        told = tab.welcome(showing)
+        assert (told["help_key"], told["has_usual_keys"]) == ("?", False)
+        assert terminal.last_line(showing, 80) == " Q end  ? help"
+        press(viewer, "?")
+        assert terminal.panel_of(showing) == showing.help_rows
+        press(viewer, "h")
+        assert viewer.render_flags["shadows"]
+        assert showing.line.startswith("Shadows On   Scene Viewer")
+        assert showing.shows_line
 
 
 def test_object_that_a_page_hides_takes_its_light_with_it(page):
@@ -699,6 +715,14 @@ def test_page_follows_the_program_and_its_keys(tmp_path):
             page.call("Input.dispatchKeyEvent", type=kind, key="b", text=text)
         assert line_with(process, "hit") == "hit 1 2\n"
         wait_until(lambda: place() > 340.0)
+        # H is a key of pyrender's; the page takes it for help only where it is.
+        for key, told in (("h", "Shadows On"), ("i", "World Axis On")):
+            for kind in ("keyDown", "keyUp"):
+                text = key if kind == "keyDown" else ""
+                page.call("Input.dispatchKeyEvent", type=kind, key=key, text=text)
+            line = "document.getElementById('line')"
+            wait_until(lambda: told in page.evaluate(f"{line}.textContent"))  # noqa: B023
+        assert page.evaluate("help.hidden && !line.hidden && window['measure-costs'].hidden")
         for kind in ("keyDown", "keyUp"):
             text = "q" if kind == "keyDown" else ""
             page.call("Input.dispatchKeyEvent", type=kind, key="q", text=text)
@@ -735,7 +759,7 @@ def column():
     return np.nonzero(found.min(axis=2) > 60)[1]
 
 def until(is_so):
-    limit = time.monotonic() + 40.0
+    limit = time.monotonic() + 120.0
     while not is_so() and time.monotonic() < limit:
         time.sleep(0.1)
 

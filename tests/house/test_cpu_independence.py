@@ -394,6 +394,17 @@ ALLOWED = {
     ("io/text/obj.py", "sum"): "whole numbers: counts of corners and vertices",
     ("io/text/off.py", "sum"): "whole numbers: counts of corners",
     ("io/text/ply.py", "sum"): "whole numbers: counts of values and bytes",
+    ("compat/pyrender/drawing.py", "**"): "whole numbers of Python, without bound",
+    ("compat/pyrender/material.py", "sum"): "whole numbers: flags",
+    ("compat/pyrender/mesh.py", "mean"): "two terms",
+    ("compat/pyrender/node.py", "sum"): "four terms: NumPy splits sums from eight terms on",
+    ("compat/pyrender/node.py", "dot"): "our own, three terms of Python",
+    ("compat/pyrender/primitive.py", "mean"): "two terms",
+    ("compat/pyrender/primitive.py", "sum"): "whole numbers: flags; and three terms",
+    ("compat/pyrender/viewer.py", "**"): "follows a hand, at the wheel",
+    ("compat/pyrender/viewer.py", "sum"): "whole numbers: keys; and three terms, for a yes or no",
+    ("compat/pyrender/wires.py", "dot"): "our own, three terms of Python",
+    ("pipeline/lighting/pyrender.py", "power"): "that of runtime/float_math.py",
 }
 """Uses in (file, name), with why their bits are the same everywhere."""
 
@@ -403,6 +414,8 @@ OFF_THE_PATH = {
     "viewer/overlay.py": "text",
     "viewer/tab.py": "text about what a page shows",
     "compat/matplotlib.py": "works in the matrices of matplotlib, which come from BLAS",
+    "compat/pyrender/showing.py": "follows a hand, as viewer/controls.py does; and text",
+    "compat/pyrender/trackball.py": "follows a hand, as viewer/controls.py does",
     "viewer/controls.py": "follows a hand: where a person leaves the camera is in no file",
     "cli/warmup.py": "compiles kernels, keeps no picture",
     "inspect/oracle.py": "whole numbers and fractions",

@@ -228,6 +228,31 @@ def test_depths_are_those_of_another_place(is_parallel):
     assert (np.abs(moved.depth[seen] - plain.depth[seen]) > 1e-3).all()
 
 
+def test_colors_are_those_of_another_place():
+    ends, colors = (
+        [[-1.0, 0.5, 0.8], [1.1, -0.4, -0.9]],
+        [[1.0, 0.0, 0.2, 1.0], [0.0, 1.0, 0.7, 1.0]],
+    )
+    camera = rj.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_y=50.0)
+    plain, moved = (
+        draw(
+            kind(ends, width=8.0, caps="butt", colors=colors), camera, outputs=("color", "face_id")
+        )
+        for kind in (rj.Lines, Displaced)
+    )
+    np.testing.assert_array_equal(plain.face_id, moved.face_id)
+    there, here = plain.color[1:, 2:].astype(int), moved.color[:-1, :-2].astype(int)
+    # Not at the outline, which is mixed with the background.
+    inside = plain.face_id >= 0
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inside &= np.roll(plain.face_id >= 0, step, axis)
+    both = inside[1:, 2:] & inside[:-1, :-2]
+    assert both.sum() > 200
+    assert np.abs(there - here)[both].max() <= 1
+    assert np.abs(plain.color.astype(int) - moved.color)[inside].max() > 2
+
+
 def test_depths_of_another_place_stay_before_the_eye_of_short_lines():
     ends = np.array([[0.0, 0.0, 2.0], [0.012, 0.0, -40.0]])
     camera = rj.PerspectiveCamera((0, 0, 3), (0, 0, 0), fov_y=50.0)

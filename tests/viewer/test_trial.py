@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import rasterjit as rj
+from rasterjit.runtime import progress
 from rasterjit.viewer import canvas, show, trial
 from rasterjit.viewer.viewer import Viewer
 
@@ -56,7 +57,7 @@ def display(monkeypatch, kept):
     monkeypatch.setattr(trial, "has_display", lambda: True)
     monkeypatch.setattr(trial, "display_answers", lambda: True)
     monkeypatch.setattr(trial, "toolkits", lambda: ["glfw"])
-    monkeypatch.setattr(canvas, "in_notebook", lambda: False)
+    monkeypatch.setattr(progress, "in_notebook", lambda: False)
 
 
 def needs(*programs):
@@ -127,7 +128,7 @@ def test_window_asked_for_by_name_is_an_error_of_status_1(tmp_path, under_xvfb):
 def test_display_that_does_not_answer_is_said_before_anything_is_tried(kept, monkeypatch, capsys):
     monkeypatch.setattr(trial, "toolkits", lambda: ["glfw"])
     monkeypatch.setattr(trial, "try_now", lambda name: pytest.fail("tried"))
-    monkeypatch.setattr(canvas, "in_notebook", lambda: False)
+    monkeypatch.setattr(progress, "in_notebook", lambda: False)
     place = free_display()
     monkeypatch.setenv("DISPLAY", place)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -154,6 +154,66 @@ def test_explanation_of_a_picture_that_is_gone_is_not_shown(viewer, monkeypatch)
     assert (viewer.explanation.x, viewer.explanation.y) == (20, 15)
 
 
+def test_question_at_rest_leaves_the_picture_as_good_as_it_was(viewer):
+    for _ in range(4):
+        assert viewer.step()
+    half = viewer._frame.plan.pictures
+    assert half > 1
+    viewer.pick(20, 15)
+    while viewer.explanation is None:
+        assert viewer.step()
+    while viewer.step():
+        assert viewer._frame.plan.pictures >= half
+    assert viewer.is_done
+    reference = rendered(viewer, REFERENCE)
+    np.testing.assert_array_equal(viewer.picture(), reference)
+    # What is as good as it gets is not drawn again.
+    frame = viewer._frame
+    viewer.pick(5, 5)
+    assert not viewer.is_done
+    assert viewer.step()
+    assert (viewer.explanation.x, viewer.explanation.y) == (5, 5)
+    assert not viewer.step()
+    assert viewer.is_done
+    key(viewer, "m")
+    assert viewer.step()
+    assert viewer.costs
+    assert not viewer.step()
+    assert viewer._frame is frame
+    # What changes is drawn anew.
+    key(viewer, "+")
+    settle(viewer)
+    while viewer.step():
+        pass
+    np.testing.assert_array_equal(viewer.picture(), rendered(viewer, REFERENCE))
+    assert not np.array_equal(viewer.picture(), reference)
+
+
+def test_costs_are_measured_whatever_is_shown(viewer):
+    key(viewer, "2")
+    key(viewer, "m")
+    while viewer.step():
+        pass
+    assert viewer.is_done
+    assert "frame" in viewer.costs
+
+
+def test_view_of_an_address_returns_to_where_the_scene_fits(cube):
+    for fly in (False, True):
+        viewer, other = Viewer(cube, size=SIZE), Viewer(cube, size=(20, 60))
+        if fly:
+            key(viewer, "c")
+        eye = 1.0, 2.0, 3.0
+        viewer.look_from(rj.PerspectiveCamera(eye, (0, 0, 0), fov_y=30.0))
+        viewer.resize((20, 60))
+        assert viewer.camera.eye == pytest.approx(eye)
+        key(viewer, "r")
+        settle(viewer)
+        assert viewer.camera.eye == pytest.approx(other.camera.eye)
+        viewer.close()
+        other.close()
+
+
 def test_costs_of_a_scene_that_is_gone_are_not_shown(viewer, monkeypatch):
     measure = switches.costs
 
@@ -494,6 +554,9 @@ def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, m
     larger = np.repeat(np.repeat(half.color, 2, axis=0), 2, axis=1)[:31, :41]
     np.testing.assert_array_equal(viewer.draw(), larger)
     assert "at half the size" in viewer.line
+    viewer.enlarges = False
+    np.testing.assert_array_equal(viewer.draw(), half.color)
+    viewer.enlarges = True
     # What is under the cursor is known all the same.
     event = {"event_type": "wheel", "x": 20, "y": 15}
     assert viewer._depth_under(event) == half.depth[7, 10]

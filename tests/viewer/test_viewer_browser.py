@@ -81,9 +81,19 @@ def running(model):
 
 
 @pytest.fixture
-def compiling():
+def drawing():
     """A viewer whose first picture takes longer than any test."""
     with viewing("-c", program("time.sleep(1000)")) as found:
+        yield found
+
+
+COMPILES = "from rasterjit.runtime.progress import _TELLERS as t; time.sleep(1); t[-1]('1 of 2')"
+
+
+@pytest.fixture
+def compiling():
+    """A viewer that says how far compiling is, and gets no farther."""
+    with viewing("-c", program(f"{COMPILES}; time.sleep(1000)")) as found:
         yield found
 
 
@@ -262,8 +272,8 @@ def test_page_cannot_end_it_nor_take_the_view_of_another(running):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_page_is_there_while_kernels_compile_and_it_ends_at_once(compiling, number):
-    process, address = compiling
+def test_page_is_there_while_it_is_drawn_and_ends_at_once(drawing, number):
+    process, address = drawing
     own, token = place_of(address)
     assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
     # The page does not listen when it is asked to go.
@@ -280,10 +290,13 @@ WAITING = "getComputedStyle(document.getElementById('waiting')).display != 'none
 
 
 @pytest.mark.needs_jit
-def test_page_says_that_kernels_compile_until_there_is_a_picture(page, server, compiling):
-    page.open(compiling[1], 320)
+def test_page_says_what_it_waits_for_until_there_is_a_picture(page, server, drawing, compiling):
+    page.open(drawing[1], 320)
     assert wait_until(page, WAITING)
-    assert "Compiling kernels" in page.evaluate("document.body.innerText")
+    # Nothing compiles: that is not said either.
+    assert wait_until(page, "waiting.innerText") == "Drawing the first picture."
+    page.open(compiling[1], 320)
+    wait_until(page, "waiting.innerText === 'Drawing the first picture: 1 of 2.'")
     page.open(server[1], 320)
     wait_until(page, f"!({WAITING})")
     assert shown(page)[0] is not None
@@ -314,6 +327,26 @@ def test_it_is_said_where_the_page_is_and_who_reaches_it(host, address, warned, 
     assert f"open {address} in" in first
     assert bool(more) == bool(warned)
     assert all(warned in line and "encrypted" in line and "abc" not in line for line in more)
+
+
+def test_page_has_shown_no_picture_that_was_not_sent():
+    async def send(message):
+        said.append(message["bytes"])
+        await asyncio.Event().wait()
+
+    async def fill():
+        outbox = browser._Outbox()
+        sending = asyncio.create_task(outbox.send_all(send))
+        for number in range(5):
+            outbox.put(bytes([0, 0, 1, number]))
+        while not said:
+            await asyncio.sleep(0)
+        sending.cancel()
+        return outbox.sent
+
+    said = []
+    assert asyncio.run(fill()) == 256
+    assert said == [bytes([0, 0, 1, 0])]
 
 
 def test_more_pages_than_there_may_be_are_kept_out():
@@ -457,9 +490,48 @@ def test_server_in_a_thread_ends_when_it_is_told(cube):
     assert not thread.is_alive()
 
 
+def test_program_that_holds_its_scene_keeps_nobody_else_waiting(cube):
+    class Held(Viewer):
+        def twin(self):
+            asked.set()
+            assert release.wait(PATIENCE)
+            return super().twin()
+
+    asked, release, stops = threading.Event(), threading.Event(), queue.SimpleQueue()
+    said = []
+    thread = threading.Thread(
+        target=browser.serve, args=(Held(cube, size=(8, 6)), "127.0.0.1", 0, said.append),
+        kwargs={"on_start": stops.put},
+    )  # fmt: skip
+    thread.start()
+    stop = stops.get(timeout=PATIENCE)
+    address = re.search(r"http://\S+/", said[0])[0]
+    own, token = place_of(address)
+    with join(address) as page:
+        say(page, "resize", pwidth=64, pheight=48, ratio=1)
+        assert asked.wait(PATIENCE)
+        assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
+        release.set()
+        wait_for_size(page, (64, 48))
+    stop()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+
+
 @pytest.mark.parametrize(
     "token",
-    ["", "short", "x" * 129, "with spaces in it", "a/b/c/d/e/f/g/h/i", "ä" * 16, 5, b"x" * 16],
+    [
+        "",
+        "short",
+        "x" * 129,
+        "x" * 16,
+        "0123" * 8,
+        "with spaces in it",
+        "a/b/c/d/e/f/g/h/i",
+        "ä" * 16,
+        5,
+        b"x" * 16,
+    ],
 )
 def test_token_that_is_none_is_refused(cube, token, monkeypatch):
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))

@@ -288,6 +288,21 @@ def test_error_is_told_and_the_page_goes_on(page, monkeypatch):
     page.settle()
 
 
+def test_picture_that_cannot_be_coded_is_told_and_not_waited_for(page, monkeypatch):
+    def fail(picture):
+        raise MemoryError("no room")
+
+    monkeypatch.setattr(tab, "encode_jpeg", fail)
+    for key in "+-" * MOST_ON_WAY:
+        sent = page.tab.sent
+        page.say("key_down", key=key, modifiers=[])
+        page.wait(lambda page: page.tab.sent > sent)  # noqa: B023
+    page.wait(lambda page: "MemoryError: no room" in page.state["line"])
+    page.say("key_down", key="2", modifiers=[])
+    page.wait(lambda page: page.state["kind"] == "depth")
+    page.settle()
+
+
 def test_what_cannot_be_told_does_not_end_the_page(page, monkeypatch):
     def fail(self):
         raise ValueError("no plan")
@@ -336,6 +351,46 @@ def test_of_too_many_events_the_latest_are_kept():
     for key in "abcde":
         add_event(waiting, {"event_type": "key_up", "key": key})
     assert [event["key"] for event in waiting] == ["c", "d", "e"]
+
+
+def drag(page, seconds):
+    """Move a pointer to and fro on a page that takes a while to show each picture."""
+    place = {"button": 1, "buttons": [1], "modifiers": [], "y": 30.0}
+    page.say("pointer_down", x=10.0, **place)
+    limit = time.monotonic() + seconds
+    number = 0
+    while time.monotonic() < limit:
+        number += 1
+        page.say("pointer_move", x=10.0 + number % 60, **place)
+        page.say("shown", number=min(number, page.tab.sent))
+        time.sleep(2.0 * tab.SLOW)
+    page.say("pointer_up", x=10.0, **place)
+
+
+def sides_of(pictures):
+    return {Image.open(io.BytesIO(data)).size for data in pictures}
+
+
+def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch):
+    monkeypatch.setattr(tab, "SMALL_FOR", 1000.0)
+    page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
+    page.tab.take(RESIZE)
+    drag(page, 2.0)
+    assert (40, 30) in sides_of(page.pictures)
+    page.shows = True
+    page.say("shown", number=page.tab.sent)
+    page.settle()
+    assert page.picture.shape == (60, 80, 3)
+    page.tab.close()
+
+
+def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
+    monkeypatch.setattr(tab, "SMALL_FOR", 0.0)
+    page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
+    page.tab.take(RESIZE)
+    drag(page, 1.0)
+    assert sides_of(page.pictures) == {(80, 60)}
+    page.tab.close()
 
 
 def test_only_moves_with_the_same_buttons_and_keys_become_one():

@@ -18,6 +18,11 @@ from rasterjit.compat.pyrender.fields import (
     number,
     text_or_none,
 )
+from rasterjit.scene import transforms
+from rasterjit.scene.validation import finite_number
+
+_RIGHT_ANGLE = 6.123233995736766e-17
+"""The cosine of pi / 2 as a float64 has it."""
 
 
 class Camera(abc.ABC):
@@ -137,16 +142,18 @@ class PerspectiveCamera(Camera):
         Raises
         ------
         ValueError
-            If neither the viewport nor the aspect ratio is known.
+            If neither the viewport nor the aspect ratio is known, or ``yfov`` is not finite.
         """
         aspect = self.aspectRatio
         if aspect is None:
             if width is None or height is None:
                 raise ValueError("width and height must be given where aspectRatio is None")
             aspect = float(width) / float(height)
-        half = np.tan(self.yfov / 2.0)
+        half = math.degrees(finite_number("yfov", self.yfov)) / 2.0
+        sine, cosine = transforms.sine_cosine(half)
+        focal = (cosine or _RIGHT_ANGLE) / sine
         projection = np.zeros((4, 4))
-        projection[0, 0], projection[1, 1] = 1.0 / (aspect * half), 1.0 / half
+        projection[0, 0], projection[1, 1] = focal / aspect, focal
         return self._with_depth(projection)
 
 

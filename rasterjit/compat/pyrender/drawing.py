@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,10 +21,12 @@ from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.scene import scene as scenes
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera, mirrors
+from rasterjit.scene.color import ROOT_BITS, whole_root
 from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
+from rasterjit.scene.vectors import length
 
 Float64 = NDArray[np.float64]
 
@@ -88,8 +91,15 @@ def background_light(codes: NDArray[np.uint8], flags: RenderFlags) -> NDArray[np
     """Return what is shown as codes, (4,)."""
     shown = np.float32(codes) / np.float32(255.0)
     if not flags & RenderFlags.FLAT:
-        shown[:3] = shown[:3].astype(np.float64) ** 2.2
+        shown[:3] = _gamma_table()[codes[:3]]
     return shown
+
+
+@functools.cache
+def _gamma_table() -> NDArray[np.float32]:
+    """Return what each code shows, (256,): its share of 255 to the power 2.2."""
+    roots = [whole_root((code**11 << 5 * ROOT_BITS) // 255**11, 5) for code in range(256)]
+    return np.array([found / (1 << ROOT_BITS) for found in roots], np.float32)
 
 
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
@@ -98,7 +108,17 @@ def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     if node is None or node.camera is None:
         raise ValueError("scene must have a camera: add one, such as PerspectiveCamera(yfov=1.0)")
     clip = np.array(node.camera.get_projection_matrix(*size), np.float64)
-    return _camera(np.linalg.inv(scene.get_pose(node)), clip)
+    return _camera(_inverse_of("camera", scene.get_pose(node)), clip)
+
+
+def _inverse_of(what: str, pose: Float64) -> Float64:
+    """Return the inverse of a pose, or raise ``ValueError`` naming whose it is."""
+    try:
+        return transforms.inverse(pose)
+    except ValueError:
+        raise ValueError(
+            f"pose of the {what} must be finite and have an inverse, got {pose.tolist()}"
+        ) from None
 
 
 def _camera(view: Float64, clip: Float64) -> MatrixCamera:
@@ -107,7 +127,19 @@ def _camera(view: Float64, clip: Float64) -> MatrixCamera:
     if mirrors(view):
         # The same picture, of axes that are a right hand's.
         view[0], clip[:, 0] = -view[0], -clip[:, 0]
-    return MatrixCamera(view, clip)
+    return matrix_camera(view, clip)
+
+
+def matrix_camera(view: Float64, clip: Float64) -> MatrixCamera:
+    """Return a camera of two matrices, (4, 4); for those of late the one that was made then."""
+    return _known_camera(view.tobytes(), clip.tobytes())
+
+
+@functools.lru_cache(maxsize=64)
+def _known_camera(view: bytes, clip: bytes) -> MatrixCamera:
+    """Return a camera, given the numbers of its matrices."""
+    own, projection = (np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))
+    return MatrixCamera(own, projection)
 
 
 def convert(
@@ -143,6 +175,7 @@ def convert(
         flags |= RenderFlags.FLAT
     faces_viewer: list[bool] = []
     are_squares: list[bool] = []
+    gains: list[NDArray[np.float32]] = []
     for node in _drawing_order(scene):
         mesh = node.mesh
         if mesh is None or not mesh.is_visible or (only is not None and node not in only):
@@ -165,16 +198,17 @@ def convert(
                     owners.append(node)
                     faces_viewer.append(primitive.normals is None)
                     are_squares.append(primitive.mode == GLTF.POINTS)
+                    gains.append(primitive.gains())
                 lines = _normals(primitive, flags)
                 if lines is not None:
                     drawn.add(lines, place, f"normals of {node.name}")
                     owners.append(node)
                     faces_viewer.append(False)
                     are_squares.append(False)
+                    gains.append(np.ones(6, np.float32))
     if not shapes_alone:
-        drawn._imitation = _imitation(
-            drawn, owners, (faces_viewer, are_squares), scene, flags, views or {}
-        )
+        of_objects = faces_viewer, are_squares, gains
+        drawn._imitation = _imitation(drawn, owners, of_objects, scene, flags, views or {})
     return Drawing(drawn, owners, is_blended, fades)
 
 
@@ -196,12 +230,12 @@ def _normals(primitive: Primitive, flags: RenderFlags) -> SceneMesh | None:
 
 def _drawing_order(scene: Scene) -> list[Node]:
     """Return the nodes that have meshes, those seen through last and from far to near."""
-    nodes = [node for node in scene._ordered() if node.mesh is not None]
+    nodes = scene._drawn()
     blended = [node for node in nodes if node.mesh.is_transparent]
     if not blended or scene.main_camera_node is None:
         return nodes
     eye = scene.get_pose(scene.main_camera_node)[:3, 3]
-    away = {node: np.linalg.norm(scene.get_pose(node)[:3, 3] - eye) for node in blended}
+    away = {node: length(scene.get_pose(node)[:3, 3] - eye) for node in blended}
     solid = [node for node in nodes if node not in away]
     return solid + sorted(blended, key=away.__getitem__, reverse=True)
 
@@ -211,7 +245,8 @@ def _shape(
 ) -> tuple[SceneMesh | None, Float64]:
     """Return what a primitive is drawn by, None if by nothing, and its pose."""
     if primitive.mode == GLTF.POINTS:
-        shape = None if seen is None else _squares(primitive, place, seen)
+        is_lit = look.shading == "pbr"
+        shape = None if seen is None else _squares(primitive, place, seen, is_lit)
         if shape is not None:
             shape.material = look
         return shape, np.eye(4)
@@ -250,13 +285,15 @@ def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
 
 
 def _imitation(
-    drawn: scenes.Scene, owners: list[Node], ways: tuple[list[bool], list[bool]], scene: Scene,
+    drawn: scenes.Scene, owners: list[Node],
+    ways: tuple[list[bool], list[bool], list[NDArray[np.float32]]], scene: Scene,
     flags: RenderFlags, views: Mapping[Node, LightView],
 ) -> Imitation:  # fmt: skip
     """
     Add the lights; return how bright they are, what they fall on and what codes show of it.
 
-    ``ways`` tells of each object whether its normals face the viewer, and whether it is of squares.
+    ``ways`` tells of each object whether its normals face the viewer, whether it is of squares, and
+    its gains.
     """
     nodes = [node for node in scene._ordered() if node.light is not None]
     if flags & RenderFlags.FLAT:
@@ -276,9 +313,10 @@ def _imitation(
         taken[:, 1:] = [rows[node] for node in owners]
     return Imitation(
         "as is" if flags & RenderFlags.FLAT else "gamma 2.2", radiance,
-        np.float32(scene.ambient_light), taken, *(np.array(way, np.uint8) for way in ways),
+        np.float32(scene.ambient_light), taken, np.array(ways[0], np.uint8),
+        np.array(ways[1], np.uint8), np.array(ways[2], np.float32).reshape(-1, 6),
         tuple(
-            DepthMap(n, seen.camera.clip_from_view @ seen.camera.view_from_world,
+            DepthMap(n, transforms.compose(seen.camera.clip_from_view, seen.camera.view_from_world),
                      seen.camera.clip_from_view, seen.depths)
             for n, seen in ((n, views.get(node)) for n, node in enumerate(nodes, start=1))
             if seen is not None
@@ -305,7 +343,7 @@ def camera_of_light(scene: Scene, node: Node) -> MatrixCamera:
     else:
         pose[:3, 3] = scene.centroid + pose[:3, 2] * scale
         clip = OrthographicCamera(scale, scale, near, far).get_projection_matrix()
-    return _camera(np.linalg.inv(pose), np.array(clip, np.float64))
+    return _camera(_inverse_of("light", pose), np.array(clip, np.float64))
 
 
 def add_lights(drawn: scenes.Scene, added: Sequence[tuple[Light, Float64]]) -> None:
@@ -335,7 +373,7 @@ def _nearest(
 ) -> NDArray[np.uint8]:
     """Return 1 for each light that is among the nearest of its kind to a node, else 0."""
     place = scene.get_pose(owner)[:3, 3]
-    away = [np.linalg.norm(scene.get_pose(node)[:3, 3] - place) for node in nodes]
+    away = [length(scene.get_pose(node)[:3, 3] - place) for node in nodes]
     left, taken = dict(most), np.zeros(len(nodes), np.uint8)
     for n in np.argsort(away, kind="stable"):
         taken[n] = left[kinds[n]] > 0
@@ -343,7 +381,7 @@ def _nearest(
     return taken
 
 
-def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | None:
+def _squares(primitive: Primitive, place: Float64, seen: Seen, is_lit: bool) -> SceneMesh | None:
     """Return a square of so many pixels that faces the camera at each point in front of it."""
     camera, size, point_size = seen
     view, clip = camera.view_matrix(), camera.projection_matrix(size)
@@ -368,7 +406,7 @@ def _squares(primitive: Primitive, place: Float64, seen: Seen) -> SceneMesh | No
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = finite(primitive.normals).T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = primitive.colors()
+    colors = primitive.colors(is_lit)
     return SceneMesh(
         corners.reshape(-1, 3), faces, normals=np.repeat(normals[is_seen], 4, axis=0),
         colors=None if colors is None else np.repeat(colors[is_seen], 4, axis=0),

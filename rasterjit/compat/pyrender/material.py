@@ -236,19 +236,22 @@ class MetallicRoughnessMaterial(Material):
         has_uv : bool
             Whether the mesh has texture coordinates; without them there are no textures.
         is_lit : bool
-            Whether light counts.
+            Whether light counts; without it only the base colour does, and nothing glows.
         is_culled : bool
             Whether back faces may be left out.
         least_alpha : float
             Of the mesh's colours.
         """
-        maps = {
-            "base_color_texture": self.baseColorTexture,
-            "normal_texture": self.normalTexture,
-            "metallic_roughness_texture": self.metallicRoughnessTexture,
-            "occlusion_texture": self.occlusionTexture,
-            "emissive_texture": self.emissiveTexture,
-        }
+        maps = {"base_color_texture": self.baseColorTexture}
+        if is_lit:
+            maps |= {
+                "normal_texture": self.normalTexture,
+                "metallic_roughness_texture": self.metallicRoughnessTexture,
+                "occlusion_texture": self.occlusionTexture,
+                "emissive_texture": self.emissiveTexture,
+            }
+        # The factor counts twice, as in pyrender's shader.
+        glow = np.square(np.asarray(self.emissiveFactor, np.float64)) if is_lit else np.zeros(3)
         # Codes are filtered as they are; what they stand for is found behind that.
         textures = {
             field: texture.drawn(are_facets=field == "metallic_roughness_texture")
@@ -266,9 +269,7 @@ class MetallicRoughnessMaterial(Material):
         return look(
             "pbr" if is_lit else "unlit", tuple(color.tolist()),
             float(self.metallicFactor), float(self.roughnessFactor),
-            # The factor counts twice, as in pyrender's shader.
-            tuple(np.square(np.asarray(self.emissiveFactor, np.float64)).tolist()),
-            mode, self.doubleSided or not is_culled, **textures,
+            tuple(glow.tolist()), mode, self.doubleSided or not is_culled, **textures,
         )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -264,6 +265,6 @@ def _textured(material: Any) -> Material:
     exponent = float(np.ravel(material.kwargs.get("Ns", 1.0))[0])
     # Walter et al. 2007: an exponent n is a width of sqrt(2 / (n + 2)), the roughness squared.
     return MetallicRoughnessMaterial(
-        alphaMode="BLEND", roughnessFactor=(2.0 / (exponent + 2.0)) ** 0.25,
+        alphaMode="BLEND", roughnessFactor=math.sqrt(math.sqrt(2.0 / (exponent + 2.0))),
         baseColorFactor=np.asarray(material.diffuse), baseColorTexture=material.image,
     )  # fmt: skip

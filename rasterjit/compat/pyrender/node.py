@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,20 @@ from rasterjit.compat.pyrender.camera import Camera
 from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
 from rasterjit.compat.pyrender.light import Light
 from rasterjit.compat.pyrender.mesh import Mesh
+from rasterjit.scene.trs import TRS, matrix_of, rotation_of
 from rasterjit.scene.validation import in_short
+from rasterjit.scene.vectors import cross, dot
 
 _LENGTH_TOLERANCE = 1e-3
 """How far from 1 the length of a quaternion may be."""
+_ROUNDING = 1e-6
+"""How far products of axes may be from those of a rotation that is one but for float32."""
+_PAIRS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)
+"""Entries of a symmetric matrix, (4, 4), beside its diagonal."""
+_SMALL = 1e-18
+"""Size of such entries, beside a diagonal of about 1, from which on they count as 0."""
+_MOST_SWEEPS = 20
+"""Far more than it takes: the digits that are right double with each."""
 
 
 def _held(kind: type) -> Any:
@@ -103,10 +114,8 @@ class Node:
     def matrix(self) -> NDArray[np.float64]:
         """(4, 4) float64: pose relative to the parent, a copy."""
         if self._matrix is None:
-            made = np.eye(4)
-            made[:3, :3] = _turn(self._rotation) * self._scale
-            made[:3, 3] = self._translation
-            self._matrix = made
+            parts = (self._translation, self._rotation, self._scale)
+            self._matrix = matrix_of(TRS(*(tuple(part.tolist()) for part in parts)))
         return np.array(self._matrix, np.float64)
 
     @matrix.setter
@@ -165,22 +174,65 @@ def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any
     return given
 
 
-def _turn(rotation: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the rotation of a quaternion of any length but 0, (3, 3) float64."""
-    from trimesh.transformations import quaternion_matrix
-
-    return np.asarray(quaternion_matrix(np.roll(rotation, 1)))[:3, :3]
-
-
 def _parts_of(matrix: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return rotation and scale of a matrix, those that are nearest."""
-    from trimesh.transformations import quaternion_from_matrix
-
     x, y, z = matrix[:3, :3].astype(np.float64)
     scale = np.sqrt((x * x + y * y) + z * z)
     if not scale.all():
         # What is flat may be turned anyhow.
         return np.array([0.0, 0.0, 0.0, 1.0]), scale
-    turn = np.eye(4)
-    turn[:3, :3] = matrix[:3, :3] / scale
-    return np.roll(quaternion_from_matrix(turn), -1), scale
+    rotation = np.array(_nearest_rotation((matrix[:3, :3] / scale).tolist()))
+    return -rotation if rotation[3] < 0.0 else rotation, scale
+
+
+def _nearest_rotation(turn: list[list[float]]) -> list[float]:
+    """
+    Return the quaternion x, y, z, w of the rotation nearest to a matrix, which may shear or mirror.
+
+    Where it is not one already, it is the eigenvector of the largest eigenvalue of a symmetric
+    matrix [1]_, which is found by Jacobi's rotations: in a fixed order, so that no library decides
+    about its last bits.
+
+    References
+    ----------
+    .. [1] I. Bar-Itzhack, "New Method for Extracting the Quaternion from a Rotation Matrix", 2000.
+    """
+    axes: Any = tuple(zip(*turn, strict=True))
+    products = [dot(axes[i], axes[j]) - float(i == j) for i in range(3) for j in range(i, 3)]
+    if max(map(abs, products)) <= _ROUNDING and dot(axes[0], cross(axes[1], axes[2])) > 0.0:
+        return list(rotation_of(*axes))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
+    rows = [
+        [xx - yy - zz, xy + yx, xz + zx, zy - yz],
+        [xy + yx, yy - xx - zz, yz + zy, xz - zx],
+        [xz + zx, yz + zy, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ]
+    vectors = np.eye(4).tolist()
+    for _ in range(_MOST_SWEEPS):
+        if max(abs(rows[p][q]) for p, q in _PAIRS) <= _SMALL:
+            break
+        for p, q in _PAIRS:
+            if rows[p][q] != 0.0:
+                _zero(rows, vectors, p, q)
+    # A mirror has three that are largest: which comes first is as in LAPACK, which pyrender asks.
+    order, values = list(range(4)), [rows[k][k] for k in range(4)]
+    least = values.index(min(values))
+    order[0], order[least] = order[least], order[0]
+    largest = max(order, key=values.__getitem__)
+    return [row[largest] for row in vectors]
+
+
+def _zero(rows: list[list[float]], vectors: list[list[float]], p: int, q: int) -> None:
+    """Turn a symmetric matrix, and its eigenvectors so far, so that entry (p, q) becomes 0."""
+    theta = (rows[q][q] - rows[p][p]) / (2.0 * rows[p][q])
+    tangent = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)
+    sine = tangent * cosine
+    for table in (rows, vectors):
+        for row in table:
+            row[p], row[q] = cosine * row[p] - sine * row[q], sine * row[p] + cosine * row[q]
+    a, b = rows[p], rows[q]
+    rows[p] = [cosine * x - sine * y for x, y in zip(a, b, strict=True)]
+    rows[q] = [sine * x + cosine * y for x, y in zip(a, b, strict=True)]
+    rows[p][q] = rows[q][p] = 0.0

@@ -20,6 +20,7 @@ from rasterjit.compat.pyrender.drawing import (
     casts_shadows,
     check_flags,
     convert,
+    matrix_camera,
 )
 from rasterjit.compat.pyrender.fields import Field, number
 from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
@@ -263,7 +264,8 @@ class OffscreenRenderer:
         for first in range(0, len(color), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
             # Nothing is number -1: the last row, black.
-            codes = packed[numbers[rows]].view(np.uint8).reshape(*numbers[rows].shape, 4)
+            codes = packed.take(numbers[rows], mode="wrap").view(np.uint8)
+            codes = codes.reshape(*numbers[rows].shape, 4)
             for channel in range(channels):
                 color[rows, :, channel] = codes[..., channel]
         return color, depths.read(frame, seen.size)
@@ -385,7 +387,7 @@ def _upside_down(camera: MatrixCamera) -> MatrixCamera:
     """
     clip = camera.clip_from_view.copy()
     clip[1] = -clip[1]
-    return MatrixCamera(camera.view_from_world, clip)
+    return matrix_camera(camera.view_from_world, clip)
 
 
 def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, float]) -> MatrixCamera:
@@ -393,7 +395,7 @@ def _moved(camera: MatrixCamera, size: tuple[int, int], place: tuple[float, floa
     clip = camera.clip_from_view.copy()
     clip[0] -= 2.0 * place[0] / size[0] * clip[3]
     clip[1] += 2.0 * place[1] / size[1] * clip[3]
-    return MatrixCamera(camera.view_from_world, clip)
+    return matrix_camera(camera.view_from_world, clip)
 
 
 def _opaque(color: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMateri
 from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
 from rasterjit.scene.mesh import Mesh as SceneMesh
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import in_short, read_only
 
 Float32 = NDArray[np.float32]
 
@@ -336,11 +336,12 @@ class Primitive:
             faces = self.faces()
             self._drawn[key] = made = SceneMesh(
                 self.positions, faces[:, ::-1] if is_turned else faces,
-                normals=averaged_normals(self.positions, faces)
-                if self.normals is None else finite(self.normals),
-                uv=finite(self.texcoord_0), colors=self.colors(), material=look,
-                on_invalid="drop",
+                normals=finite(self.normals), uv=finite(self.texcoord_0),
+                colors=self.colors(is_lit), material=look, on_invalid="drop",
             )  # fmt: skip
+            if self.normals is None:
+                # Given, they are no reason to warn of sharp edges: light goes by the viewer.
+                made._normals = made._vertex_normals = read_only(made._made_normals())
             if is_lit:
                 # Copies have them, too.
                 made.vertex_normals()
@@ -373,11 +374,31 @@ class Primitive:
         )  # fmt: skip
         return grey
 
-    def colors(self) -> NDArray[np.float64] | None:
-        """Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without."""
+    def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
+        """
+        Return its colours, (V, 4) float64 in 0..1: factors on light, or on codes without.
+
+        Where light counts, those of each channel are shares of its gain.
+        """
         if self.color_0 is None:
             return None
-        return np.clip(finite(self.color_0).astype(np.float64), 0.0, 1.0)
+        given = finite(self.color_0).astype(np.float64)
+        if is_lit:
+            given[:, :3] /= self.gains()[3:]
+        return np.clip(given, 0.0, 1.0)
+
+    def gains(self) -> NDArray[np.float32]:
+        """Return the factors, (6,), on base colours and on its own that are left for lit ones."""
+        base, _ = self.material._base()
+        made = np.ones(6, np.float32)
+        made[:3] = np.fmax(base[:3], 1.0)
+        if self.color_0 is not None and len(self.color_0):
+            known = self._drawn.get("gains")
+            if known is None:
+                most = finite(self.color_0)[:, :3].max(axis=0)
+                known = self._drawn["gains"] = np.maximum(most, 1.0)
+            made[3:] = known
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied and pickled: no copy shares what was drawn."""
@@ -412,18 +433,6 @@ def finite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floating[Any]]
     if array is None or not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
         return array
     return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def averaged_normals(positions: Float32, faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return averages over the faces around each vertex by area, (V, 3) of length 1 or 0."""
-    places = finite(positions).astype(np.float64)
-    a, b, c = np.moveaxis(places[faces], 1, 0)
-    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    sums = np.stack(
-        [np.bincount(faces.ravel(), across[:, axis], len(places)) for axis in range(3)], axis=1
-    )
-    length = np.sqrt((sums * sums).sum(axis=1, keepdims=True))
-    return sums / np.where(length > 0.0, length, 1.0)
 
 
 def diagonal(extents: NDArray[Any]) -> Any:

@@ -53,6 +53,7 @@ class Scene:
         self.bg_color = 1.0 if bg_color is None else bg_color
         self.ambient_light = 0.0 if ambient_light is None else ambient_light
         self._parents: dict[Node, Node | None] = {}
+        self._mesh_nodes: set[Node] = set()
         self._main_camera_node: Node | None = None
         given = list(nodes or ())
         below = [child for node in given for child in node.children]
@@ -79,8 +80,12 @@ class Scene:
 
     @property
     def mesh_nodes(self) -> set[Node]:
-        """Nodes that hold a mesh."""
-        return self._holding(lambda node: node.mesh is not None)
+        """
+        Nodes that held a mesh when they were added.
+
+        As in pyrender it is no copy: nodes that are taken out of it are not drawn any more.
+        """
+        return self._mesh_nodes
 
     @property
     def camera_nodes(self) -> set[Node]:
@@ -153,8 +158,8 @@ class Scene:
         """(2, 3) float64: corners of a box around all meshes, 0 if there are none."""
         corners = [
             transforms.apply(self.get_pose(node), _corners(node.mesh.bounds))
-            for node in self._ordered()
-            if node.mesh is not None and np.isfinite(node.mesh.bounds).all()
+            for node in self._drawn()
+            if np.isfinite(node.mesh.bounds).all()
         ]
         if not corners:
             return np.zeros((2, 3))
@@ -243,6 +248,8 @@ class Scene:
             if node not in parent_node.children:
                 parent_node.children.append(node)
         self._parents[node] = parent_node
+        if node.mesh is not None:
+            self._mesh_nodes.add(node)
         if node.camera is not None and self._main_camera_node is None:
             self._main_camera_node = node
         for child in node.children:
@@ -326,6 +333,7 @@ class Scene:
     def clear(self) -> None:
         """Take all nodes out."""
         self._parents.clear()
+        self._mesh_nodes.clear()
         self._main_camera_node = None
 
     @staticmethod
@@ -352,6 +360,12 @@ class Scene:
     def _holding(self, matches: Callable[[Node], bool]) -> set[Node]:
         return {node for node in self._parents if matches(node)}
 
+    def _drawn(self) -> list[Node]:
+        """Return the nodes whose meshes are drawn, in the order in which they were added."""
+        return [
+            node for node in self._parents if node in self._mesh_nodes and node.mesh is not None
+        ]
+
     def _ordered(self) -> list[Node]:
         """Return all nodes in the order in which they were added, which sets do not have."""
         return list(self._parents)
@@ -360,6 +374,7 @@ class Scene:
         for child in node.children:
             self._forget(child)
         del self._parents[node]
+        self._mesh_nodes.discard(node)
         if self._main_camera_node is node:
             cameras = [one for one in self._parents if one.camera is not None]
             self._main_camera_node = cameras[0] if cameras else None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -15,7 +14,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.viewer import viewer
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.overlay import Row, mark_pixel, rows_of, write_panel
+from rasterjit.viewer.overlay import Row, write_panel
 from rasterjit.viewer.switches import MODED
 
 Camera = PerspectiveCamera | MatrixCamera
@@ -148,6 +147,7 @@ class Showing(viewer.Viewer):
 
     is_live = True
     help_rows = HELP
+    help_key = "?"
 
     def __init__(self, source: Source, size: tuple[int, int], name: str, ends: bool = True) -> None:
         self._source, self._ends = source, ends
@@ -175,6 +175,17 @@ class Showing(viewer.Viewer):
     def camera(self) -> Any:
         """The camera as it stands: of the source."""
         return self._look.camera
+
+    @property
+    def line(self) -> str:
+        """What is shown, and how, after what the source says."""
+        message = self._source.message
+        return f"{message}   {super().line}" if message else super().line
+
+    @property
+    def shows_line(self) -> bool:
+        """Whether the line is to be read where text has a place of its own; on pictures never."""
+        return True
 
     @property
     def is_moving(self) -> bool:
@@ -262,22 +273,13 @@ class Showing(viewer.Viewer):
         numbers, lit = self.numbers, self._shown._imitation
         if self._hidden and numbers and lit is not None:
             # What is said of each object is said of those that are left.
-            taken, faces_viewer = lit.taken[numbers], lit.faces_viewer[numbers]
-            self._shown._imitation = replace(lit, taken=taken, faces_viewer=faces_viewer)
+            self._shown._imitation = lit.of(numbers)
         return is_possible
 
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
-        told = self.explanation
-        if told is not None and told.size == self.size:
-            mark_pixel(picture, told.x, told.y, self.ratio)
-        if not self.writes_text:
-            return
-        if told is not None and told.size == self.size:
-            write_panel(picture, rows_of(told), "top left", self.ratio)
-        if self._shows_help:
-            write_panel(picture, self.help_rows, "top left", self.ratio)
-        if message := self._source.message:
+        super()._write_on(picture)
+        if self.writes_text and (message := self._source.message):
             write_panel(picture, [(message,)], "bottom right", self.ratio)
 
     @property

@@ -50,15 +50,15 @@ class Trackball:
     ) -> None:
         self._size = np.array(size)
         self._scale = float(scale)
-        self._pressed_pose = self._pose = np.asarray(pose, np.float64)
-        self._pressed_target = self._target = np.asarray(target, np.float64)
+        self._pose = self._n_pose = np.asarray(pose, np.float64)
+        self._target = self._n_target = np.asarray(target, np.float64)
         self._state = self.STATE_ROTATE
         self._pressed = np.zeros(2)
 
     @property
     def pose(self) -> Float64:
         """(4, 4) float64: the camera's pose in the world."""
-        return self._pose
+        return self._n_pose
 
     def set_state(self, state: int) -> None:
         """Choose what drags do: one of ``STATE_ROTATE``, ``_PAN``, ``_ROLL`` and ``_ZOOM``."""
@@ -71,51 +71,51 @@ class Trackball:
     def down(self, point: ArrayLike) -> None:
         """Begin a drag at a pixel (x, y), y up."""
         self._pressed = np.array(point, np.float64)
-        self._pressed_pose, self._pressed_target = self._pose, self._target
+        self._pose, self._target = self._n_pose, self._n_target
 
     def drag(self, point: ArrayLike) -> None:
         """Drag from where the mouse went down to a pixel (x, y), y up."""
         here = np.array(point, np.float64)
-        pose, target = self._pressed_pose, self._pressed_target
+        pose, target = self._pose, self._target
         right, up, back, eye = pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3]
         step = here - self._pressed
         turned = step / (_BALL * self._size.min())
         if self._state == self.STATE_ROTATE:
             around_up = _turn(-turned[0], up, target)
-            self._pose = _turn(turned[1], right, target) @ around_up @ pose
+            self._n_pose = _turn(turned[1], right, target) @ around_up @ pose
         elif self._state == self.STATE_ROLL:
             middle = self._size / 2.0
             before, after = _angle(self._pressed - middle), _angle(here - middle)
-            self._pose = _turn(before - after, back, target) @ pose
+            self._n_pose = _turn(before - after, back, target) @ pose
         elif self._state == self.STATE_PAN:
             x, y = -turned / _PAN * self._scale
             move = x * right + y * up
-            self._target = target + move
-            self._pose = _moved(pose, move)
+            self._n_target = target + move
+            self._n_pose = _moved(pose, move)
         elif self._state == self.STATE_ZOOM:
             # Growing towards the camera as the mouse goes down, and shrinking towards 0 as up.
             dy = step[1] / (0.5 * self._size[1])
             share = np.expm1(dy) if dy > 0.0 else 1.0 - np.exp(dy)
             move = -np.sign(dy) * share * _length(eye - target) * back
-            self._pose = _moved(pose, move)
+            self._n_pose = _moved(pose, move)
 
     def scroll(self, clicks: float) -> None:
         """Come nearer by clicks of the wheel, or go away where they are negative."""
+        self._n_pose = self._scrolled(self._n_pose, clicks)
         self._pose = self._scrolled(self._pose, clicks)
-        self._pressed_pose = self._scrolled(self._pressed_pose, clicks)
 
     def rotate(self, azimuth: float, axis: ArrayLike | None = None) -> None:
         """Turn by an angle in radians around an axis, (3,); default the camera's own up."""
+        self._n_pose = self._rotated(self._n_pose, azimuth, axis)
         self._pose = self._rotated(self._pose, azimuth, axis)
-        self._pressed_pose = self._rotated(self._pressed_pose, azimuth, axis)
 
     def _scrolled(self, pose: Float64, clicks: float) -> Float64:
-        distance = _length(pose[:3, 3] - self._pressed_target)
+        distance = _length(pose[:3, 3] - self._target)
         return _moved(pose, (_CLICK**clicks - 1.0) * distance * pose[:3, 2])
 
     def _rotated(self, pose: Float64, azimuth: float, axis: ArrayLike | None) -> Float64:
         around = pose[:3, 1] if axis is None else np.asarray(axis, np.float64)
-        return _turn(azimuth, around, self._pressed_target) @ pose
+        return _turn(azimuth, around, self._target) @ pose
 
 
 def _turn(angle: float, axis: Float64, center: Float64) -> Float64:

@@ -51,11 +51,14 @@ from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.compat.pyrender.showing import Lens, Look, Showing
 from rasterjit.compat.pyrender.trackball import Trackball
+from rasterjit.compat.pyrender.window import Window
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
 from rasterjit.scene.mesh import Mesh as DrawnMesh
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.scene.validation import image_size, in_short
+from rasterjit.scene.vectors import length
 from rasterjit.viewer import browser, canvas, notebook, show, terminal, trial
 from rasterjit.viewer.controls import Event
 
@@ -90,9 +93,9 @@ FASTEST_GIF = 50.0
 ORTHONORMAL = 1e-6
 """How far the axes of a pose that only turns and moves may be off."""
 
-_RAYMOND_AZIMUTHS = (0.0, 2.0 / 3.0 * math.pi, 4.0 / 3.0 * math.pi)
-_RAYMOND_TILT = math.pi / 6.0
-"""Three lights around the viewer, each as far from where it looks from, radians."""
+_RAYMOND_AZIMUTHS = (0.0, 120.0, 240.0)
+_RAYMOND_TILT = 30.0
+"""Three lights around the viewer, each as far from where it looks from, degrees."""
 
 _WINDOW = threading.Lock()
 """Held by the viewer that has a window: a process has one event loop for them."""
@@ -147,7 +150,7 @@ _KEYS = {
 """Keys, and the method that each calls."""
 
 
-class Viewer:
+class Viewer(Window):
     """
     A viewer of a scene, in a window if one opens here, else in a page, or in a notebook.
 
@@ -219,6 +222,9 @@ class Viewer:
             ord(key.lower()): value for key, value in (registered_keys or {}).items()
         }
         self._message, self._message_until = "", 0.0
+        # Programs count with them; a message stays as long as all others.
+        self._ticks_till_fade = 2.0 / 3.0 * float(self._viewer_flags["refresh_rate"])
+        self._message_opac = 1.0 + self._ticks_till_fade
         self._saved_frames: list[NDArray[np.uint8]] = []
         self._error: BaseException | None = None
         self._stop: Callable[[], Any] | None = None
@@ -353,7 +359,11 @@ class Viewer:
         self.close()
 
     def on_draw(self) -> None:
-        """Draw anew: it does so by itself, wherever the scene changed."""
+        """
+        Draw anew: it does so by itself, wherever the scene changed.
+
+        It is called before each look at the scene, so subclasses can move things there.
+        """
 
     def on_resize(self, width: int, height: int) -> None:
         """Take the size of the window, pixels."""
@@ -430,6 +440,8 @@ class Viewer:
         """Return the scene as it is, for a picture of a size; None if it is closed."""
         if not self._is_active:
             return None
+        if self._is_started:
+            self.on_draw()
         scene, flags = self._scene, check_flags(self._flags())
         self._camera_node.matrix = self._trackball.pose
         self._set_lights()
@@ -558,8 +570,8 @@ class Viewer:
             matrix=self._default_camera_pose,
             camera=self._default_persp_cam if is_perspective else self._default_orth_cam,
         )
-        self._raymond_lights = [_light_node(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
-        self._direct_light = Node(light=DirectionalLight(color=np.ones(3), intensity=1.0))
+        self._raymond_lights = self._create_raymond_lights()
+        self._direct_light = self._create_direct_light()
         self._axes: dict[Node | str, Node] = {}
         if self._viewer_flags["show_world_axis"]:
             self._set_axes(True, self._viewer_flags["show_mesh_axes"])
@@ -672,7 +684,24 @@ class Viewer:
             last = now
         recorder.close()
 
+    def _create_raymond_lights(self) -> list[Node]:
+        """Return three new lights around the camera, which programs take; also of the class."""
+        return [_light_node(azimuth) for azimuth in _RAYMOND_AZIMUTHS]
+
+    def _create_direct_light(self) -> Node:
+        """Return a new light of the camera's own direction; also of the class."""
+        return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0))
+
     # What keys do.
+
+    @property
+    def _message_text(self) -> str | None:
+        """What is to be read, None without; functions of keys write it."""
+        return self.message or None
+
+    @_message_text.setter
+    def _message_text(self, text: str | None) -> None:
+        self._say("" if text is None else str(text))
 
     def _say(self, message: str) -> None:
         self._message, self._message_until = message, time.monotonic() + MESSAGE_SECONDS
@@ -781,7 +810,8 @@ class Viewer:
         radius = 0.5 * (self._scene.scale or DEFAULT_SCENE_SCALE)
         projection = camera.get_projection_matrix(*self._viewport_size)
         slopes = [1.0 / abs(float(projection[axis, axis])) for axis in (0, 1)]
-        distance = radius / math.sin(math.atan(min(slopes)))
+        # The sphere around the scene touches the nearest sides of the view.
+        distance = radius * math.sqrt(1.0 + min(slopes) ** 2) / min(slopes)
         if isinstance(camera, OrthographicCamera):
             factor = radius / min(slopes)
             camera.xmag, camera.ymag = camera.xmag * factor, camera.ymag * factor
@@ -824,7 +854,7 @@ class Viewer:
         half = 1.0 / math.sqrt(2.0)
         pose = np.eye(4)
         pose[:3, :3] = [[0.0, -half, half], [1.0, 0.0, 0.0], [0.0, half, half]]
-        distance = (self._scene.scale or DEFAULT_SCENE_SCALE) / (2.0 * math.tan(math.pi / 6.0))
+        distance = 0.5 * math.sqrt(3.0) * (self._scene.scale or DEFAULT_SCENE_SCALE)
         pose[:3, 3] = distance * np.array([1.0, 0.0, 1.0]) + self._center()
         return pose
 
@@ -859,7 +889,7 @@ class Viewer:
         for of in [node for node in scene._ordered() if node.mesh is not None]:
             if of not in shown and of not in self._axes and of.mesh is not None:
                 low, high = of.mesh.bounds
-                size = 0.5 * math.dist(low, high)
+                size = 0.5 * length(high - low)
                 self._axes[of] = Node(mesh=_axis_mesh(), scale=np.ones(3) * size)
                 scene.add_node(self._axes[of], parent_node=of)
 
@@ -964,10 +994,10 @@ def _call(registered: Any, viewer: Viewer) -> None:
 
 def _light_node(azimuth: float) -> Node:
     """Return one of three lights around the camera, relative to it."""
-    sine, cosine = math.sin(_RAYMOND_TILT), math.cos(_RAYMOND_TILT)
-    back = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), cosine])
-    right = np.array([-back[1], back[0], 0.0])
-    right /= math.hypot(right[0], right[1])
+    sine, cosine = transforms.sine_cosine(_RAYMOND_TILT)
+    y, x = transforms.sine_cosine(azimuth)
+    back = np.array([sine * x, sine * y, cosine])
+    right = np.array([-y, x, 0.0])
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
     return Node(light=DirectionalLight(color=np.ones(3), intensity=1.0), matrix=pose)

@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.primitive import Primitive, finite
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.normals import dot_rows, unit_rows
 from rasterjit.scene.validation import read_only
+from rasterjit.scene.vectors import cross, dot
 
 Float64 = NDArray[np.float64]
 
@@ -31,8 +34,8 @@ WIDTH = 1.0
 
 DEPTH_PLACE = 0.5, 0.5
 """
-Where Mesa takes depths of lines from, with several samples a pixel: half a pixel to the right of
-each and above it, which is below in pictures that are drawn upside down.
+Where Mesa takes depths and attributes of lines from, with several samples a pixel: half a pixel to
+the right of each and above it, which is below in pictures that are drawn upside down.
 """
 
 NORMAL_COLOR = 0.1, 0.1, 1.0
@@ -56,7 +59,8 @@ class LitLines(Lines):
     colors : (V, 4) array_like, optional
     material : Material
     depth_place : (float, float)
-        Where depths are taken from: how far to the right of each sample and below it, pixels.
+        Where depths and attributes are taken from: how far to the right of each sample and below
+        it, pixels.
 
     Raises
     ------
@@ -120,6 +124,7 @@ class _Edges:
         self._segments, self._of_faces = _edges_between(faces)
         self._planes = _planes_of(primitive.positions.astype(np.float64)[faces])
         self._all = _lit_lines(primitive, self._segments, look, DEPTH_PLACE)
+        self._eye: Float64 | None = None
         self._drawn: tuple[NDArray[np.bool_], LitLines] | None = None
 
     def all_of_them(self, look: Material) -> LitLines:
@@ -129,16 +134,26 @@ class _Edges:
 
     def of_front_faces(self, look: Material, clip_from_model: Float64) -> LitLines | None:
         """Return the edges of faces that are seen counterclockwise, or None without any."""
-        # Which side of a plane the eye is on, where it may be infinitely far away.
-        is_front = self._planes @ _eye_of(clip_from_model) > 0.0
+        eye = _eye_of(clip_from_model)
+        if self._eye is None or not np.array_equal(self._eye, eye):
+            self._pick(eye)
+            self._eye = eye
+        if self._drawn is None:
+            return None
+        self._drawn = self._drawn[0], self._drawn[1].shown_by(look)
+        return self._drawn[1]
+
+    def _pick(self, eye: Float64) -> None:
+        """Find what is drawn where the eye is here, (4,); with w 0 it is infinitely far away."""
+        # Which side of a plane it is on.
+        (a, b, c, d), (x, y, z, w) = self._planes, eye
+        is_front = ((a * x + b * y) + c * z) + d * w > 0.0
         is_picked = np.zeros(len(self._segments), np.bool_)
         is_picked[self._of_faces[is_front]] = True
         if not is_picked.any():
-            return None
-        if self._drawn is None or not np.array_equal(self._drawn[0], is_picked):
+            self._drawn = None
+        elif self._drawn is None or not np.array_equal(self._drawn[0], is_picked):
             self._drawn = is_picked, self._all.picked(is_picked)
-        self._drawn = is_picked, self._drawn[1].shown_by(look)
-        return self._drawn[1]
 
 
 def edges_of(
@@ -162,7 +177,7 @@ def edges_of(
     edges: _Edges = primitive._drawn[key]
     if camera is None:
         return edges.all_of_them(look)
-    clip_from_model = camera.clip_from_view @ camera.view_from_world @ place
+    clip_from_model = transforms.compose(camera.clip_from_view, camera.view_from_world, place)
     return edges.of_front_faces(look, clip_from_model)
 
 
@@ -177,7 +192,7 @@ def lines_of(
     primitive : Primitive
     look : Material
     depth_place : (float, float)
-        Where their depths are taken from; see `LitLines`.
+        Where depths and attributes are taken from; see `LitLines`.
     """
     segments = _segments_of(primitive)
     if not len(segments):
@@ -197,8 +212,8 @@ def _lit_lines(
     """Return lines between vertices of a primitive."""
     return LitLines(
         primitive.positions, segments, normals=finite(primitive.normals),
-        uv=finite(primitive.texcoord_0), colors=primitive.colors(), material=look,
-        depth_place=depth_place,
+        uv=finite(primitive.texcoord_0), colors=primitive.colors(look.shading == "pbr"),
+        material=look, depth_place=depth_place,
     )  # fmt: skip
 
 
@@ -221,11 +236,11 @@ def normals_of(
     faces, positions = primitive.faces(), primitive.positions.astype(np.float64)
     if of_vertices or not len(faces):
         starts.append(positions)
-        ways.append(_unit(primitive.normals.astype(np.float64)))
+        ways.append(unit_rows(primitive.normals.astype(np.float64)))
     if of_faces and len(faces):
         a, b, c = np.moveaxis(positions[faces], 1, 0)
         starts.append((a + b + c) / 3.0)
-        ways.append(_unit(np.cross(b - a, c - a)))
+        ways.append(unit_rows(np.cross(b - a, c - a)))
     if not starts:
         return None
     first = np.concatenate(starts)
@@ -246,8 +261,7 @@ def turns(camera: MatrixCamera, place: Float64) -> bool:
     clip = camera.clip_from_view
     # What grows with depth: w of a perspective, else z.
     deep = 3 if clip[3, :3].any() else 2
-    is_mirror = bool(np.linalg.det(clip[[0, 1, deep], :3]) > 0.0)
-    return is_mirror != bool(np.linalg.det(place[:3, :3]) < 0.0)
+    return (_volume(clip[[0, 1, deep], :3]) > 0.0) != (_volume(place[:3, :3]) < 0.0)
 
 
 def _segments_of(primitive: Primitive) -> NDArray[np.int64]:
@@ -275,24 +289,24 @@ def _edges_between(
 
 
 def _planes_of(corners: Float64) -> Float64:
-    """Return the planes of triangles, (F, 3, 3), whose product with a point is a volume, (F, 4)."""
+    """Return the planes of triangles, (F, 3, 3), whose product with a point is a volume, (4, F)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     normals = np.cross(b - a, c - a)
-    return np.append(normals, -np.sum(normals * a, axis=1, keepdims=True), axis=1)
+    return np.stack([*normals.T, -dot_rows(normals, a)])
 
 
-def _eye_of(clip_from_model: Float64) -> Float64:
+def _eye_of(clip_from_model: Float64) -> list[float]:
     """
-    Return the point that clip x, y and w take to 0, (4,), homogeneous.
+    Return the point that clip x, y and w take to 0, four numbers, homogeneous.
 
     Its product with a plane is the determinant of clip x, y and w of three of its points, which is
     above 0 where they are seen counterclockwise.
     """
     rows = clip_from_model[[0, 1, 3]]
-    return np.array([(-1) ** k * np.linalg.det(np.delete(rows, k, axis=1)) for k in range(4)])
+    return [(1.0, -1.0)[k % 2] * _volume(np.delete(rows, k, axis=1)) for k in range(4)]
 
 
-def _unit(vectors: Float64) -> Float64:
-    """Return vectors of length one, (N, 3); zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return vectors / np.where(lengths > 0.0, lengths, 1.0)
+def _volume(rows: Float64) -> float:
+    """Return the signed volume that three vectors, (3, 3), span."""
+    a, b, c = rows.tolist()
+    return dot(a, cross(b, c))

@@ -129,7 +129,7 @@ def part_lists(
     if lists is None or lists.objects is None:
         raise ValueError("coverage must hold the lists of its tiles, got none")
     starts, binned = lists.starts, lists.binned
-    if viewport.reach != 0:
+    if viewport.reach != lists.reach:
         # More triangles reach a tile if samples lie beside the centres.
         starts, binned, _, _ = draw.set_up_and_bin(
             lists.faces, lists.objects, coverage.screen, viewport, workers, skipped=lists.skipped

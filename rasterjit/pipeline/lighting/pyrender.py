@@ -320,6 +320,19 @@ def dim_by_occlusion(block: Block, count):
 
 
 @stage
+def brighten(block: Block, count, gains: float32[:, ::1], first: int64, row: int64):
+    """Multiply three rows by factors of each object, which stand from column ``first`` on."""
+    s = block.samples
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        for channel in range(3):
+            gain = gains[owner, np.uintp(first + channel)]
+            for n in range(segment[START], segment[STOP]):
+                s[np.uintp(row + channel), n] *= gain
+
+
+@stage
 def multiply_by_vertex_colors(block: Block, count):
     """Multiply what is seen by the colours of vertices."""
     s = block.samples

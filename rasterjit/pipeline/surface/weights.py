@@ -167,6 +167,16 @@ def gather_screen(first, end, xy, codes, w, whole, real):
 
 
 @helper
+def are_all_clipped(segment, whole, codes):
+    """Return whether all faces of a segment were clipped, as those of lines count."""
+    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        if (codes[a] | codes[b] | codes[c]) & CLIPPED == 0:
+            return False
+    return True
+
+
+@helper
 def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, front_turn):
     """
     Write what `weigh` does of the samples of a mixed segment; return if any is unsure.
@@ -176,6 +186,8 @@ def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_nar
     s = np.int64(segment[START])
     count = segment[STOP] - s
     e = s + whole_vectors(count)
+    if are_all_clipped(segment, whole, codes):
+        return np.int32(1)
     gather_screen(segment[FIRST_PATCH], segment[END_PATCH], xy, codes, w, whole, real)
     if is_narrow:
         ax, ay, bx, by, cx, cy, columns, rows = (
@@ -352,11 +364,12 @@ def weigh_unsure(segment, whole, weights, geometry, placement):
         first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(whole[COLUMN, first]), np.int64(whole[ROW, first])
+            # Segments and points have no sides.
+            is_behind = b != c and has_its_back_turned(a, b, c, owner, placement)
             weigh_clipped(
                 part(weights, 0, first, end), part(weights, 1, first, end),
                 part(whole, BEHIND, first, end), (a, b, c), column, row,
-                np.int32(has_its_back_turned(a, b, c, owner, placement)),
-                geometry.clip_positions, geometry.viewport,
+                np.int32(is_behind), geometry.clip_positions, geometry.viewport,
             )  # fmt: skip
             continue
         for n in range(np.uintp(first), np.uintp(end)):

@@ -98,6 +98,8 @@ class TileLists(NamedTuple):
     objects: Objects | None = None
     skipped: Sequence[tuple[int, int]] = ()
     """Runs of faces that are in no list."""
+    reach: int = 0
+    """As ``Viewport.reach``: how far from the centres samples may lie whose triangles these are."""
 
 
 class ModelVertices(NamedTuple):
@@ -436,6 +438,7 @@ def find_visible(
     kept: Kept | None = None,
     primitives: Primitives | None = None,
     hidden: Sequence[tuple[int, int]] = (),
+    reach: int = 0,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -482,6 +485,9 @@ def find_visible(
         The objects whose faces are segments or points. Default: all are triangles.
     hidden : sequence of (int, int)
         Runs of faces, ascending, those of whole objects, that are not drawn.
+    reach : int
+        How far from the centres samples lie that the lists are for, as ``Viewport.reach``; 0 where
+        faces are found.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     painted: list[Primitive] = []
@@ -538,11 +544,11 @@ def find_visible(
     # Set up triangles, and list those of each tile.
     if find_faces or keep_lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
-            all_faces, objects, screen, viewport, workers, alpha_tests, depth_type, kept, seen,
-            skipped,
+            all_faces, objects, screen, viewport._replace(reach=reach) if reach else viewport,
+            workers, alpha_tests, depth_type, kept, seen, skipped,
         )  # fmt: skip
         if keep_lists:
-            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden)
+            lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden, reach)
     else:
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
@@ -629,9 +635,11 @@ def kernels_of(
             ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
         ]  # fmt: skip
     if find_faces:
+        rows.append(("nearest.draw_tiles", depth, ""))
+    if find_faces or keep_lists:
         rows += [
-            ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
-            ("triangle_batches.order_triangles", "", ""), ("nearest.draw_planned", depth, ""),
+            ("triangle_batches.plan_batch", "", ""), ("triangle_batches.order_triangles", "", ""),
+            ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
     if find_faces and "points" in kinds:
         rows += [

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import ScreenVertices
+from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import line_pieces
 from rasterjit.pipeline.visibility.primitives import (
     Expansion,
@@ -58,6 +58,8 @@ def expand(
             for task in tasks
         ],
     )  # fmt: skip
+    if right or down:
+        _move(projected.clip_positions[slice(*one.vertices)], right, down, viewport)
     counts = empty((count, 2), np.int32)
     dashes = _dashes_of(one, rule, primitives, projected, placed)
     shared = rule.links, placed, int(rule.is_round), viewport, dashes
@@ -85,6 +87,16 @@ def expand(
         )
 
     return Expansion(int(sums[-1, 0]), int(sums[-1, 1]), write)
+
+
+def _move(
+    clip_positions: NDArray[np.float64], right: float, down: float, viewport: Viewport
+) -> None:
+    """Let samples be shaded by what lies so many pixels to the right of them and below."""
+    width = viewport.left + viewport.width + viewport.right
+    height = viewport.top + viewport.height + viewport.bottom
+    clip_positions[:, 0] -= 2.0 * right / width * clip_positions[:, 3]
+    clip_positions[:, 1] += 2.0 * down / height * clip_positions[:, 3]
 
 
 def _dashes_of(

@@ -35,7 +35,8 @@ class LineRule(NamedTuple):
     is_round: bool
     """Whether ends are; else they are cut off."""
     depth_place: tuple[float, float] = (0.0, 0.0)
-    """Where its depths are taken from: how far to the right of each sample and below it, pixels."""
+    """Where depths and attributes are taken from: how far to the right of each sample and below it,
+    pixels."""
 
 
 class PointRule(NamedTuple):

@@ -8,6 +8,19 @@ const OTHER_TOKEN =
   "The viewer was started anew, with another token: open the address that it printed.";
 const TOO_MANY = "Too many pages look at this viewer. This one goes on when another is closed.";
 
+// A decoder takes the bytes; a blob goes to another process first, and comes back.
+async function decoded(data, type) {
+  if (window.ImageDecoder !== undefined) {
+    const decoder = new ImageDecoder({data, type, colorSpaceConversion: "none"});
+    const {image} = await decoder.decode();
+    decoder.close();
+    return [image, image.displayWidth, image.displayHeight];
+  }
+  const blob = new Blob([data], {type});
+  const bitmap = await createImageBitmap(blob, {colorSpaceConversion: "none"});
+  return [bitmap, bitmap.width, bitmap.height];
+}
+
 export class Connection {
   // `told` takes messages, `picture` pictures, `opened` nothing, `lost` why there is none.
   constructor({told, picture, opened, lost}) {
@@ -55,10 +68,9 @@ export class Connection {
     const bytes = new Uint8Array(data, 4);
     const kind = bytes[0] === 0x89 ? "png" : "jpeg";
     try {
-      const blob = new Blob([bytes], {type: `image/${kind}`});
-      const bitmap = await createImageBitmap(blob, {colorSpaceConversion: "none"});
+      const [bitmap, width, height] = await decoded(bytes, `image/${kind}`);
       if (socket === this.socket) {
-        this.picture(bitmap, number, kind);
+        this.picture(bitmap, width, height, number, kind);
       }
       bitmap.close();
     } finally {

@@ -26,15 +26,17 @@ const connection = new Connection({
     if (message.type === "welcome") {
       welcome = message;
       furnish();
+    } else if (message.type === "compiling") {
+      at("waiting").textContent = `Drawing the first picture${message.text && ": "}${message.text}.`;
     } else {
       state = message;
       update();
     }
   },
-  picture(bitmap, number, kind) {
-    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
-      canvas.width = bitmap.width;
-      canvas.height = bitmap.height;
+  picture(bitmap, width, height, number, kind) {
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
     }
     context.drawImage(bitmap, 0, 0);
     Object.assign(canvas.dataset, {kind, number});
@@ -107,16 +109,22 @@ try {
 
 // Pointers and keys.
 
+// What is told of a pixel lies in the other half of a narrow page.
+function pick(place) {
+  at("pick").classList.toggle("above", place.y > canvas.clientHeight / 2);
+  connection.say("pick", place);
+}
+
 listen(canvas, {
   say,
-  click: (place) => connection.say("pick", place),
+  click: pick,
   tap(place) {
     at("why").open = false;
-    connection.say("pick", place);
+    pick(place);
   },
   long(place) {
     at("why").open = true;
-    connection.say("pick", place);
+    pick(place);
   },
   fit: () => press("f"),
 });
@@ -149,9 +157,10 @@ window.addEventListener("keydown", (event) => {
   if (event.repeat && !REPEATED.includes(key)) {
     return;
   }
-  if (name === "h" || name === "?") {
+  const isUsual = welcome?.has_usual_keys ?? true;
+  if (name === "?" || (name === "h" && isUsual)) {
     toggle("help");
-  } else if (name === "i") {
+  } else if (name === "i" && isUsual) {
     at("line").hidden = !at("line").hidden;
   } else {
     held.add(key);
@@ -174,7 +183,7 @@ window.addEventListener("blur", () => {
 
 // The bar and its panels.
 
-const NARROW = window.matchMedia("(max-width: 600px)");
+const NARROW = window.matchMedia("(max-width: 900px)");
 const openers = [...document.querySelectorAll("[data-opens]")];
 
 function toggle(id) {
@@ -320,22 +329,26 @@ function fill(table, rows) {
 function furnish() {
   document.title = welcome.title || "RasterJIT";
   fill(at("keys"), welcome.help);
+  const {has_usual_keys: isUsual, help_key: helpKey} = welcome;
+  const hintOf = (key) => (isUsual ? [made("kbd", {textContent: key.toUpperCase()})] : []);
+  at("measure-costs").hidden = !isUsual;
+  document.querySelector("[data-opens=help]").title =
+    `What mouse, fingers and keys do (${helpKey})`;
+  if (!isUsual) {
+    canvas.ariaLabel = `Picture of the scene. ${helpKey} lists what keys do.`;
+  }
   at("kinds").replaceChildren(...welcome.kinds.map(({kind, name, key}) =>
     made("label", {}, [
       made("input", {type: "radio", name: "kind", value: kind, onchange: () => look({kind})}),
       `${name} `, made("kbd", {textContent: key}),
     ])));
-  const labelOf = (name) => {
-    const key = welcome.keys[name];
-    return [`${name} `, made("kbd", {textContent: key.toUpperCase()})];
-  };
   at("switches").replaceChildren(
     ...Object.keys(welcome.keys).map((name) =>
       made("label", {}, [
         made("input", {
           type: "checkbox", dataset: {effect: name}, onchange: () => switchEffect(name),
         }),
-        ...labelOf(name),
+        `${name} `, ...hintOf(welcome.keys[name]),
       ])),
     ...welcome.modes.map(({key, name, modes}) =>
       made("label", {}, [
@@ -347,7 +360,7 @@ function furnish() {
           made("option", {value: "", textContent: "off"}),
           ...Object.entries(modes).map(([value, text]) => made("option", {value, textContent: text})),
         ]),
-        made("kbd", {textContent: key.toUpperCase()}),
+        ...hintOf(key),
       ])),
   );
   at("nodes").replaceChildren(...welcome.objects.map(({number, name, color}) => {
@@ -361,7 +374,7 @@ function furnish() {
         swatch, made("span", {textContent: name || `object ${number}`, title: name}),
       ]),
       made("button", {
-        type: "button", textContent: "Only", ariaLabel: `Show only ${name || `object ${number}`}`,
+        type: "button", textContent: "Only", dataset: {only: number}, ariaLabel: `Show only ${name || `object ${number}`}`,
         onclick: () => {
           const isAlone = state?.only === number;
           reveal(isAlone ? [] : numbersBut(number), isAlone ? null : number);
@@ -412,6 +425,9 @@ function update() {
   const hidden = new Set(state.hidden);
   for (const box of document.querySelectorAll("[data-number]")) {
     box.checked = !hidden.has(Number(box.dataset.number));
+  }
+  for (const button of document.querySelectorAll("[data-only]")) {
+    button.ariaPressed = state.only === Number(button.dataset.only);
   }
   fill(at("costs"), state.costs);
   updatePick();

@@ -2,7 +2,7 @@
 Small scenes of edges, lines, points and turned faces, drawn by pyrender or by the adapter.
 
 Run by a Python that has pyrender 0.1.45, it writes what pyrender draws, on Mesa, beside itself:
-``PYOPENGL_PLATFORM=egl python tests/compat/pyrender_shapes.py``.
+``PYOPENGL_PLATFORM=egl python tests/reference/pyrender_shapes.py``.
 """
 
 from __future__ import annotations
