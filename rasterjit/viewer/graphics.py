@@ -37,6 +37,13 @@ SHORTEST_RUN = 4
 CUBE_SIDE, FIRST_OF_CUBE = 6, 16
 """Steps of red, green and blue among the 256 numbered colours, and the number of black."""
 
+CUBE_LEVELS = np.array([0, 95, 135, 175, 215, 255])
+FIRST_GREY, GREY_LEVELS = 232, np.arange(8, 239, 10)
+"""Of the numbered colours as xterm has them, sRGB; and the number of the darkest grey."""
+
+CUBE_BORDERS, GREY_BORDERS = ((some[1:] + some[:-1]) / 2.0 for some in (CUBE_LEVELS, GREY_LEVELS))
+"""Between levels: what lies below is nearer to the darker one."""
+
 HALF_BLOCK = "▄"
 
 
@@ -156,7 +163,7 @@ def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
     picture : (H, W, 3) uint8, sRGB
         ``H`` is even.
     is_true : bool
-        Whether the terminal knows all colours; else the nearest of 6 x 6 x 6 are taken.
+        Whether the terminal knows all colours; else the nearest of 6 x 6 x 6 and of 24 greys.
     """
     if not is_true:
         return _indexed_blocks(picture)
@@ -177,11 +184,21 @@ def half_blocks(picture: NDArray[np.uint8], is_true: bool = True) -> list[str]:
     return lines
 
 
+def _nearest_numbers(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the numbers of the nearest colours, (H, W), of the cube and of the greys."""
+    wanted = picture.astype(np.int64)
+    steps = np.searchsorted(CUBE_BORDERS, wanted, side="right")
+    red, green, blue = np.moveaxis(steps, 2, 0)
+    grey = np.searchsorted(GREY_BORDERS, wanted.mean(axis=2), side="right")
+    far = np.square(CUBE_LEVELS[steps] - wanted).sum(axis=2)
+    grey_far = np.square(GREY_LEVELS[grey][:, :, None] - wanted).sum(axis=2)
+    cube = FIRST_OF_CUBE + (red * CUBE_SIDE + green) * CUBE_SIDE + blue
+    return np.where(grey_far < far, FIRST_GREY + grey, cube)
+
+
 def _indexed_blocks(picture: NDArray[np.uint8]) -> list[str]:
     """Return lines of half blocks in numbered colours."""
-    steps = (picture.astype(np.int64) * (CUBE_SIDE - 1) + 127) // 255
-    red, green, blue = np.moveaxis(steps, 2, 0)
-    numbers = FIRST_OF_CUBE + (red * CUBE_SIDE + green) * CUBE_SIDE + blue
+    numbers = _nearest_numbers(picture)
     return [
         "".join(
             f"\x1b[48;5;{top}m\x1b[38;5;{bottom}m{HALF_BLOCK}"

@@ -44,10 +44,13 @@ _NO_MODULE = (
 STYLE = (
     f"<style>{_BEFORE}> .jupyter-widgets.jp-OutputArea-output:not(:has(*)) {{display: none}} "
     f'{_BEFORE}.jupyter-widgets-error-widget::before {{content: "{_NO_MODULE}"}} '
-    f"body.jp-Notebook {_BEFORE}> .jp-RenderedText {{display: none}}</style>"
+    f"body.jp-Notebook {_BEFORE}> .jp-RenderedText {{display: none}} "
+    "pre.rasterjit-camera.rasterjit-camera, .rasterjit-camera > code "
+    "{word-break: normal; overflow-wrap: anywhere}</style>"
 )
 """JupyterLab says that it does not find the widget of a notebook that does not run any more, and
-shows an error where it cannot load the module of one. A page that nbconvert makes has no server."""
+shows an error where it cannot load the module of one. A page that nbconvert makes has no server.
+Both break lines within numbers."""
 
 
 class Saved:

@@ -204,6 +204,10 @@ def test_view_is_moved_resized_waits_and_is_kept(tab, folder):
         # The picture that is saved is hidden, and described where it is shown.
         until(lambda: tab.evaluate(STILLS), lambda found: found == [])
         assert tab.evaluate(f"{VIEW}.alt") == ALT
+        # The camera's code is broken between words.
+        code = "document.querySelector('.rasterjit-camera > code')"
+        breaks = "[code, code.parentElement].map((one) => getComputedStyle(one).wordBreak)"
+        assert tab.evaluate(f"((code) => {breaks})({code})") == ["normal", "normal"]
 
         # Two drags one after the other leave no picture of a size that was passed.
         for moves in ([(160, 90)], [(-90, -60), (50, 120)], [(30, -70), (-120, 40)]):

@@ -267,12 +267,21 @@ def test_sixels_are_the_pixels_in_their_colours(size):
     assert np.abs(drawn - palette[numbers]).max() <= 1.3
 
 
-def test_half_blocks_without_all_colours_are_the_nearest_of_a_cube():
-    picture = np.array([[[255, 0, 0], [0, 0, 0]], [[255, 255, 255], [26, 25, 0]]], dtype=np.uint8)
+def test_half_blocks_without_all_colours_are_the_nearest_numbered_ones():
+    levels = 0, 95, 135, 175, 215, 255
+    known = [(r, g, b) for r in levels for g in levels for b in levels]
+    known = np.array(known + [(grey,) * 3 for grey in range(8, 239, 10)])
+    random = np.random.default_rng(5)
+    picture = random.integers(0, 256, (2, 400, 3)).astype(np.uint8)
+    # Half of them nearly grey, as shaded things are.
+    picture[:, 200:] = np.clip(picture[:, 200:, :1] + random.integers(0, 6, (2, 200, 3)), 0, 255)
+    picture[:, -1] = [[255, 255, 255], [0, 0, 0]]
     (line,) = half_blocks(picture, False)
-    assert re.findall(r"([34]8);5;(\d+)m", line) == [
-        ("48", "196"), ("38", "231"), ("48", "16"), ("38", "52"),
-    ]  # fmt: skip
+    found = re.findall(r"\x1b\[48;5;(\d+)m\x1b\[38;5;(\d+)m", line)
+    drawn = known[np.array(found, dtype=int).T - 16]
+    far = np.square(picture[:, :, None] - known).sum(axis=3)
+    np.testing.assert_array_equal(np.square(picture - drawn).sum(axis=2), far.min(axis=2))
+    assert len({number for pair in found for number in pair if int(number) >= 232}) == 24
 
 
 def test_panel_folds_what_is_too_wide_and_cuts_what_is_too_long():
