@@ -93,7 +93,12 @@ def jupyterlab(folder, without=None):
         yield until(lambda: address_of(folder / "runtime"))
     finally:
         process.terminate()
-        process.wait(PATIENCE)
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            # It waits for kernels that a busy machine ends late.
+            process.kill()
+            process.wait()
 
 
 def address_of(runtime):
