@@ -178,7 +178,7 @@ def root_mean_square(one: NDArray[np.float32], other: NDArray[np.float32]) -> fl
     return float(np.sqrt(np.mean(np.square(one - other))))
 
 
-def worker(place: Path, path: str, file: Path, size: tuple[int, int]) -> list[str]:
+def worker(path: str, file: Path, size: tuple[int, int]) -> list[str]:
     """Return the command of a process that shows a file."""
     script = Path(__file__).with_name("viewing_worker.py")
     return [sys.executable, str(script), path, str(file), *map(str, size)]
@@ -192,7 +192,7 @@ def environment(place: Path) -> dict[str, str]:
 def widget(place: Path, file: Path, size: tuple[int, int], folder: Path) -> dict[str, Any]:
     """Return what a notebook sees of a widget."""
     done = subprocess.run(
-        worker(place, "widget", file, size), env=environment(place), capture_output=True,
+        worker("widget", file, size), env=environment(place), capture_output=True,
         text=True, check=True,
     )  # fmt: skip
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
@@ -207,7 +207,7 @@ def page(place: Path, file: Path, size: tuple[int, int], folder: Path) -> dict[s
         raise OSError("the page needs Chromium")
     with contextlib.ExitStack() as stack:
         process = subprocess.Popen(
-            worker(place, "page", file, size), env=environment(place), stdout=subprocess.PIPE,
+            worker("page", file, size), env=environment(place), stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         stack.callback(process.wait)

@@ -12,6 +12,7 @@ import sys
 import time
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
 
 import chromium
 import numpy as np
@@ -69,8 +70,12 @@ def jupyterlab(folder, without=None):
     (settings / "labconfig" / "page_config.json").write_text(
         json.dumps({"disabledExtensions": disabled})
     )
+    # Where anywidget is; its front end is beside it, also if this environment stands on another.
+    found = importlib.util.find_spec("anywidget")
+    share = Path(found.origin).parents[4] / "share" / "jupyter"
     environment = {
         **os.environ,
+        "JUPYTER_PATH": os.pathsep.join([str(share), os.environ.get("JUPYTER_PATH", "")]),
         "JUPYTER_CONFIG_DIR": str(settings),
         "JUPYTER_DATA_DIR": str(folder / "data"),
         "JUPYTER_RUNTIME_DIR": str(folder / "runtime"),
@@ -88,7 +93,12 @@ def jupyterlab(folder, without=None):
         yield until(lambda: address_of(folder / "runtime"))
     finally:
         process.terminate()
-        process.wait(PATIENCE)
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            # It waits for kernels that a busy machine ends late.
+            process.kill()
+            process.wait()
 
 
 def address_of(runtime):
