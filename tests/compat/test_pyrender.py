@@ -153,7 +153,10 @@ def test_background_is_shown_as_given(renderer):
 
 def test_flat_shows_colours_as_they_are(renderer):
     scene = pyrender.Scene()
-    material = materials.MetallicRoughnessMaterial(baseColorFactor=[0.2, 0.4, 0.6, 1.0])
+    # What glows does so under lights alone.
+    material = materials.MetallicRoughnessMaterial(
+        baseColorFactor=[0.2, 0.4, 0.6, 1.0], emissiveFactor=[0.5, 0.5, 0.5]
+    )
     scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box(), material=material))
     scene.add(cameras.PerspectiveCamera(1.0), pose=at(z=3))
     color, _ = renderer.render(scene, RenderFlags.FLAT)

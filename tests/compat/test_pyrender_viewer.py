@@ -745,6 +745,17 @@ def test_end_of_the_program_waits_for_ctrl_c_and_an_error_for_nothing(tmp_path, 
             assert process.wait(PATIENCE) == 0
 
 
+@pytest.mark.takes_long
+def test_ctrl_c_ends_a_viewer_without_a_thread_and_the_program_goes_on(tmp_path):
+    blocks = PROGRAM.replace("run_in_thread=True", "run_in_thread=False")
+    nowhere = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "XDG_CACHE_HOME": str(tmp_path)}
+    with started(blocks, **nowhere) as process:
+        line_with(process, "http://")
+        process.send_signal(2)
+        said, error = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, said.splitlines()[-1], error) == (0, "goes on", "")
+
+
 WINDOW = WAITS.replace(
     'print("goes on", flush=True)',
     """
