@@ -425,9 +425,8 @@ class Viewer:
             one_of("modes", key, tuple(switches.MODED))
             one_of(f"modes[{key!r}]", mode, (None, *switches.MODED[key].modes))
         self.kind = kind
-        self._modes |= modes
         self._switched = []
-        self._rebuild()
+        self._take_modes(modes)
         for name in dict.fromkeys(switched):
             self._switch(name)
 
@@ -695,8 +694,7 @@ class Viewer:
             self._change()
         elif key in switches.MODED:
             modes = None, *switches.MODED[key].modes
-            self._modes[key] = modes[(modes.index(self._modes[key]) + 1) % len(modes)]
-            self._rebuild()
+            self._take_modes({key: modes[(modes.index(self._modes[key]) + 1) % len(modes)]})
         elif key in switches.KEYS:
             self._switch(switches.KEYS[key])
         else:
@@ -709,35 +707,51 @@ class Viewer:
             self._switched.remove(name)
         else:
             self._switched.append(name)
-        if not self._rebuild():
+        problem = self._rebuild()
+        if problem is not None and name in self._switched:
             self._switched.remove(name)
-            self._message = f"the scene has nothing for {name}"
+        self._message = problem or self._message
 
-    def _rebuild(self) -> bool:
-        """Make the scene that is shown from the one given, and tell whether all is possible."""
+    def _take_modes(self, modes: Mapping[str, str | None]) -> None:
+        """Let effects of several modes do something else, by key."""
+        before = self._modes
+        self._modes = {**before, **modes}
+        problem = self._rebuild()
+        if problem is not None:
+            self._modes, self._message = before, problem
+
+    def _rebuild(self) -> str | None:
+        """Make the scene that is shown from the one given; return why it cannot be, else None."""
         scene = self.scene
         if self._hidden:
             scene = copy(scene)
             nodes = [self.scene.nodes[number] for number in self.numbers]
             # A scene is of something: a face without area, which is never seen.
             scene.nodes = nodes or [Node(Mesh([self._ball.center] * 3, [[0, 1, 2]]))]
+            if scene._imitation is not None:
+                # What is said of each object is said of those that are left.
+                scene._imitation = scene._imitation.of(self.numbers) if nodes else None
         used = switches.used_effects(scene, self.camera, self.size)
         for name in self._switched:
             changed = switches.switched(scene, name, used)
             if changed is None:
-                return False
+                return f"the scene has nothing for {name}"
             scene = changed
         for key, mode in self._modes.items():
             effect = switches.MODED[key]
             if mode != effect.mode_of(scene):
                 scene = effect.with_mode(scene, mode)
+        try:
+            explain(scene, self.camera, size=self.size, **self._options)
+        except ValueError as error:
+            return str(error)
         self._shown = scene
         off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
         self._message, self._times = ", ".join(off), self._new_times()
         self._change()
         # What a step finds of the scene before does not come after this.
         self.costs = None
-        return True
+        return None
 
     def _depth_under(self, event: Event) -> float | None:
         """Return the depth under the cursor, scene units; None where it is unknown."""

@@ -377,6 +377,20 @@ def test_object_that_a_page_hides_takes_its_light_with_it(page):
         showing.close()
 
 
+def test_effects_that_pyrender_does_not_have_are_refused_in_a_line(page):
+    scene, _ = box_scene(ambient_light=[0.5, 0.5, 0.5])
+    scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=5.0))
+    with viewing(scene) as viewer:
+        showing = viewer._showing.twin()
+        before, look = showing.draw().copy(), showing.look
+        for changed in ({"switched": ("vignette",)}, {"modes": {"p": "x"}}):
+            showing.set_look(**{"kind": "color", "switched": (), "modes": {}, **changed})
+            assert "as in pyrender" in showing.line
+            assert showing.look == look
+            np.testing.assert_array_equal(showing.draw(), before)
+        showing.close()
+
+
 def test_it_turns_by_itself_around_its_axis_at_its_rate(page):
     scene, _ = box_scene()
     scene.add(cameras.PerspectiveCamera(yfov=1.0), pose=at(z=3))

@@ -412,6 +412,7 @@ OFF_THE_PATH = {
     "cli/doctor.py": "checks an installation, draws nothing for anybody",
     "viewer/viewer.py": "what a person clicks, and text",
     "viewer/overlay.py": "text",
+    "viewer/graphics.py": "text for terminals",
     "viewer/tab.py": "text about what a page shows",
     "compat/matplotlib.py": "works in the matrices of matplotlib, which come from BLAS",
     "compat/pyrender/showing.py": "follows a hand, as viewer/controls.py does; and text",

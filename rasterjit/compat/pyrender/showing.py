@@ -267,15 +267,6 @@ class Showing(viewer.Viewer):
             self._times = times
         return True
 
-    def _rebuild(self) -> bool:
-        """Make the scene that is shown of that of the moment."""
-        is_possible = super()._rebuild()
-        numbers, lit = self.numbers, self._shown._imitation
-        if self._hidden and numbers and lit is not None:
-            # What is said of each object is said of those that are left.
-            self._shown._imitation = lit.of(numbers)
-        return is_possible
-
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
         super()._write_on(picture)
