@@ -449,8 +449,10 @@ class Viewer:
         if not all(0 <= number < count for number in hidden):
             raise ValueError(f"numbers must lie in 0..{count - 1}, got {sorted(hidden)}")
         if hidden != self._hidden:
-            self._hidden = hidden
-            self._rebuild()
+            before, self._hidden = self._hidden, hidden
+            problem = self._rebuild()
+            if problem is not None:
+                self._hidden, self._message = before, problem
 
     def pick(self, column: int, row: int) -> None:
         """Ask to explain a pixel; a later `step` does it."""
@@ -702,15 +704,13 @@ class Viewer:
         return True
 
     def _switch(self, name: str) -> None:
-        """Switch an effect."""
-        if name in self._switched:
-            self._switched.remove(name)
-        else:
-            self._switched.append(name)
+        """Switch an effect, if the scene can be shown so."""
+        before = self._switched
+        others = [one for one in before if one != name]
+        self._switched = others if name in before else [*before, name]
         problem = self._rebuild()
-        if problem is not None and name in self._switched:
-            self._switched.remove(name)
-        self._message = problem or self._message
+        if problem is not None:
+            self._switched, self._message = before, problem
 
     def _take_modes(self, modes: Mapping[str, str | None]) -> None:
         """Let effects of several modes do something else, by key."""

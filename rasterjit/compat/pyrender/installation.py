@@ -41,6 +41,7 @@ class _Finder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
+        """Return where a module of pyrender's is; None for others, and for those there are not."""
         top, _, rest = fullname.partition(".")
         if top != _THEIRS:
             return None
@@ -59,5 +60,6 @@ class _Loader(Loader):
         self._name = name
 
     def exec_module(self, module: ModuleType) -> None:
+        """Put this package's module in the place of a new, empty one."""
         # What stands there when this returns is what the program imports.
         sys.modules[module.__name__] = importlib.import_module(self._name)
