@@ -17,7 +17,8 @@ and Mesa snaps vertices to 1/256 of a pixel: one step of each is allowed beside 
 Times: one scene of 70 000 faces, flag by flag, contestants in turn: ``warm`` is a further picture
 of a scene and a renderer that are kept, ``cold`` a first one of scene, meshes and renderer that are
 all made anew, in a process that has drawn before. A ratio is the median of the rounds' ratios, of
-the faster of EGL and OSMesa. ``--page`` prints those of ``docs/pyrender.md`` as they stand there.
+the faster of EGL and OSMesa. ``--page`` prints those of ``docs/coming_from/pyrender.md`` as they
+stand there.
 
 It ends with status 1 if a picture misses a mark. Ratios below theirs are told and no more: they are
 a claim about a quiet machine.
@@ -257,7 +258,7 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--rounds", type=int, default=5, help="of times; 0: pictures alone")
     parser.add_argument("--only-times", action="store_true")
     parser.add_argument("--page", action="store_true",
-                        help="only the times that docs/pyrender.md tells")  # fmt: skip
+                        help="only the times that docs/coming_from/pyrender.md tells")  # fmt: skip
     parser.add_argument("--to", type=Path, default=Path(__file__).parents[1] / "results/pyrender",
                         help="folder for tables and a sheet for each flag")  # fmt: skip
     found = parser.parse_args(given)

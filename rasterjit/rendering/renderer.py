@@ -176,7 +176,7 @@ def explain(
     Takes the arguments of `render`; the plan prints as a table. That begins with what the camera
     sees: where it looks, which axis of the world is up in the picture, and which share of the
     surfaces is in view, on how many pixels. Poses and angles in another program's convention look
-    strange there; ``docs/cameras.md`` shows how.
+    strange there; ``docs/guides/cameras.md`` shows how.
 
     Raises
     ------

@@ -83,7 +83,7 @@ def test_times_are_told_as_the_documentation_tells_them():
     row = {"flag": "RGBA", "egl_warm": 200.0, "osmesa_warm": 100.0, "rasterjit_warm": 25.0}
     row |= {"ratio_warm": 4.0, "egl_cold": 400.0, "rasterjit_cold": 50.0, "ratio_cold": 8.0}
     head, rule, line = beside.table_of_times([row]).splitlines()
-    page = (Path(__file__).parents[2] / "docs/pyrender.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/coming_from/pyrender.md").read_text()
     assert f"{head}\n{rule}\n" in page
     assert line == "| `RGBA` | 5.0 | 10.0 | 40.0 | 4.0 | 2.5 | fails | 20.0 | 8.0 |"
     rows = page[page.index(rule) :].splitlines()[1:]

@@ -13,9 +13,15 @@ import pytest
 from rasterjit.cli import commands
 
 ROOT = Path(__file__).parents[2]
-NOTEBOOKS = ("docs/point_clouds.md", "docs/animation.md")
+NOTEBOOKS = ("docs/guides/point_clouds.md", "docs/guides/animation.md")
 """Pages whose programs go on from one to the next: they are one."""
-PAGES = ("README.md", "models/README.md", "docs/cameras.md", "docs/pyrender.md", *NOTEBOOKS)
+PAGES = (
+    "README.md",
+    "models/README.md",
+    "docs/guides/cameras.md",
+    "docs/coming_from/pyrender.md",
+    *NOTEBOOKS,
+)
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"

@@ -1,5 +1,5 @@
 """
-A small glTF file for each extension in the table of docs/gltf.md, and what it must load as.
+A small glTF file for each extension in the table of docs/guides/gltf.md, and what it must load as.
 
 ``python tests/io/gltf_extension_files.py FOLDER`` writes them, each under its extension's name.
 """
@@ -342,7 +342,7 @@ FILES = {
     "NV_materials_mdl": File(lambda: at_the_top("NV_materials_mdl", {})),
     "VRMC_vrm": File(lambda: at_the_top("VRMC_vrm", {"specVersion": "1.0"})),
 }  # fmt: skip
-"""A file for each extension: a further one is one line here, and a row in docs/gltf.md."""
+"""A file for each extension: a further one is one line here, and a row in docs/guides/gltf.md."""
 
 
 if __name__ == "__main__":

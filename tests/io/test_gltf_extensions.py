@@ -1,4 +1,4 @@
-"""The table of docs/gltf.md: each row's file is loaded, and its outcome is what the row says."""
+"""The table of docs/guides/gltf.md: each row's file is loaded, and becomes what the row says."""
 
 import re
 import warnings
@@ -12,7 +12,7 @@ from PIL import features
 import rasterjit as rj
 from rasterjit.io.gltf.extensions import LIBRARIES, UNDERSTOOD
 
-PAGE = (Path(__file__).parents[2] / "docs/gltf.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/guides/gltf.md").read_text()
 ROWS = dict(re.findall(r"^\| `(\w+)` \| (drawn|in part|nothing to show|left out) \|", PAGE, re.M))
 
 

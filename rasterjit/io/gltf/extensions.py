@@ -1,8 +1,8 @@
 """
 Name the extensions of glTF that are read, and the libraries that some of them need.
 
-``docs/gltf.md`` has the table of all extensions; ``tests/io/test_gltf_extensions.py`` goes through
-it.
+``docs/guides/gltf.md`` has the table of all extensions; ``tests/io/test_gltf_extensions.py`` goes
+through it.
 """
 
 from __future__ import annotations
