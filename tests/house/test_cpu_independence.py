@@ -385,6 +385,8 @@ ALLOWED = {
     ("pipeline/visibility/draw.py", "sum"): "whole numbers: counts of triangles",
     ("pipeline/visibility/primitives.py", "sum"): "whole numbers: counts of pieces",
     ("pipeline/visibility/primitives.py", "dot"): "our own, three terms of Python",
+    ("outputs/frame.py", "sum"): "seconds, for a text",
+    ("outputs/grid.py", "sum"): "whole numbers: codes of a colour",
     ("survey/sections.py", "fsum"): "rounded once, in whatever order",
     ("scene/points.py", "sum"): "whole numbers: counts for a message",
     ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",
