@@ -63,6 +63,8 @@ def grid(
 
     Examples
     --------
+    >>> import rasterjit as rj
+    >>> scene = rj.load("models/teapot.obj")
     >>> views = [rj.render(scene, rj.fit_camera(scene, rj.orbit_direction(a, 20)), size=(160, 120))
     ...          for a in range(0, 360, 60)]
     >>> rj.grid(views, columns=3, labels=[f"{a}°" for a in range(0, 360, 60)]).save("around.png")
