@@ -191,7 +191,7 @@ def main(folder: Path) -> None:
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
     for page in ("point_clouds", "animation"):
-        make_page(MODELS.resolve().parent / "docs" / f"{page}.md", folder / page)
+        make_page(MODELS.resolve().parent / "docs" / "guides" / f"{page}.md", folder / page)
 
 
 if __name__ == "__main__":
