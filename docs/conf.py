@@ -42,7 +42,7 @@ autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 autodoc_default_options = {
     "members": True,
-    "inherited-members": "object,tuple,BaseException,Artist,int,Enum",  # But those of these.
+    "inherited-members": "object,tuple,BaseException,OSError,Artist,int,Enum",  # But those of these.
 }
 
 numpydoc_show_class_members = False
