@@ -1,4 +1,4 @@
-"""The programs and commands of the pages for readers run as they are printed; links lead somewhere."""
+"""Programs and commands of the pages for readers run as they are printed; links lead somewhere."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run(arguments, folder):
 @pytest.mark.parametrize("page", [page for page in PAGES if steps(page)])
 def test_programs_and_commands_of_a_page_run(page, folder):
     for language, parts in itertools.groupby(enumerate(steps(page), 1), lambda part: part[1][0]):
-        texts = {f"{'program' if language == 'python' else 'command'}_{n}": t for n, (_, t) in parts}
+        texts = {f"{language}_{n}": text for n, (_, text) in parts}
         if language == "python":
             run_programs(texts, folder)
         else:
