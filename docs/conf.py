@@ -30,6 +30,7 @@ extensions = [
     "aliases",
     "commands",
     "names",
+    "outside",
 ]
 nitpicky = True
 default_role = "py:obj"  # What docstrings put between single backticks.
