@@ -2,8 +2,8 @@
 Render pictures of the guides: ``python models/make_guide_pictures.py [FOLDER]``.
 
 ``qualities.png``: a part of one scene in the four named qualities, enlarged, for
-``docs/guides/accuracy.md``. ``primitives.png``: lines, a triangle, a circle and a curve, enlarged, for
-``docs/guides/classics.md``.
+``docs/guides/accuracy.md``. ``primitives.png``: lines, a triangle, a circle and a curve, enlarged,
+for ``docs/guides/classics.md``.
 """
 
 from __future__ import annotations
