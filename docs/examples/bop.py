@@ -31,7 +31,9 @@ def write_models(sources: list[Path], folder: Path, diagonal: float = 160.0) -> 
     info, meshes = {}, []
     for number, source in enumerate(sources, 1):
         read = rj.load(source).nodes[0].mesh.split_creases()
-        mesh = trimesh.Trimesh(read.vertices, read.faces, vertex_normals=read.normals, process=False)
+        mesh = trimesh.Trimesh(
+            read.vertices, read.faces, vertex_normals=read.normals, process=False
+        )
         mesh.apply_transform(rj.transforms.rotate_x(90.0))  # from y up
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
         mesh.apply_scale(diagonal / np.linalg.norm(mesh.extents))
@@ -58,7 +60,9 @@ def place(meshes: list[rj.Mesh], random: np.random.Generator) -> tuple[rj.Scene,
     wood = rj.Material("pbr", "#b9a58c", roughness=0.8)
     # The table comes last, so that the objects have the numbers 0, 1, 2 ...
     scene.add(rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=wood), name="table")
-    key = rj.DirectionalLight((-0.6, 0.5, -1.0), intensity=0.85, shadow=rj.Shadow(2048, "soft", 4.0))
+    key = rj.DirectionalLight(
+        (-0.6, 0.5, -1.0), intensity=0.85, shadow=rj.Shadow(2048, "soft", 4.0)
+    )
     scene.lights += [rj.AmbientLight(intensity=0.3), key]
     return scene, nodes
 

@@ -107,7 +107,10 @@ def overlay(photo: Path, mesh: Path, found: Calibration, number: int = 0) -> rj.
         scene.add(rj.Lines([(x, 0, 0), (x, 4, 0)], colors="#00b4ff", width=2.0))
     for y in range(5):
         scene.add(rj.Lines([(0, y, 0), (7, y, 0)], colors="#00b4ff", width=2.0))
-    scene.lights = [rj.AmbientLight(intensity=0.4), rj.DirectionalLight((0.6, 0.5, 1.0), intensity=0.8)]
+    scene.lights = [
+        rj.AmbientLight(intensity=0.4),
+        rj.DirectionalLight((0.6, 0.5, 1.0), intensity=0.8),
+    ]
     picture = cv2.imread(str(photo))[..., ::-1]
     size_of_picture = picture.shape[1], picture.shape[0]
     camera = rj.cameras.from_opencv(found.K, size_of_picture, camera_from_world=found.poses[number])
