@@ -1,4 +1,4 @@
-"""The programs and commands of the pages for readers run as they are printed; links lead somewhere."""
+"""Programs and commands of the pages for readers run as they are printed; links lead somewhere."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run(arguments, folder):
 @pytest.mark.parametrize("page", [page for page in PAGES if steps(page)])
 def test_programs_and_commands_of_a_page_run(page, folder):
     for language, parts in itertools.groupby(enumerate(steps(page), 1), lambda part: part[1][0]):
-        texts = {f"{'program' if language == 'python' else 'command'}_{n}": t for n, (_, t) in parts}
+        texts = {f"{language}_{n}": text for n, (_, text) in parts}
         if language == "python":
             run_programs(texts, folder)
         else:
@@ -122,9 +122,8 @@ def test_a_code_span_holds_no_line_of_a_list(page):
 
 
 def test_the_list_of_commands_has_them_all():
-    (listed,) = re.findall(
-        r"## Command line\n\n```\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
-    )
+    page = (ROOT / "docs/guides/command_line.md").read_text("utf-8")
+    (listed,) = re.findall(r"## Commands\n\n```text\n(.*?)```", page, re.DOTALL)
     lines = [line.split()[1:3] for line in listed.splitlines()]
     assert {name for name, _ in lines} == set(commands.program.commands)
     assert {what for name, what in lines if name == "render"} == {"FILE", "FOLDER"}

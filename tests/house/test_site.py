@@ -1,4 +1,4 @@
-"""The site of docs/: every public name is on one page of the reference; it builds, and needs no network."""
+"""The site of docs/ has every public name on one page; it builds, and needs no network."""
 
 from __future__ import annotations
 
