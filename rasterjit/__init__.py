@@ -32,6 +32,7 @@ Pictures and ground truth
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     them; `masks` makes COCO annotations of them; `Frame.pick` tells which face a pixel shows, and
     where (`Pick`).
+    `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -131,7 +132,7 @@ from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
-    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
+    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle, styles
     from rasterjit import mpl as mpl
     from rasterjit import types as types
     from rasterjit.viewer.show import show
@@ -226,11 +227,13 @@ __all__ = [
     "render_layers",
     "render_many",
     "show",
+    "styles",
     "transforms",
 ]
 
 _MODULES = (
-    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "types",
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "styles",
+    "types",
 )  # fmt: skip
 """
 Those that are loaded when they are first named.
