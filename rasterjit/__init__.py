@@ -95,7 +95,6 @@ from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
-from rasterjit.rendering.preview import preview
 from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.scene import transforms
@@ -129,6 +128,7 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
+from rasterjit.styles.preview import preview
 from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
@@ -232,8 +232,8 @@ __all__ = [
 ]
 
 _MODULES = (
-    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "styles",
-    "types",
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle",
+    "styles", "types",
 )  # fmt: skip
 """
 Those that are loaded when they are first named.

@@ -2,7 +2,8 @@
 The seven objects of the sheet of default pictures, as mesh files that all programs read.
 
 The bunny and the dragon are scans. They come with Debian's package ``libcgal-demo``, in
-``/usr/share/doc/libcgal-dev/data.tar.gz``: ``meshes/bunny00.off``, ``meshes/ChineseDragon-10kv.off``.
+``/usr/share/doc/libcgal-dev/data.tar.gz``, as ``meshes/bunny00.off`` and
+``meshes/ChineseDragon-10kv.off``.
 """
 
 from __future__ import annotations
@@ -116,9 +117,9 @@ def glaze() -> np.ndarray:
     leaf = np.abs(np.sin(x * 16 * math.pi)) * 0.16
     image[np.abs(y - 0.45) < leaf] = (38, 92, 120)
     image[np.abs(y - 0.45) < leaf * 0.35] = (214, 150, 62)
-    for middle, half, color in ((0.22, 0.02, (38, 92, 120)), (0.68, 0.02, (38, 92, 120)),
-                                (0.26, 0.006, (168, 60, 44)), (0.64, 0.006, (168, 60, 44)),
-                                (0.86, 0.05, (168, 60, 44)), (0.06, 0.03, (38, 92, 120))):  # fmt: skip
+    blue, red = (38, 92, 120), (168, 60, 44)
+    bands = [(0.22, 0.02, blue), (0.68, 0.02, blue), (0.26, 0.006, red), (0.64, 0.006, red)]
+    for middle, half, color in [*bands, (0.86, 0.05, red), (0.06, 0.03, blue)]:
         image[np.abs(y - middle) < half] = color
     return image.astype(np.uint8)
 
@@ -126,6 +127,7 @@ def glaze() -> np.ndarray:
 def knot() -> trimesh.Trimesh:
     """Return a torus knot."""
     mesh = trimesh.load(ROOT / "models/torus_knot.obj", force="mesh")
-    return trimesh.Trimesh(
-        mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals, process=False
-    )
+    # Its seam has vertices twice, for the sake of uv.
+    mesh = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh

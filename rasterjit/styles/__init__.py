@@ -68,7 +68,7 @@ CLAY = "#b7a596"
 
 INK, PAPER = "#20242a", "#fbfbf8"
 
-BLUE_FILM, DARKROOM = (0.55, 0.78, 1.0, 0.16), "#0c1220"
+BLUE_FILM, DARKROOM = (0.55, 0.78, 1.0, 0.22), "#0c1220"
 
 
 def plain(scene: Any, camera: Camera | None = None) -> Style:
@@ -154,15 +154,17 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
 
 def xray(scene: Any, camera: Camera | None = None) -> Style:
     """
-    Return a scene of thin glowing film: the more surfaces lie behind each other, the brighter.
+    Return a scene of thin film before a dark wall: all surfaces are seen through all others.
 
     Parameters
     ----------
     scene, camera
         As `plain` takes them.
     """
-    film = Material(shading="unlit", base_color=BLUE_FILM, alpha_mode="blend")
-    shown = with_changes(painting.covered(as_scene(scene), film), environment=None, fog=None)
+    film = Material(base_color=BLUE_FILM, alpha_mode="blend")
+    shown = with_changes(
+        painting.covered(as_scene(scene), film), lights=[], environment=None, fog=None
+    )
     adds = {
         "transparency": "all surfaces are seen through",
         "anti-aliasing": f"{SAMPLES} samples",
@@ -194,7 +196,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
 
 def normals(scene: Any, camera: Camera | None = None) -> Style:
     """
-    Return a scene in colours of its normals in world space: 0..255 is -1..1, red x, green y, blue z.
+    Return a scene in colours of its normals: red x, green y, blue z of the world, 0..255 for -1..1.
 
     Parameters
     ----------

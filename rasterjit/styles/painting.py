@@ -16,7 +16,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.posing import posed_scene
 
-NEAR_TO_FAR = Colormap(np.array([[246, 246, 246], [52, 52, 52]], np.uint8))
+NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))
 """Greys of depths, the nearest first; the farthest is told apart from black."""
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import io
 
-from rasterjit.rendering.renderer import render
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.styles import studio
 
 SIZE = (320, 240)
 """Of the picture, pixels."""
@@ -14,7 +14,7 @@ SIZE = (320, 240)
 
 def preview(what: Scene | Mesh) -> bytes | None:
     """
-    Return a small picture of a scene or mesh that is fitted into it, as PNG, before white.
+    Return a small picture of a scene or mesh that is fitted into it, in the style `studio`, as PNG.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def preview(what: Scene | Mesh) -> bytes | None:
         shows the text of ``repr``.
     """
     try:
-        frame = render(what, size=SIZE)
+        frame = studio(what).render(size=SIZE)
     except (ValueError, MemoryError):
         return None
     if frame.plan.facts.finds_faces and frame.stats.pixels_covered == 0:
