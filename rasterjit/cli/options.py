@@ -1111,10 +1111,11 @@ def _cast_shadows(scene: Scene) -> None:
 def style_option(command: Callable) -> Callable:
     """Add the option ``--style`` to a command."""
     return click.option(
-        "--style", type=click.Choice(STYLES), default=STYLES[0], show_default=True,
-        help="What is drawn where no option says it: studio is a soft lamp, light from the sky, a "
-             "shadow on the ground, greys behind, 4 samples; plain is a headlight before white, "
-             "as rasterjit.render draws. Lights and cameras of FILE stay.",
+        "--style", type=click.Choice(STYLES), default=STYLES[0], show_default=True, metavar="NAME",
+        help=f"{', '.join(STYLES[:-1])} or {STYLES[-1]}. studio: a soft lamp, light from the sky, "
+             "a shadow on the ground, greys behind, 4 samples; plain: a headlight before white, as "
+             "rasterjit.render draws. Lights and cameras of FILE stay, and options go before the "
+             "style.",
     )(command)  # fmt: skip
 
 
