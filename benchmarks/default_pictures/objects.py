@@ -54,7 +54,8 @@ def make_objects(folder: Path, archive: Path) -> dict[str, Path]:
                 )
             )
         files[name] = folder / f"{name}.{'ply' if name == 'thin' else 'glb'}"
-        mesh.export(files[name])
+        normals = {"include_normals": True} if files[name].suffix == ".glb" else {}
+        mesh.export(files[name], **normals)
     return files
 
 

@@ -34,6 +34,13 @@ SIDE = 384
 KEY_DIRECTIONS, SKY_DIRECTIONS = 32, 64
 """Directions that light comes from: of the key light, and of the sky."""
 
+BLURS = 2, 5, 10
+"""
+Texels around each that are averaged, for the key light and what comes from overhead first.
+
+Light from low in the sky makes wide penumbras, which few directions show as steps.
+"""
+
 FEWEST = 12
 """Directions of each for scenes of many faces."""
 
@@ -146,14 +153,22 @@ def cast_shadow(
     faces = sum(len(node.mesh.faces) for node in casters.nodes)
     most = max(FEWEST, FACES_DRAWN // max(faces, 1) // 2)
     missing = np.zeros((SIDE, SIDE), np.float32)
-    parts = [(shares[1], sky_slopes(min(SKY_DIRECTIONS, most)))]
+    sky = sky_slopes(min(SKY_DIRECTIONS, most))
+    parts = [
+        (
+            shares[1] / len(BLURS),
+            sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)],
+            blur,
+        )
+        for n, blur in enumerate(BLURS)
+    ]
     if slope is not None:
-        parts.append((shares[0], key_slopes(slope, min(KEY_DIRECTIONS, most))))
-    for share, slopes in parts:
-        count = np.zeros((SIDE, SIDE), np.int32)
+        parts.append((shares[0], key_slopes(slope, min(KEY_DIRECTIONS, most)), BLURS[0]))
+    for share, slopes, blur in parts:
+        count = np.zeros((SIDE, SIDE), np.int64)
         for one in slopes:
             count += look(one)
-        missing += np.float32(share / len(slopes)) * _smooth(count.astype(np.float32))
+        missing += _blurred(count, blur, np.float32(share / len(slopes)))
     return ground._replace(shade=missing * _fading())
 
 
@@ -274,17 +289,16 @@ def key_slopes(slope: tuple[float, float], count: int) -> list[tuple[float, floa
     return slopes
 
 
-def _smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return a mean of each texel and those around it."""
-    for axis in (0, 1):
-        for _ in range(2):
-            padded = np.concatenate(
-                [image.take([0], axis), image, image.take([-1], axis)], axis=axis
-            )
-            before = padded.take(range(0, SIDE), axis)
-            after = padded.take(range(2, SIDE + 2), axis)
-            image = np.float32(0.25) * before + np.float32(0.5) * image + np.float32(0.25) * after
-    return image
+def _blurred(count: NDArray[np.int64], radius: int, weight: np.float32) -> NDArray[np.float32]:
+    """Return the mean of counts around each texel, twice over a square, times a weight."""
+    for axis in (0, 0, 1, 1):
+        edges = [(0, 0), (0, 0)]
+        edges[axis] = radius + 1, radius
+        sums = np.cumsum(np.pad(count, edges, mode="edge"), axis=axis)
+        count = np.take(sums, range(2 * radius + 1, SIDE + 2 * radius + 1), axis=axis) - np.take(
+            sums, range(SIDE), axis=axis
+        )
+    return count.astype(np.float32) * np.float32(weight / np.float32((2 * radius + 1) ** 4))
 
 
 def _fading() -> NDArray[np.float32]:
