@@ -186,10 +186,9 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """
     scene = posed_scene(as_scene(scene))
-    camera = _seen_from(scene, camera)
-    shown = with_changes(
-        painting.painted_by_depth(scene, camera), environment=None, fog=None, tone_map=None
-    )
+    # Cameras that look the same way see the same differences of depth.
+    painted = painting.painted_by_depth(scene, _seen_from(scene, camera))
+    shown = with_changes(painted, environment=None, fog=None, tone_map=None)
     adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("depth", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
 
