@@ -192,6 +192,7 @@ def main(folder: Path) -> None:
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
     for page in ("point_clouds", "animation"):
         make_page(MODELS.resolve().parent / "docs" / f"{page}.md", folder / page)
+    make_page(MODELS.resolve().parent / "docs" / "guides" / "styles.md", folder / "styles")
 
 
 if __name__ == "__main__":
