@@ -28,7 +28,7 @@ SMALL_PANEL = (256, 160)
 """The same of what mistaken cameras show."""
 
 
-def still_life() -> rj.Scene:
+def four_shapes() -> rj.Scene:
     """Return a teapot, a torus knot, a cube and a pyramid on a floor, with two lights."""
     parts = {
         name: rj.load(MODELS / name).nodes[0].mesh
@@ -94,7 +94,7 @@ def window_light() -> rj.Environment:
     return rj.Environment(image, rotation=-60.0, intensity=0.7, background=False)
 
 
-def tabletop() -> tuple[rj.Scene, rj.PerspectiveCamera]:
+def still_life() -> tuple[rj.Scene, rj.PerspectiveCamera]:
     """Return a glazed teapot among gold, glass, lacquer, chalk and wood, in soft light."""
     scene, globe = rj.Scene(), ball(96, 144)
     board = rj.Texture(checks(5, 320, 70, 225), filter="trilinear", anisotropy=8)
@@ -239,21 +239,23 @@ def main(folder: Path) -> None:
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     camera = rj.PerspectiveCamera(eye=(2.5, 6.0, 12.5), target=(0.2, 1.1, 0.0), fov_y=34.0)
-    scene = still_life()
+    scene = four_shapes()
     smooth = rj.Quality(samples=16)
-    rj.render(*tabletop(), size=(1200, 560), quality=smooth).save(folder / "tabletop.png")
+    rj.render(*still_life(), size=(1200, 560), quality=smooth).save(folder / "still_life.png")
     from rasterjit.io.images import save_image
 
     save_image(folder / "buffers.png", strips(scene, camera))
-    save_image(folder / "camera_mistakes.png", mistakes(still_life(), camera))
+    save_image(folder / "camera_mistakes.png", mistakes(four_shapes(), camera))
     teapot = rj.load(MODELS / "teapot.obj")
     rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")
     cube = rj.load(MODELS / "cube.ply")
     cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
+    root = MODELS.resolve().parent
+    make_page(root / "README.md", folder / "README")
     for page in ("point_clouds", "animation"):
-        make_page(MODELS.resolve().parent / "docs" / "guides" / f"{page}.md", folder / page)
+        make_page(root / "docs" / "guides" / f"{page}.md", folder / page)
 
 
 if __name__ == "__main__":

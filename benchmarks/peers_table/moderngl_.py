@@ -105,19 +105,19 @@ def numbers(folder: Path) -> NDArray[Any]:
 def face_id(folder: Path) -> str:
     """Write face numbers by a shader."""
     assert set(np.unique(numbers(folder)[..., 0])) == {0, 1}
-    return "your shader"
+    return "shader"
 
 
 def masks(folder: Path) -> str:
     """Write object numbers by a shader."""
     assert set(np.unique(numbers(folder)[..., 1])) == {0, 1}
-    return "your shader"
+    return "shader"
 
 
 def normals(folder: Path) -> str:
     """Write normals by a shader."""
     assert numbers(folder).dtype == np.float32
-    return "your shader"
+    return "shader"
 
 
 def antialiasing(folder: Path) -> bool:

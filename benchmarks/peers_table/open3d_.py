@@ -88,7 +88,7 @@ def face_id(folder: Path) -> str:
     found = cast()
     hit = np.isfinite(found["t_hit"].numpy())
     assert set(np.unique(found["primitive_ids"].numpy()[hit])) == {0, 1}
-    return "by rays"
+    return "rays"
 
 
 def masks(folder: Path) -> str:
@@ -96,7 +96,7 @@ def masks(folder: Path) -> str:
     found = cast()
     hit = np.isfinite(found["t_hit"].numpy())
     assert set(np.unique(found["geometry_ids"].numpy()[hit])) == {0, 1}
-    return "by rays"
+    return "rays"
 
 
 def normals(folder: Path) -> str:
@@ -104,7 +104,7 @@ def normals(folder: Path) -> str:
     found = cast()
     hit = np.isfinite(found["t_hit"].numpy())
     assert np.allclose(np.abs(found["primitive_normals"].numpy()[hit]), (0, 0, 1), atol=1e-5)
-    return "by rays"
+    return "rays"
 
 
 def motion(folder: Path) -> bool:

@@ -95,13 +95,13 @@ def selected(folder: Path) -> list[tuple[int, int]]:
 def face_id(folder: Path) -> str:
     """Find face numbers by VTK's selector."""
     assert {face for _, face in selected(folder)} == {0, 1}
-    return "by VTK's selector"
+    return "selector"
 
 
 def masks(folder: Path) -> str:
     """Find objects by VTK's selector."""
     assert len({prop for prop, _ in selected(folder)}) == 2
-    return "by VTK's selector"
+    return "selector"
 
 
 def normals(folder: Path) -> bool:
@@ -115,8 +115,14 @@ def motion(folder: Path) -> bool:
 
 
 def lens(folder: Path) -> bool:
-    """Find no lens."""
-    return shapes.absent("pyvista.plotting.plotter", "distortion|fisheye")
+    """Draw through a distorted camera."""
+    pictures = []
+    for coefficients in (None, (0.1, 0.0, 0.0, 0.0)):
+        found = with_mesh(shapes.UPRIGHT)
+        if coefficients is not None:
+            found.enable_camera_distortion(coefficients)
+        pictures.append(draw(found))
+    return shapes.differ(*pictures)
 
 
 def antialiasing(folder: Path) -> bool:
@@ -151,6 +157,7 @@ def transparency(folder: Path) -> bool:
     for order in (0, 1), (1, 0):
         found = plotter()
         found.enable_depth_peeling(8)
+        found.disable_anti_aliasing()
         for number in order:
             mesh, color = mesh_of(shapes.turned((30, -30)[number])), ("red", "blue")[number]
             found.add_mesh(mesh, color=color, opacity=0.5, lighting=False, reset_camera=False)
@@ -170,7 +177,7 @@ def metallic(folder: Path) -> bool:
 
 def animation(folder: Path) -> bool:
     """Find no time of an animation; VTK's importer, without PyVista, is not tried."""
-    return shapes.absent("pyvista.plotting.plotter", "skin|skelet|keyframe|gltf_anim")
+    return shapes.absent("pyvista.plotting.plotter", "load_time|keyframe|gltf_anim|play_anim")
 
 
 def points(folder: Path) -> bool:

@@ -65,12 +65,12 @@ def crosses(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> bool:
     """
     Return whether two crossing panes are sorted, where the second has them in the other order.
 
-    The pictures are the same, but for rounding, and the left half shows another pane in front.
+    The pictures are the same, but for rounding; red is in front on the left, blue on the right.
     """
     height, width = first.shape[:2]
     left, right = (first[height // 2, int(width * x), :3].astype(int) for x in (0.4, 0.6))
-    is_same = not differ(first, second, 0.001)
-    return is_same and bool(np.abs(left - right).max() > 12)
+    is_sorted = left[0] > left[2] + 12 and right[2] > right[0] + 12
+    return bool(is_sorted) and not differ(first, second, 0.001)
 
 
 def turned(angle: float) -> NDArray[np.float64]:
