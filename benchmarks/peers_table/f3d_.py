@@ -52,7 +52,8 @@ def added(vertices: Any, **options: Any) -> Any:
 
 def settings() -> list[str]:
     """Return the names of all options."""
-    return list(f3d.Engine.create_none().options.keys())
+    engine = f3d.Engine.create_none()  # which the options live in
+    return list(engine.options.keys())
 
 
 def lacking(pattern: str) -> bool:

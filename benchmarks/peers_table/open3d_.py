@@ -147,14 +147,13 @@ def transparency(folder: Path) -> bool:
     for order in (0, 1), (1, 0):
         found, _ = stage()
         for number in order:
-            _, material = found, stage_material(number)
             mesh = mesh_of(shapes.turned((30, -30)[number]))
-            found.scene.add_geometry(f"pane {number}", mesh, material)
+            found.scene.add_geometry(f"pane {number}", mesh, pane_material(number))
         pictures.append(np.asarray(found.render_to_image()).copy())
     return shapes.crosses(*pictures)
 
 
-def stage_material(number: int) -> Any:
+def pane_material(number: int) -> Any:
     """Return the material of a pane."""
     import open3d
 
@@ -166,16 +165,18 @@ def stage_material(number: int) -> Any:
 
 
 def metallic(folder: Path) -> bool:
-    """Draw metal and plastic."""
+    """Draw metal and plastic, with what the files say of them."""
     import open3d
 
     pictures = []
     for name in ("metal", "plastic"):
-        found, _ = stage()
+        found, material = stage()
         model = open3d.io.read_triangle_model(str(folder / f"{name}.glb"))
-        found.scene.add_model("ball", model)
+        read = model.materials[0]
+        material.base_color = read.base_color
+        material.base_metallic, material.base_roughness = read.base_metallic, read.base_roughness
+        found.scene.add_geometry("knot", model.meshes[0].mesh, material)
         pictures.append(np.asarray(found.render_to_image()).copy())
-        found.scene.remove_geometry("ball")
     return shapes.differ(*pictures)
 
 

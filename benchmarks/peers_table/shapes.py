@@ -65,12 +65,14 @@ def crosses(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> bool:
     """
     Return whether two crossing panes are sorted, where the second has them in the other order.
 
-    The pictures are the same, but for rounding; red is in front on the left, blue on the right.
+    The pictures are the same, but for rounding; red is in front on the left, blue on the right, and
+    the other is seen through it.
     """
     height, width = first.shape[:2]
     left, right = (first[height // 2, int(width * x), :3].astype(int) for x in (0.4, 0.6))
     is_sorted = left[0] > left[2] + 12 and right[2] > right[0] + 12
-    return bool(is_sorted) and not differ(first, second, 0.001)
+    shows_both = left[2] > 0.2 * left[0] and right[0] > 0.2 * right[2]
+    return bool(is_sorted and shows_both) and not differ(first, second, 0.001)
 
 
 def turned(angle: float) -> NDArray[np.float64]:

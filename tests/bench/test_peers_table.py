@@ -80,6 +80,8 @@ def test_panes_cross_where_each_half_shows_its_own_in_front_in_both_orders():
     assert not shapes.crosses(right, panes(RED, RED))
     assert not shapes.crosses(panes(RED, RED), panes(RED, RED))
     assert not shapes.crosses(panes(BLUE, RED), panes(BLUE, RED))
+    hides = panes((128, 0, 0), BLUE)
+    assert not shapes.crosses(hides, hides.copy())
 
 
 def test_an_edge_is_smooth_where_values_lie_between():
