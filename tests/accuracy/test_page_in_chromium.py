@@ -198,6 +198,7 @@ def state(tab):
       name: document.getElementById("name").textContent,
       said: document.getElementById("chosen").alt,
       found: document.getElementById("found").textContent,
+      options: document.getElementById("options").textContent,
       color: document.getElementById("chosen").src,
       reference: document.getElementById("reference").src,
       share: getComputedStyle(document.getElementById("chosen")).clipPath,
@@ -248,6 +249,7 @@ def check_level(tab, before):
     assert now["chosen"] == now["name"] == now["said"] == "samples=area"
     assert "1.6× the time" in now["found"]
     assert "5.3× less error" in now["found"]
+    assert now["options"] == "--set samples=area"
     assert now["color"] != before["color"]
     assert now["color"].startswith("data:image/webp")
 

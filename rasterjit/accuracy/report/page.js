@@ -8,6 +8,14 @@ const split = document.querySelector(".split");
 // A mouse on its way to the picture crosses points: it shows one that it rests on.
 const REST = 90;
 
+// A line may end between options, not within one.
+function word(text) {
+  const span = document.createElement("span");
+  span.className = "word";
+  span.textContent = text;
+  return span;
+}
+
 function show(point) {
   const shot = element(point.value);
   const group = shot.closest(".group");
@@ -24,7 +32,7 @@ function show(point) {
     element(id).textContent = point.dataset.name;
   }
   element("found").textContent = point.dataset.found;
-  element("options").textContent = point.dataset.options;
+  element("options").replaceChildren(...point.dataset.options.split(/(?<= )(?=--)/).map(word));
   part.setAttribute("x", group.dataset.column);
   part.setAttribute("y", group.dataset.row);
   part.setAttribute("width", color.naturalWidth);

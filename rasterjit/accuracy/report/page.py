@@ -253,7 +253,7 @@ def _viewer(study: Study) -> str:
         '<div class="small"><figure><svg class="where" '
         f'viewBox="0 0 {columns} {rows}" role="img" '
         f'aria-label="where this part lies in the picture"><use href="#{THUMBNAIL}"/>'
-        f'<rect id="part" stroke-width="{max(columns / 80.0, 1.0):.3g}"/></svg>'
+        f'<rect id="part" stroke-width="{columns / 80.0:.3g}"/></svg>'
         "<figcaption>Where this part lies</figcaption></figure>"
         '<figure><img class="pixels" id="error" src="data:," alt="error of each pixel">'
         '<figcaption>Error: black is 0, yellow <span id="top"></span></figcaption></figure>'
@@ -303,8 +303,8 @@ def front_table(study: Study) -> str:
             number(trial.errors.rmse),
         ]
         rows.append(_row(STANDARD if trial.setting == STANDARD else "level", name, cells))
-    units = ("standard = 1", "against it", "", "RMSE")
-    columns = list(zip(("time", "error", "a frame", "error"), units, strict=True))
+    units = ("standard = 1", "against it", "", "linear light")
+    columns = list(zip(("time", "error", "a frame", "RMSE"), units, strict=True))
     lead = (
         "<p>Each is more accurate than all faster ones, and their times can be told apart. "
         "Where several take the same time, the most accurate stands for all. Ask for one with "
@@ -313,9 +313,11 @@ def front_table(study: Study) -> str:
     return lead + _table("quality", columns, rows)
 
 
-def _breakable(label: str) -> str:
-    """Return a label as HTML whose lines end between changes, not within one."""
-    words = html.escape(label).replace("--set ", "--set&nbsp;").split(" ")
+def _breakable(text: str) -> str:
+    """Return a label, or options, as HTML whose lines end between changes, not within one."""
+    words = html.escape(text).split(" ")
+    if text.startswith("--"):
+        words = [f"{option} {value}" for option, value in zip(words[::2], words[1::2], strict=True)]
     return " ".join(f'<span class="word">{word}</span>' for word in words)
 
 
@@ -370,7 +372,7 @@ def _pictures(study: Study, album: Album) -> Section:
             'role="img" aria-label="where this part lies in the picture">'
             f'<use href="#{THUMBNAIL}"/><rect x="{crop.column}" y="{crop.row}" '
             f'width="{crop.width}" height="{crop.height}" '
-            f'stroke-width="{max(columns / 80.0, 1.0):.3g}"/></svg>'
+            f'stroke-width="{columns / 80.0:.3g}"/></svg>'
             f"<figcaption>Reference; errors from 0 (black) to {number(group.top)} (yellow)"
             f"</figcaption></figure>\n{figures_of}\n</div>\n</div>"
         )

@@ -293,7 +293,7 @@ def _scale_times(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     axes.set_xticks([], minor=True)
     axes.set_xlabel(TIME_TITLE, color=LIGHT["ink"])
     above = axes.secondary_xaxis("top")
-    above.set_xticks(ticks, labels=[duration(seconds * tick) for tick in ticks])
+    above.set_xticks(ticks, labels=[duration(float(f"{seconds * tick:.2g}")) for tick in ticks])
     above.set_xticks([], minor=True)
     _style_axis(above)
 
