@@ -30,8 +30,8 @@ Pictures and ground truth
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
     draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
-    them; `masks` makes COCO annotations of them; `Frame.pick` tells which face a pixel shows, and
-    where (`Pick`).
+    and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
+    annotations of them; `Frame.pick` tells which face a pixel shows, and where (`Pick`).
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -67,7 +67,7 @@ from rasterjit import cli as cli
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import Pipeline
@@ -89,6 +89,7 @@ from rasterjit.outputs.frame import (
     Pick,
     Stats,
 )
+from rasterjit.outputs.grid import grid
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
@@ -136,9 +137,15 @@ if TYPE_CHECKING:
     from rasterjit import types as types
     from rasterjit.viewer.show import show
 
+
+def _show_frame(frame: Frame, color: Any, title: str) -> None:
+    """Show a frame; what does so is loaded when it is first needed."""
+    import_module("rasterjit.viewer.picture").show_picture(frame, color, title)
+
+
 set_hooks(
-    picture=preview, as_scene=as_scene, scene_of_others=scene_to_add, save=save_gltf,
-    to_trimesh=to_trimesh, posed=posed_scene,
+    picture=preview, show=_show_frame, as_scene=as_scene, scene_of_others=scene_to_add,
+    save=save_gltf, to_trimesh=to_trimesh, posed=posed_scene,
 )  # fmt: skip
 del as_scene, posed_scene, preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
@@ -215,6 +222,7 @@ __all__ = [
     "explain",
     "explain_pixel",
     "fit_camera",
+    "grid",
     "load",
     "masks",
     "measure",

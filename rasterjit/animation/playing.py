@@ -19,6 +19,7 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.views import look_from, needs_settling
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, settled
+from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.keyframes import Animation, Channel
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -64,7 +65,8 @@ def frames(
     times : iterable of float, seconds
     camera : Camera or callable, optional
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
-        Default: as in `rasterjit.render`. If it leaves its near plane open, that is in one place
+        Default: the scene's, else one that fits the scene's bounding sphere at each time, so that
+        what turns keeps its size. If it leaves its near plane open, that is in one place
         for all frames: a camera or a `CameraTrack` is looked at ahead, at all of a sequence of up
         to 10,000 times. For other functions and times the plane never goes back.
     transforms : dict, optional
@@ -211,6 +213,9 @@ def _play(
                 # Those that nobody has looked at ahead come no farther away again.
                 look = look if ahead else look.beside(look_at(seen_by))
                 seen_by = settled(seen_by, *look.steps)
+            if seen_by is None:
+                # What turns keeps its size.
+                seen_by = fit_upright(scene, renderer.size, steady=True)
             yield renderer.render(scene, seen_by, **options)
     finally:
         for node, place in before:
@@ -228,8 +233,8 @@ def save(
 
     Parameters
     ----------
-    frames : iterable of Frame, or of (H, W, 4) uint8
-        At least one, all of one size; sRGB and alpha.
+    frames : iterable of Frame, or of (H, W, 4) or (H, W, 3) uint8
+        At least one, all of one size; sRGB and alpha, or sRGB alone.
     path : str or Path
         ``.gif`` (at most 255 colours a frame, alpha below 128 is transparent), or, with the extra
         ``rasterjit[video]``, ``.webp`` and ``.apng`` (every bit is kept) and ``.mp4`` (H.264;

@@ -721,9 +721,7 @@ class View(NamedTuple):
             return self._calibrated(scene, size)
         if self.position is not None:
             return self._placed(scene, size)
-        if self.azimuth is None and self.elevation is None:
-            return self._fit(scene, size)
-        return self.turn(scene, size)(0.0)
+        return self._fit(scene, size)
 
     def _is_placed(self) -> bool:
         """Tell whether an option says where the camera is, or of which kind."""
@@ -781,8 +779,14 @@ class View(NamedTuple):
         else:
             focal = float(intrinsics[1, 1])
             fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, focal)
+            alike = self._replace(intrinsics=None, fov=fov_y)
             try:
-                placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+                # The axis need not go through the middle of the picture: there is room around.
+                placed = (
+                    alike._fit(scene, size, steady=True)
+                    if self.position is None
+                    else alike._placed(scene, size)
+                )
             except ValueError as error:
                 if "fov_y" not in str(error):
                     raise
@@ -803,10 +807,11 @@ class View(NamedTuple):
         """
         from rasterjit.animation.tracks import turntable
 
+        azimuth, elevation = self._angles()
         return turntable(
             scene,
-            azimuth=DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
-            elevation=DEFAULT_ELEVATION if self.elevation is None else self.elevation,
+            azimuth=azimuth,
+            elevation=elevation,
             animation=animation,
             **self._fitting(scene, size),
         )
@@ -821,15 +826,28 @@ class View(NamedTuple):
             "aspect": size[0] / size[1],
         }
 
-    def _fit(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
-        """Return the camera that fits the scene, seen from where it is seen by default."""
+    def _fit(self, scene: Scene, size: tuple[int, int], steady: bool = False) -> FittedCamera:
+        """Return the camera that fits the scene, seen from the angles given or by default."""
         from rasterjit.scene import transforms
-        from rasterjit.scene.framing import fit_camera, frame_of
+        from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
 
         fitting = self._fitting(scene, size)
         frame = frame_of(fitting["up"])
-        fitting["up"] = transforms.apply(frame, (0.0, 1.0, 0.0))
-        return fit_camera(scene, transforms.apply(frame, DEFAULT_DIRECTION), **fitting)
+        toward, upward = DEFAULT_DIRECTION, (0.0, 1.0, 0.0)
+        if self.azimuth is not None or self.elevation is not None:
+            azimuth, elevation = self._angles()
+            toward = orbit_direction(azimuth, elevation)
+            # Ninety degrees above the camera is up for it, at the poles as well.
+            upward = orbit_direction(azimuth, elevation + 90.0)
+        fitting["up"] = transforms.apply(frame, upward)
+        return fit_camera(scene, transforms.apply(frame, toward), steady=steady, **fitting)
+
+    def _angles(self) -> tuple[float, float]:
+        """Return azimuth and elevation, degrees, given or those of the default."""
+        return (
+            DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
+            DEFAULT_ELEVATION if self.elevation is None else self.elevation,
+        )
 
     def _placed(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
         """Return the camera at ``position``, its near and far plane around the scene."""
@@ -839,7 +857,8 @@ class View(NamedTuple):
         from rasterjit.scene.transforms import apply, are_parallel
 
         center, radius = scene.bounding_sphere()
-        fitted = self._fit(scene, size)
+        # What a parallel camera shows fits from all sides.
+        fitted = self._fit(scene, size, steady=True)
         eye = np.array(self.position)
         target = center if self.target is None else np.array(self.target)
         if np.array_equal(eye, target):

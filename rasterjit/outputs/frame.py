@@ -18,6 +18,7 @@ from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import preview
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_of
@@ -479,6 +480,41 @@ class Frame:
                 f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
             )
 
+    def show(self, title: str = "") -> None:
+        """
+        Show the colour: in a notebook's cell, else in the system's picture viewer, else as text.
+
+        In a terminal without a display it is drawn with kitty's graphics or sixels, if
+        ``rasterjit[terminal]`` is installed and the terminal has them, else with half blocks.
+
+        Parameters
+        ----------
+        title : str
+            Of the window, where the picture viewer has one. Default: the size of the picture.
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If the colour was not asked for.
+        ValueError
+            If there is no notebook, no display with a picture viewer, and no terminal.
+
+        See Also
+        --------
+        rasterjit.show : Turn a scene by hand.
+        """
+        if not isinstance(title, str):
+            raise ValueError(f"title must be a text, got {in_short(title)}")
+        HOOKS["show"](self, self.color, title or self.caption)
+
+    @property
+    def caption(self) -> str:
+        """One line for people: ``640 × 480, 7,656 triangles, 12 ms``; without compiling."""
+        width, height = self.plan.size
+        took = sum(time for name, time in self.stats.seconds.items() if name != "compile")
+        duration = f"{took:.1f} s" if took >= 1.0 else f"{1e3 * took:.0f} ms"
+        return f"{width} × {height}, {self.stats.triangles_in:,} triangles, {duration}"
+
     def colorbar(self, title: str = "", *, node: int | None = None) -> NDArray[np.uint8]:
         """
         Draw which colours stand for which scalars, as high as the frame, the highest on top.
@@ -605,8 +641,8 @@ class Frame:
         return data.getvalue()
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> preview.Bundle:
-        """Show the colour in a notebook, with a text for who does not see it."""
-        return preview.bundle(self._repr_png_(), f"Picture of {self!r}")
+        """Show the colour in a notebook, its size and time under it, and an alternative text."""
+        return preview.bundle(self._repr_png_(), f"Picture of {self!r}", caption=self.caption)
 
     def _output(self, name: str) -> NDArray[Any]:
         return output_named(name, self._outputs, "frame")

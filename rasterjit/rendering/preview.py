@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-
+from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import render
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -12,9 +11,9 @@ SIZE = (320, 240)
 """Of the picture, pixels."""
 
 
-def preview(what: Scene | Mesh) -> bytes | None:
+def preview(what: Scene | Mesh) -> Frame | None:
     """
-    Return a small picture of a scene or mesh that is fitted into it, as PNG, before white.
+    Return a small picture of a scene or mesh that is fitted into it, before white.
 
     Parameters
     ----------
@@ -22,7 +21,7 @@ def preview(what: Scene | Mesh) -> bytes | None:
 
     Returns
     -------
-    bytes or None
+    Frame or None
         None where there is nothing to see, or something keeps it from being drawn: a notebook then
         shows the text of ``repr``.
     """
@@ -32,8 +31,4 @@ def preview(what: Scene | Mesh) -> bytes | None:
         return None
     if frame.plan.facts.finds_faces and frame.stats.pixels_covered == 0:
         return None
-    import imageio.v3 as iio
-
-    data = io.BytesIO()
-    iio.imwrite(data, frame.color, extension=".png")
-    return data.getvalue()
+    return frame

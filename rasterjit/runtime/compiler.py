@@ -38,7 +38,7 @@ from rasterjit.runtime.state import (
     words_of,
 )
 from rasterjit.runtime.store import tell_it_goes_on
-from rasterjit.runtime.targets import Target, compiling_for, host
+from rasterjit.runtime.targets import Target, compiling_for, host, platform_of
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
@@ -213,11 +213,21 @@ def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callabl
 
 @functools.cache
 def machine_of(target: Target) -> Any:
-    """Return LLVM's description of a machine to compile for."""
+    """
+    Return LLVM's description of a machine to compile for.
+
+    LLVM's linker gives code and constants memory of their own, more than 2 GB apart where the
+    program has a large array between them: addresses of 32 bits would end the process.
+    """
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
+    is_linux = platform_of(target.triple) is not None
+    addresses = {
+        "reloc": "static" if is_linux else "pic",
+        "codemodel": "large" if is_linux else "default",
+    }
     return binding.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="default"
+        cpu=target.cpu, features=target.features, opt=3, **addresses
     )
 
 

@@ -19,9 +19,23 @@ from rasterjit.scene.camera import (
     OrthographicCamera,
     PerspectiveCamera,
 )
+from rasterjit.scene.extents import (
+    Chunks,
+    Cloud,
+    fit_parallel,
+    fit_perspective,
+    kept,
+    sphere_around,
+)
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
+from rasterjit.scene.validation import (
+    MAX_WHOLE_SIZE,
+    finite_number,
+    one_of,
+    positive_number,
+    vector,
+)
 from rasterjit.scene.vectors import dot, length
 
 if TYPE_CHECKING:
@@ -55,9 +69,12 @@ Well above the rounding of vertices, and less than a bit of depth precision.
 _DISTANCE_IN_RADII = 2.0
 """Distance of a fitted parallel camera, whose picture does not depend on it."""
 
+_LEAST_EXTENT = 2.0**-6
+"""Least half extent that a parallel camera shows, in radii: of what is seen as a point."""
+
 _NEAREST = 1e-6
-"""Least near plane of a fitted camera, as a share of its distance: reached only when a field of
-view close to 180 degrees puts the eye on the sphere."""
+"""Least near plane of a camera that fits a sphere, as a share of its distance: reached only when a
+field of view close to 180 degrees puts the eye on the sphere."""
 
 _SMALLEST_RADIUS = 2.0**-40
 """Least radius framed, as a share of the centre's largest coordinate: float64 then still places
@@ -69,13 +86,15 @@ class Ball(NamedTuple):
 
     center: Vector
     radius: float
+    scene: Bounded | None = None
+    """What is in it: a camera fits that, if it is known."""
 
     @classmethod
     def around(cls, scene: Bounded) -> Ball:
         """Return the bounding sphere of a scene; of radius 1 around a single point."""
         center, radius = scene.bounding_sphere()
         x, y, z = np.asarray(center, dtype=np.float64).tolist()
-        return cls((x, y, z), float(radius) or 1.0)
+        return cls((x, y, z), float(radius) or 1.0, scene)
 
     def bounding_sphere(self) -> tuple[Vector, float]:
         """Return the centre, (3,), and the radius in world space."""
@@ -92,7 +111,7 @@ def frame_of(up: ArrayLike) -> Matrix:
 
 
 def fit_upright(
-    scene: Bounded, size: tuple[int, int], up: ArrayLike | None = None
+    scene: Bounded, size: tuple[int, int], up: ArrayLike | None = None, *, steady: bool = False
 ) -> PerspectiveCamera:
     """
     Return the camera that a picture is seen from unless another is given.
@@ -105,6 +124,8 @@ def fit_upright(
         Of the picture, pixels.
     up : (3,) array_like, optional, world space
         Goes before the scene's.
+    steady : bool
+        As in `fit_camera`: for a scene that moves.
 
     Raises
     ------
@@ -114,11 +135,12 @@ def fit_upright(
     chosen = getattr(scene, "up", None) if up is None else up
     aspect = size[0] / size[1]
     if chosen is None:
-        return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect))
+        return cast(PerspectiveCamera, fit_camera(scene, aspect=aspect, steady=steady))
     frame = frame_of(chosen)
     toward = transforms.apply(frame, DIRECTION)
     upward = transforms.apply(frame, (0.0, 1.0, 0.0))
-    return cast(PerspectiveCamera, fit_camera(scene, toward, up=upward, aspect=aspect))
+    fitted = fit_camera(scene, toward, up=upward, aspect=aspect, steady=steady)
+    return cast(PerspectiveCamera, fitted)
 
 
 class Sight(NamedTuple):
@@ -199,25 +221,33 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
     return along(a, minus(b, a), share)
 
 
-def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
+def orbit_direction(
+    azimuth: float, elevation: float, *, up: ArrayLike | None = None
+) -> tuple[float, float, float]:
     """
     Return the unit vector from a target towards a camera that orbits it.
 
     Parameters
     ----------
     azimuth : float, degrees
-        0 looks from +z; positive turns towards +x.
+        0 looks from +z; positive turns towards +x. Where z is up, 0 looks from -y.
     elevation : float, degrees
         0 is level; positive is above.
+    up : (3,) array_like, world space, optional
+        Default: y. For another, all turns with it by the smallest angle.
 
     Raises
     ------
     ValueError
-        If an angle is not finite.
+        If an angle is not finite, or ``up`` is zero or not three finite numbers.
     """
     sin_a, cos_a = transforms.sine_cosine(finite_number("azimuth", azimuth))
     sin_e, cos_e = transforms.sine_cosine(finite_number("elevation", elevation))
-    return sin_a * cos_e, sin_e, cos_a * cos_e
+    direction = sin_a * cos_e, sin_e, cos_a * cos_e
+    if up is None:
+        return direction
+    x, y, z = transforms.apply(frame_of(up), direction).tolist()
+    return x, y, z
 
 
 def fit_camera(
@@ -226,18 +256,20 @@ def fit_camera(
     fov_y: float = 45.0,
     *,
     up: ArrayLike = (0.0, 1.0, 0.0),
-    margin: float = 1.05,
+    margin: float = 1.06,
     zoom: float = 1.0,
     projection: Projection = "perspective",
     aspect: float = 1.0,
+    steady: bool = False,
 ) -> PerspectiveCamera | OrthographicCamera:
     """
-    Return the camera that frames a scene's bounding sphere, seen from a direction.
+    Return the camera that shows a scene as large as it fits into the picture, in its middle.
 
     Parameters
     ----------
     scene : Scene, Mesh, Points, Lines, trimesh.Trimesh or trimesh.Scene
-        Or another object with ``bounding_sphere() -> (centre (3,), radius)``.
+        Or another object with ``bounding_sphere() -> (centre (3,), radius)``, whose sphere is then
+        what is shown.
     direction : (3,) array_like, world space
         From the scene towards the camera, any length; see :func:`orbit_direction`.
     fov_y : float, degrees
@@ -246,32 +278,41 @@ def fit_camera(
         If it is parallel to ``direction``, the camera takes world -z as up when it looks against
         ``up`` and +z when it looks along it (or +y, where z is parallel as well).
     margin : float
-        The sphere's radius is taken this many times larger; at least 1.
+        The picture is this many times larger than the scene in it, at least 1: by default the
+        scene touches 1 / 1.06 of the way from the middle to the border, either left and right or
+        above and below, whichever is tighter.
     zoom : float
         How many times bigger the scene appears: narrows the field of view (or the height) and
         leaves the camera where it is.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the image it is for, which says how far away the camera is. In a
-        narrower one it shows more above and below (``min_aspect``).
+        Width over height of the image it is for. In a narrower one it shows more above and below
+        (``min_aspect``) where the scene would be cut off at the sides.
+    steady : bool
+        Whether cameras from all directions are equally far from the middle of the scene's bounding
+        box, so that it keeps its size where they go around it. They then fit the bounding sphere,
+        with ``margin`` around that, and most scenes are smaller in the picture.
 
     Returns
     -------
     PerspectiveCamera or OrthographicCamera
-        At zoom 1 the whole sphere is in an image of any size, and at any zoom between the near and
+        At zoom 1 the whole scene is in an image of any size, and at any zoom between the near and
         far plane.
 
     Raises
     ------
     ValueError
         If ``direction`` or ``up`` is zero, ``fov_y`` is outside (0, 180), ``margin`` is below 1,
-        ``zoom`` or ``aspect`` is not above 0, the sphere is not finite, ``projection`` is unknown,
-        or ``scene`` is nothing that can be drawn.
+        ``zoom`` or ``aspect`` is not above 0, the scene has no finite bounds, ``projection`` is
+        unknown, or ``scene`` is nothing that can be drawn.
 
     Notes
     -----
-    A sphere of radius 0 (a single point) is framed as one of radius 1, and one too small for
-    float64 beside its centre's coordinates as the smallest that is not.
+    Fitted are all finite vertices that belong to a face, and balls of the sizes of points and lines
+    that are measured in scene units. A single point is framed as a sphere of radius 1, and a scene
+    too small for float64 beside its centre's coordinates as the smallest sphere that is not. The
+    eye keeps 1/64 of the scene's radius from what is nearest to it, which matters where that is the
+    tip of a cone or the end of a line; a parallel camera shows at least 1/32 of it.
     """
     one_of("projection", projection, PROJECTIONS)
     towards = transforms.unit_vector("direction", direction)
@@ -281,29 +322,93 @@ def fit_camera(
     if enlarged < 1.0:
         raise ValueError(f"margin must be at least 1, got {enlarged!r}")
     magnified = positive_number("zoom", zoom)
-    narrow = min(1.0, positive_number("aspect", aspect))
-    center, radius = _sphere(scene)
-    framed = radius * enlarged
-    if projection == "orthographic":
-        distance = _DISTANCE_IN_RADII * framed
-        shape: dict[str, float] = {"height": 2.0 * framed / narrow / magnified}
+    wide = positive_number("aspect", aspect)
+    what = bounded(scene)
+    chunks = None if steady else _chunks_of(what)
+    center, radius, is_tiny = _sphere(what, chunks)
+    is_parallel = projection == "orthographic"
+    axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
+    lens = _Lens(focal, enlarged, wide, is_parallel)
+    if chunks is None or is_tiny or not math.isfinite(focal * enlarged / wide):
+        placed = _place_for_sphere(lens)
     else:
-        # One over the sine of half the angle across the narrower side.
-        cotangent = focal / narrow
-        distance = framed * math.sqrt(1.0 + cotangent * cotangent)
+        placed = _place_for_points(lens, Cloud(chunks, axes, center, radius))
+    right, upwards, back = axes
+    middle = center + radius * (placed.x * right + placed.y * upwards)
+    eye = middle + radius * placed.z * back
+    target = middle + radius * placed.target * back
+    shape: dict[str, float]
+    if is_parallel:
+        shape = {"height": radius * placed.height / magnified}
+    else:
         shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
     depths = {
-        "near": max((distance - radius) * (1.0 - CLEARANCE), distance * _NEAREST),
-        "far": (distance + radius) * (1.0 + CLEARANCE),
+        "near": radius * placed.near * (1.0 - CLEARANCE),
+        "far": radius * placed.far * (1.0 + CLEARANCE),
     }
-    if not all(map(math.isfinite, (*shape.values(), *depths.values()))):
+    if not all(map(math.isfinite, (*shape.values(), *depths.values(), *eye.tolist()))):
         raise ValueError(
             "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
-            f"of {distance!r} and {shape}"
+            f"of {radius * placed.z!r} and {shape}"
         )
-    kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
-    eye = center + distance * towards
-    return kind(eye, center, upward, **shape, **depths, min_aspect=narrow)
+    kind = OrthographicCamera if is_parallel else PerspectiveCamera
+    return kind(eye, target, upward, **shape, **depths, min_aspect=placed.min_aspect)
+
+
+class _Lens(NamedTuple):
+    """What a camera that fits shows."""
+
+    focal: float
+    """Of a pinhole: one over the slope that the picture shows above its middle."""
+    margin: float
+    aspect: float
+    is_parallel: bool
+
+
+class _Place(NamedTuple):
+    """Where a camera that fits is, in its axes, in radii from the scene's centre."""
+
+    x: float
+    y: float
+    z: float
+    target: float
+    """The z of the point it looks at."""
+    height: float
+    """What a parallel camera shows."""
+    near: float
+    far: float
+    min_aspect: float
+
+
+def _place_for_sphere(lens: _Lens) -> _Place:
+    """Return the place from which the bounding sphere is in the picture."""
+    narrow, height = min(1.0, lens.aspect), math.nan
+    if lens.is_parallel:
+        distance, height = _DISTANCE_IN_RADII * lens.margin, 2.0 * lens.margin / narrow
+    else:
+        # One over the sine of half the angle across the narrower side.
+        cotangent = lens.focal / narrow
+        distance = lens.margin * math.sqrt(1.0 + cotangent * cotangent)
+    near = max(distance - 1.0, distance * _NEAREST)
+    return _Place(0.0, 0.0, distance, 0.0, height, near, distance + 1.0, narrow)
+
+
+def _place_for_points(lens: _Lens, cloud: Cloud) -> _Place:
+    """Return the place from which all points are in the picture, as large as they can be."""
+    if lens.is_parallel:
+        distance = _DISTANCE_IN_RADII * lens.margin
+        x, y = fit_parallel(cloud)
+        half = lens.margin * max(x.slope / lens.aspect, y.slope, _LEAST_EXTENT)
+        widest = lens.margin * x.slope / half
+    else:
+        focal, half = lens.margin * lens.focal, math.nan
+        distance, (x, y) = fit_perspective(cloud, focal / lens.aspect, focal)
+        widest = focal * x.slope
+    # The planes have room for what turns, unless the eye is near the sphere, or in it.
+    near = max(distance - 1.0, 0.5 * (distance - cloud.nearest))
+    target = 0.5 * (cloud.nearest + cloud.farthest)
+    narrow = min(widest, lens.aspect, float(MAX_WHOLE_SIZE))
+    return _Place(x.offset, y.offset, distance, target, 2.0 * half, near, distance + 1.0, narrow)
 
 
 def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
@@ -358,16 +463,28 @@ def bounded(scene: Any) -> Bounded:
     return scene
 
 
-def _sphere(scene: Any) -> tuple[Float64, float]:
-    """Return the scene's bounding sphere, with a radius that float64 can frame."""
-    center, size = bounded(scene).bounding_sphere()
+def _chunks_of(scene: Bounded) -> Chunks | None:
+    """Return what yields the points of a scene; None of what has a sphere alone."""
+    known = scene.scene if isinstance(scene, Ball) else scene
+    chunks = getattr(known, "_world_chunks", None)
+    return None if chunks is None else kept(chunks)
+
+
+def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
+    """
+    Return the bounding sphere of a scene, or of its points, if they are given.
+
+    Its radius is one that float64 can frame. The last value says whether the true one is smaller.
+    """
+    center, size = scene.bounding_sphere() if chunks is None else sphere_around(chunks)
     # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
     center = vector("scene's center", center) + 0.0
     radius = finite_number("scene's radius", size)
     if radius < 0.0:
         raise ValueError(f"scene's radius must not be negative, got {radius!r}")
     smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS
-    return center, max(1.0 if radius == 0.0 else radius, smallest)
+    is_tiny = radius == 0.0 or radius < smallest
+    return center, max(1.0 if radius == 0.0 else radius, smallest), is_tiny
 
 
 def _zoomed_fov(fov_y: float, zoom: float) -> float:

@@ -12,7 +12,8 @@ from typing import Any
 
 HOOKS: dict[str, Callable[..., Any]] = {}
 """
-By name: ``picture`` takes a scene or mesh and returns a small PNG or None, for notebooks;
+By name: ``picture`` takes a scene or mesh and returns a small frame or None, for notebooks;
+``show`` takes a frame, its colour and a title, and shows it;
 ``scene_of_others`` returns another program's object, or another scene, as a scene to be added;
 ``as_scene`` returns what can be drawn as a scene, and takes what errors call it;
 ``posed`` returns a scene with all skins and morph weights applied;

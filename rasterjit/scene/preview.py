@@ -17,14 +17,24 @@ class Previewed:
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
-        return HOOKS["picture"](self) if "picture" in HOOKS else None
+        frame = self._picture()
+        return None if frame is None else frame._repr_png_()
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> Bundle:
-        """Return the picture with a text for who does not see it."""
-        return bundle(self._repr_png_(), f"Picture of {self!r}")
+        """Return the picture, its size and time under it, and an alternative text."""
+        frame = self._picture()
+        if frame is None:
+            return {}, {}
+        return bundle(frame._repr_png_(), f"Picture of {self!r}", caption=frame.caption)
+
+    def _picture(self) -> Any:
+        """Return a small frame; None if there is nothing to see."""
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
-def bundle(png: bytes | None, alt: str, size: tuple[int, int] | None = None) -> Bundle:
+def bundle(
+    png: bytes | None, alt: str, size: tuple[int, int] | None = None, caption: str = ""
+) -> Bundle:
     """
     Return a picture as notebooks show it.
 
@@ -38,6 +48,8 @@ def bundle(png: bytes | None, alt: str, size: tuple[int, int] | None = None) -> 
         What it shows.
     size : (int, int), optional
         Width and height on the screen. Default: those of the picture.
+    caption : str
+        Stands under the picture.
     """
     if png is None:
         return {}, {}
@@ -45,4 +57,6 @@ def bundle(png: bytes | None, alt: str, size: tuple[int, int] | None = None) -> 
     attributes = "".join(f' {name}="{length}"' for name, length in sizes.items())
     source = base64.b64encode(png).decode()
     html = f'<img src="data:image/png;base64,{source}" alt="{escape(alt)}"{attributes}>'
+    if caption:
+        html += f'<div style="font-size: 85%; opacity: 0.75">{escape(caption)}</div>'
     return {"image/png": png, "text/html": html}, {"image/png": {"alt": alt, **sizes}}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import difflib
-import math
 import os
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.extents import box_around, sphere_around
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
@@ -676,17 +676,7 @@ class Scene(Guarded, Previewed):
         ValueError
             If there is no such vertex.
         """
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        with np.errstate(over="ignore", invalid="ignore"):
-            for positions, halves in self._world_chunks():
-                lows, highs = positions, positions
-                if halves is not None:
-                    lows, highs = positions - halves, positions + halves
-                np.minimum(low, lows.min(axis=0), out=low)
-                np.maximum(high, highs.max(axis=0), out=high)
-        if not (low <= high).all():
-            raise ValueError("scene has no face with a finite vertex, so it has no bounds")
-        return low, high
+        return box_around(self._world_chunks)
 
     def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
         """
@@ -706,25 +696,7 @@ class Scene(Guarded, Previewed):
         ValueError
             If no face has a finite vertex.
         """
-        low, high = self.bounds()
-        with np.errstate(invalid="ignore"):
-            center = low / 2.0 + high / 2.0
-            scale = float((high / 2.0 - low / 2.0).max())
-        if scale == 0.0:
-            return center, 0.0
-        largest = 0.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            for positions, halves in self._world_chunks():
-                # Measured in units of the box, so that squares neither overflow nor vanish.
-                offset = (positions - center) / scale
-                x, y, z = offset.T
-                squares = x * x + y * y + z * z
-                if halves is None:
-                    largest = max(largest, math.sqrt(float(squares.max())))
-                else:
-                    reaches = np.sqrt(squares) + halves[:, 0] / scale
-                    largest = max(largest, float(reaches.max()))
-        return center, scale * largest
+        return sphere_around(self._world_chunks)
 
     def _world_chunks(self) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
         """

@@ -325,9 +325,8 @@ class Orbit:
         """Send it to where the whole scene is seen from the same direction."""
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
-        return self._go(
-            target=self.ball.center, distance=length(minus(fitted.eye, self.ball.center))
-        )
+        eye, target = triple_of(fitted.eye), triple_of(fitted.target)
+        return self._go(target=target, distance=length(minus(eye, target)))
 
     def reset(self) -> Orbit:
         """Send it to where it started."""

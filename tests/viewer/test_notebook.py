@@ -8,15 +8,17 @@ import copy
 import html
 import io
 import os
+import re
 import threading
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageShow
 
 import rasterjit as rj
 from rasterjit.rendering.preview import SIZE
+from rasterjit.runtime import progress
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.viewer.viewer import Viewer
 
@@ -62,6 +64,40 @@ def test_pictures_say_what_they_show(cube):
         (image,) = Images(data["text/html"]).found
         assert base64.b64decode(image["src"].partition(",")[2]) == data["image/png"]
         assert image["alt"] == metadata["image/png"]["alt"] == f"Picture of {thing!r}"
+        shown = Image.open(io.BytesIO(data["image/png"]))
+        told = rf"{shown.width} × {shown.height}, 12 triangles, \d+ ms</div>"
+        assert re.search(told, data["text/html"])
+
+
+def test_frame_shows_itself_in_a_cell(cube, monkeypatch):
+    display = pytest.importorskip("IPython.display")
+    frame = rj.render(cube, size=(8, 6), threads=1)
+    shown = []
+    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    monkeypatch.setattr(display, "display", shown.append)
+    frame.show()
+    assert shown == [frame]
+
+
+def test_frame_opens_the_picture_viewer_where_there_is_a_display(cube, monkeypatch):
+    opened = []
+
+    class Viewer(ImageShow.Viewer):
+        def show_image(self, image, **options):
+            opened.append((image, options["title"]))
+            return True
+
+    frame = rj.render(cube, size=(8, 6), threads=1)
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setattr(ImageShow, "_viewers", [Viewer()])
+    frame.show("A cube")
+    ((image, title),) = opened
+    np.testing.assert_array_equal(np.asarray(image), frame.color)
+    assert title == "A cube"
+    with pytest.raises(ValueError, match="title must be a text, got 7"):
+        frame.show(7)
+    with pytest.raises(rj.OutputNotRequestedError):
+        rj.render(cube, size=(8, 6), outputs="depth").show()
 
 
 def test_nothing_to_see_shows_no_picture(cube):

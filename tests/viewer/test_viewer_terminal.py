@@ -60,10 +60,16 @@ KITTY_PART = re.compile(rb"\x1b_G[^;]*;([^\x1b]*)\x1b\\")
 WHOLE_SIXEL = re.compile(rb"\x1bPq.*?\x1b\\", re.S)
 
 
-class Terminal:
-    """A terminal of 40 x 15 characters in which a cube is viewed."""
+def without_screen():
+    """Return the environment without a display, and without the size of another terminal."""
+    size = ("COLUMNS", "LINES")
+    return {k: v for k, v in os.environ.items() if "DISPLAY" not in k and k not in size}
 
-    def __init__(self, folder, answers):
+
+class Terminal:
+    """A terminal of 40 x 15 characters in which a cube is viewed, or a program runs."""
+
+    def __init__(self, folder, answers, program=""):
         self.path = folder / "cube.obj"
         lines = [f"v {x} {y} {z}" for x, y, z in CUBE_VERTICES]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in CUBE_FACES]
@@ -71,12 +77,13 @@ class Terminal:
         self._answers, self.said = answers, b""
         self._end, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", LINES, COLUMNS, 0, 0))
+        view = ["-m", "rasterjit", "view", str(self.path), "--backend", "terminal", "--quiet"]
+        variables = {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "rasterjit", "view", str(self.path), "--backend", "terminal",
-             "--quiet"],
+            [sys.executable, *(["-c", program, str(self.path)] if program else view)],
             stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, start_new_session=True,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-            env={**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
+            env={**without_screen(), **variables},
         )  # fmt: skip
         os.close(theirs)
 
@@ -127,8 +134,8 @@ class Terminal:
 
 
 @contextmanager
-def terminal(folder, answers):
-    one = Terminal(folder, answers)
+def terminal(folder, answers, program=""):
+    one = Terminal(folder, answers, program)
     try:
         yield one
     finally:
@@ -399,3 +406,45 @@ def test_missing_package_is_one_line(tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith('error: the browser needs a server: pip install "rasterjit[')
     assert done.stderr.count("\n") == 1
+
+
+SHOW = """
+import sys
+import rasterjit as rj
+rj.render(rj.load(sys.argv[1]), size=({size}), threads=1).show()
+"""
+
+
+@pytest.mark.parametrize("size", [(26, 12), (20, 9), (80, 60)])
+def test_frame_shows_itself_in_half_blocks_no_larger_than_the_terminal(tmp_path, size):
+    program = SHOW.replace("{size}", f"{size[0]}, {size[1]}")
+    with terminal(tmp_path, PLAIN, program) as one:
+        assert one.ends() == ""
+        lines = one.said[one.said.index(b"\x1b[48;2") :].split(b"\r\n")
+        shown = [line.count(BLOCK) for line in lines if BLOCK in line]
+        scale = min(1.0, COLUMNS / size[0], 2 * (LINES - 1) / size[1])
+        assert shown == [round(size[0] * scale)] * -(-round(size[1] * scale) // 2)
+        if scale == 1.0:
+            picture = one.wanted(size, None)
+            tops = [tuple(map(int, COLOR.search(line)[0][7:-1].split(b";"))) for line in lines[:-1]]
+            assert tops == [tuple(row[0]) for row in picture[::2]]
+
+
+def test_frame_shows_each_pixel_where_the_terminal_has_them(tmp_path):
+    with terminal(tmp_path, KITTY, SHOW.replace("{size}", "90, 60")) as one:
+        assert one.ends() == ""
+        whole = re.search(rb"\x1b_Ga=T.*?s=90,v=60,c=10,r=4,.*?m=0;.*?\x1b\\", one.said, re.S)
+        data = b"".join(part[1] for part in KITTY_PART.finditer(whole[0]))
+        pixels = np.frombuffer(zlib.decompress(base64.b64decode(data)), dtype=np.uint8)
+        np.testing.assert_array_equal(pixels.reshape(60, 90, 3), one.wanted((90, 60), None))
+
+
+def test_frame_that_cannot_be_shown_says_what_to_do(tmp_path, cube):
+    path = tmp_path / "cube.obj"
+    cube.to_trimesh().export(path)
+    done = subprocess.run(
+        [sys.executable, "-c", SHOW.replace("{size}", "8, 8"), path],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, env=without_screen(),
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert 'frame.save("picture.png")' in done.stderr.splitlines()[-1]
