@@ -111,8 +111,8 @@ def _write_key(figure: Figure, study: Study, lines: Sequence[KeyLine]) -> None:
         write(left, y, line.text, line.color, fontsize=8.0)
         y += KEY_LINE
     for below, text in (
-        (40.0, "numbered: nothing is both faster and more accurate"),
-        (28.0, "small circles: all else that was tried"),
+        (40.0, "numbered: more accurate than all that is told to be faster"),
+        (28.0, "circles: all else; crosses: times not measured well enough"),
         (16.0, "bars: lower to upper quartile of the times"),
     ):
         write(left, height - below, text, "muted", fontsize=7.0)

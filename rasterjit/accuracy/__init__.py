@@ -3,14 +3,14 @@ Measure what each accuracy setting costs in time and what it buys in error.
 
 >>> import rasterjit as rj
 >>> found = rj.accuracy.study(rj.load("models/teapot.obj"), budget=30, output="report")
->>> front = found.front  # What nothing else beats in both.
+>>> print(rj.accuracy.answer(found))
 """
 
 from rasterjit.accuracy.calibration import calibrate
 from rasterjit.accuracy.report.files import can_make_page, write_files, write_report
 from rasterjit.accuracy.results import Errors, Study, Trial
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
-from rasterjit.accuracy.sentences import sentences
+from rasterjit.accuracy.sentences import answer, sentences
 from rasterjit.accuracy.study import study
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "MadeScene",
     "Study",
     "Trial",
+    "answer",
     "calibrate",
     "can_make_page",
     "make",

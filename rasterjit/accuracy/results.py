@@ -123,7 +123,8 @@ class Study:
     trials : tuple of Trial
         All others, setting by setting, from the least accurate level on; combinations last.
     front : tuple of str
-        Labels on the Pareto front of all trials: nothing is both faster and more accurate.
+        Labels of what is worth choosing, fastest first, at most seven: each is more accurate than
+        all faster ones, and their times can be told apart.
     without_effect : dict of str
         Settings that change nothing here, with the reason in words.
     left_out : tuple of str

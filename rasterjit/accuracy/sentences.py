@@ -1,10 +1,12 @@
-"""What a study found of each setting, in one plain sentence."""
+"""What a study found, in one plain sentence: the answer, and another for each setting."""
 
 from __future__ import annotations
 
-from rasterjit.accuracy.ranking import is_slower, is_timed
-from rasterjit.accuracy.results import Study, Trial
-from rasterjit.scene.quality import LEVELS, SUPERSAMPLED
+import math
+
+from rasterjit.accuracy.ranking import ALIKE, is_measured, is_slower, is_timed, noise
+from rasterjit.accuracy.results import STANDARD, Study, Trial, front_trials
+from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 PHRASES = {
     "subpixel_bits": "{} sub-pixel bits",
@@ -34,8 +36,14 @@ SPECIAL = {
 }
 """Levels with a name of their own."""
 
-ALIKE = 1.005
-"""Errors in a smaller ratio are not told apart: they print alike."""
+NOT_MEASURED = "not measured well enough"
+"""What is said in place of a factor that few or scattered rounds do not give."""
+
+ADVICE = "give the study more seconds, and a machine that does nothing else"
+"""What to do about it."""
+
+SHARP = 0.05
+"""Share of a time below which what is not known of it is not said: it prints alike."""
 
 
 def sentences(study: Study) -> dict[str, str]:
@@ -48,6 +56,103 @@ def sentences(study: Study) -> dict[str, str]:
         elif trials:
             found[setting] = _sentence(most_telling(trials, study.standard), study.standard)
     return found
+
+
+def answer(study: Study) -> str:
+    """
+    Return what a study found in one sentence: the standard, about twice its time, and about half.
+
+    Only qualities on the front are named, whose times are told apart from the standard's, with the
+    factors that were measured.
+    """
+    standard = study.standard
+    said = (
+        f"On this scene standard is {time_in_words(standard.median)} with error "
+        f"{standard.errors.rmse:.3g}"
+    )
+    if not is_timed(standard):
+        return f"{said}; what other qualities cost is {NOT_MEASURED}: {ADVICE}."
+    front = [trial for trial in front_trials(study) if trial.setting != STANDARD]
+    slower = [trial for trial in front if is_slower(trial, standard)]
+    faster = [trial for trial in front if is_slower(standard, trial)]
+    parts = [
+        f"for {factor_in_words(trial)} the time you get {_bargain(trial, standard)}"
+        for trial in (_nearest(slower, 2.0), _nearest(faster, 0.5))
+        if trial is not None
+    ]
+    # Where such a one is on the front, the standard is not.
+    alike = [trial for trial in front if trial not in slower and trial not in faster]
+    if alike:
+        best = min(alike, key=lambda trial: trial.errors.rmse)
+        parts.insert(0, f"for the same time you get {_bargain(best, standard)}")
+    if not parts:
+        return f"{said}; {_nothing_else(study)}."
+    return f"{said}; {', '.join(parts)}."
+
+
+def _bargain(trial: Trial, standard: Trial) -> str:
+    """Return the error of a quality, and its name; more wrong pixels are not passed over."""
+    text = f"{error_against(trial, standard)} with {quality_in_words(trial, standard)}"
+    wrong, usual = trial.errors.wrong_faces, standard.errors.wrong_faces
+    return f"{text} ({wrong:,} wrong pixels instead of {usual:,})" if wrong > usual else text
+
+
+def _nothing_else(study: Study) -> str:
+    """Return why there is nothing besides the standard to choose."""
+    if not study.trials:
+        return "no other quality was tried"
+    if not any(is_measured(trial) for trial in study.trials):
+        return f"what other qualities cost is {NOT_MEASURED}: {ADVICE}"
+    if not all(is_measured(trial) for trial in study.trials):
+        return f"nothing else is better by more than the noise, or it is {NOT_MEASURED}: {ADVICE}"
+    return "nothing that was tried is faster or more accurate, as far as can be told"
+
+
+def _nearest(trials: list[Trial], factor: float) -> Trial | None:
+    """Return the trial whose time is nearest to so many times the standard's, if there is one."""
+    return min(trials, key=lambda trial: abs(math.log(trial.ratio / factor)), default=None)
+
+
+def time_in_words(seconds: float) -> str:
+    """Return a time with its unit: ``12.3 ms``, ``3.04 s``."""
+    return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"
+
+
+def factor_in_words(trial: Trial) -> str:
+    """Return a time over the standard's: ``2.2×``, or ``2.2× (1.8 to 2.7)`` where it is not sharp.
+
+    ``not measured well enough`` where the rounds are too few or lie too far apart.
+    """
+    if trial.setting == STANDARD:
+        return "1×"
+    if not is_measured(trial):
+        return NOT_MEASURED
+    unknown = noise(trial)
+    if unknown <= SHARP * trial.ratio:
+        return f"{figures(trial.ratio)}×"
+    ends = (figures(max(trial.ratio + change, 0.0)) for change in (-unknown, unknown))
+    return f"{figures(trial.ratio)}× ({' to '.join(ends)})"
+
+
+def error_against(trial: Trial, standard: Trial) -> str:
+    """Return an error against another: ``2.5× less error``."""
+    error, usual = trial.errors.rmse, standard.errors.rmse
+    if _are_alike(error, usual):
+        return "the same error"
+    if error == 0.0:
+        return "no error"
+    if usual == 0.0:
+        return f"an error of {error:.2g}"
+    low, high = sorted((error, usual))
+    return f"{figures(high / low)}× {'the' if error > usual else 'less'} error"
+
+
+def quality_in_words(trial: Trial, standard: Trial) -> str:
+    """Return what a quality is called: its preset, or what it changes."""
+    if trial.level in PRESETS:
+        return f"quality {trial.level}"
+    changes = differences(trial.quality, standard.quality)
+    return " and ".join(_phrase(name, level) for name, level in changes.items()) or trial.label
 
 
 def most_telling(trials: list[Trial], standard: Trial) -> Trial:
@@ -111,11 +216,13 @@ def _phrase(setting: str, level: object) -> str:
 def _time_in_words(trial: Trial, standard: Trial) -> str:
     """Return how much longer a frame takes."""
     if not is_slower(trial, standard) and not is_slower(standard, trial):
-        if not is_timed(trial):
-            return "a time that so few rounds do not tell"
+        if not is_measured(trial):
+            return f"a time {NOT_MEASURED}"
         return "the same time within the noise"
+    if not is_measured(trial):
+        return f"{'more' if trial.ratio > 1.0 else 'less'} time, how much is {NOT_MEASURED}"
     if trial.ratio >= 2.0:
-        return f"{trial.ratio:.1f}× the time"
+        return f"{factor_in_words(trial)} the time"
     change = 100.0 * (trial.ratio - 1.0)
     return f"{'+' if change > 0.0 else '−'}{abs(change):.0f} % time"
 
@@ -130,7 +237,7 @@ def _error_in_words(trial: Trial, standard: Trial) -> str:
         return "no error left" if error == 0.0 else f"error {error:.2g} instead of none"
     if _are_alike(low, high):
         return "nearly the same error"
-    return f"error {_times(high / low)}× {'higher' if error > usual else 'lower'}"
+    return f"error {figures(high / low)}× {'higher' if error > usual else 'lower'}"
 
 
 def _are_alike(error: float, other: float) -> bool:
@@ -139,8 +246,8 @@ def _are_alike(error: float, other: float) -> bool:
     return high <= low * ALIKE
 
 
-def _times(factor: float) -> str:
-    """Return a factor with two figures or all before the point."""
+def figures(factor: float) -> str:
+    """Return a factor with two figures or all before the point: ``1.04``, ``2.5``, ``120``."""
     return (
         f"{factor:.2f}" if factor < 1.1 else f"{factor:.1f}" if factor < 100 else f"{factor:,.0f}"
     )

@@ -20,7 +20,7 @@ LEAST_ROUNDS, MOST_ROUNDS = 3, 21
 
 SLOW = 8.0
 """Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
-on average they take no longer."""
+on average they take no longer, but not so seldom that nothing is known of their times."""
 
 STANDARDS = 3
 """Frames of the standard in a round of many."""
@@ -150,8 +150,9 @@ def fits(
 
 
 def rounds_between(contestant: Contestant, standard: Contestant) -> int:
-    """Return in every how many rounds a contestant takes part."""
-    return max(1, round(contestant.cost / (SLOW * max(standard.cost, 1e-9))))
+    """Return in every how many rounds a contestant takes part; three times, if all are drawn."""
+    wanted = round(contestant.cost / (SLOW * max(standard.cost, 1e-9)))
+    return max(1, min(wanted, MOST_ROUNDS // LEAST_ROUNDS))
 
 
 def take_turns(

@@ -11,7 +11,7 @@ import click
 
 from rasterjit.accuracy import sentences, study
 from rasterjit.accuracy.calibration import calibrate
-from rasterjit.accuracy.ranking import is_timed
+from rasterjit.accuracy.ranking import is_measured
 from rasterjit.accuracy.report.files import (
     CSV_NAME,
     JSON_NAME,
@@ -19,8 +19,9 @@ from rasterjit.accuracy.report.files import (
     prepare_folder,
 )
 from rasterjit.accuracy.report.page import PAGE_NAME
-from rasterjit.accuracy.results import COMBINATIONS, Study, Trial
+from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial
 from rasterjit.accuracy.scenes import make
+from rasterjit.accuracy.sentences import answer
 from rasterjit.accuracy.study import SIZE
 from rasterjit.cli.options import Effects, Look, View
 from rasterjit.cli.program import load_scene
@@ -125,13 +126,15 @@ def _console() -> Console:
 
 
 def _print(found: Study, folder: Path) -> None:
-    """Print the table, the sentences, what is missing from them, and the files."""
+    """Print the answer, the table, the sentences, what is missing from them, and the files."""
     console = _console()
+    console.print(answer(found))
+    console.print()
     _print_table(found, console)
     for sentence in sentences(found).values():
         console.print(f"- {sentence}")
     console.print()
-    console.print(f"Pareto front: {'; '.join(found.front)}")
+    console.print(f"worth choosing: {'; '.join(found.front)}")
     for label, reason in found.impossible.items():
         console.print(f"not possible: {label}: {reason}")
     if found.left_out:
@@ -168,7 +171,8 @@ def _print_table(found: Study, console: Console) -> None:
     console.print(
         f"{found.scene}, {width} x {height} pixels, {found.threads} threads; times are medians of "
         f"{max(found.rounds, 1)} rounds (fewer of slow frames) ± half of what lies between the "
-        "quartiles (? of fewer than 3 rounds); * on the Pareto front of the medians"
+        "quartiles, ? where that is not measured well enough; * worth choosing: more accurate than "
+        "all that is faster"
     )
     console.print(table)
 
@@ -176,11 +180,12 @@ def _print_table(found: Study, console: Console) -> None:
 def _cells(trial: Trial, found: Study) -> dict[str, str]:
     """Return what a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
-    spread = f"{(high - low) / 2.0:.2f}" if is_timed(trial) else "?"
+    is_known = is_measured(trial) or trial.setting == STANDARD
+    factor = f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}" if is_known else "?"
     return {
         "level": trial.level + (" *" if trial.label in found.front else ""),
         "ms": f"{1e3 * trial.median:.2f}",
-        "× standard": f"{trial.ratio:.2f} ±{spread}",
+        "× standard": factor,
         "rmse": f"{errors.rmse:.2e}",
         "PSNR": f"{errors.psnr:.1f}",
         "FLIP": "-" if errors.flip is None else f"{errors.flip:.4f}",

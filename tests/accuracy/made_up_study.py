@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from rasterjit.accuracy.ranking import pareto_front
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Errors, Study, Trial
 from rasterjit.scene.quality import PRESETS, Quality
 
@@ -34,7 +35,16 @@ MIXED = {
     "samples=16 shading=face": (2.0, 0.07, None),
     "draft": (0.4, 0.09, None),
 }
-"""Combinations, the draft preset among them; all but one are on the front."""
+"""Combinations, the draft preset among them."""
+
+
+def quality_of(setting, level):
+    """The quality of a trial: a preset, or the standard with what its label changes."""
+    if level in PRESETS:
+        return PRESETS[level]()
+    changes = dict(pair.split("=") for pair in level.split()) if "=" in level else {setting: level}
+    values = {name: int(text) if text.isdigit() else text for name, text in changes.items()}
+    return dataclasses.replace(Quality.standard(), **values)
 
 
 def picture(jaggedness):
@@ -79,16 +89,11 @@ def made_up_study(*, rounds=9, settings=None, scene='bits & <pieces> of "glass".
     if settings is not None:
         wanted = {name: wanted[name] for name in settings}
     trials = tuple(
-        trial(setting, level, PRESETS.get(level, Quality.standard)(), found, rounds)
+        trial(setting, level, quality_of(setting, level), found, rounds)
         for setting, levels in wanted.items()
         for level, found in levels.items()
     )
-    best, front = math.inf, []
     base = trial(STANDARD, STANDARD, standard, (1.0, 0.0329, None), rounds)
-    for one in sorted((base, *trials), key=lambda t: (t.ratio, t.errors.rmse)):
-        if one.errors.rmse < best:
-            best = one.errors.rmse
-            front.append(one.label)
     return Study(
         scene=scene,
         size=(WIDTH, HEIGHT),
@@ -98,7 +103,7 @@ def made_up_study(*, rounds=9, settings=None, scene='bits & <pieces> of "glass".
         versions={"rasterjit": "0.1.0", "numba": '0.6"1"'},
         standard=base,
         trials=trials,
-        front=tuple(front),
+        front=pareto_front([base, *trials]),
         without_effect={"shadow_taps": "no light casts shadows <here>"},
         left_out=("shading=face", "lines=coverage & more"),
         reference_color=picture(0.0),

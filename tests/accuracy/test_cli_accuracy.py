@@ -64,7 +64,8 @@ def test_a_file_is_studied_and_the_report_written(tmp_path):
     held = json.loads((tmp_path / "report" / "accuracy.json").read_text())
     assert (held["scene"], held["size"], held["threads"]) == ("cube.ply", [24, 16], 1)
     assert "cube.ply, 24 x 16 pixels, 1 threads" in result.stdout
-    assert "Pareto front: " in result.stdout
+    assert result.stdout.startswith("On this scene standard is ")
+    assert "worth choosing: " in result.stdout
     assert f"wrote {tmp_path / 'report' / 'accuracy.csv'}" in result.stdout
 
 
@@ -103,6 +104,15 @@ def test_the_terminal_shows_table_sentences_and_what_is_missing(tmp_path, studie
     assert "left out (no time left): samples=256" in result.stdout
     rows = [line.split() for line in result.stdout.splitlines()]
     assert ["samples", "4", "15.00", "1.50", "±0.00", "1.00e-01", "20.0", "-", "0"] in rows
+
+
+def test_the_terminal_shows_no_factor_of_too_few_rounds(tmp_path, studies, monkeypatch):
+    once = made_study([trial("samples=4", (5.8,), rj.Quality(samples=4))])
+    monkeypatch.setattr(cli_accuracy, "study", lambda *_, **__: once)
+    result = accuracy(tmp_path, CUBE)
+    assert "5.8" not in result.stdout
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert ["samples", "4", "58.00", "?", "1.00e-01", "20.0", "-", "0"] in rows
 
 
 def test_an_interrupted_study_says_so(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Plots of error against time: readable, with zero on a logarithmic axis, always the same."""
 
+import dataclasses
 import re
 import xml.etree.ElementTree
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from made_up_study import SAMPLES, changed, made_up_study
 
+from rasterjit.accuracy.ranking import pareto_front
 from rasterjit.accuracy.report import plots, scales
 
 matplotlib = pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
@@ -49,34 +51,33 @@ def check_labels(placed):
 
 
 def test_labels_cover_neither_each_other_nor_a_point(placed):
-    study = made_up_study()
-    for setting in ("samples", "subpixel_bits", "precision", "blending"):
-        plots.plot_setting(study, setting, "p-")
-        check_labels(placed)
-    plots.plot_front(study, "p-")
-    check_labels(placed)
-
-
-def test_levels_in_one_place_are_all_named(placed):
-    study = made_up_study(settings=["samples"])
-    for level in SAMPLES:
-        found = next(trial for trial in study.trials if trial.level == level)
-        errors = found.errors._replace(rmse=0.0329)
-        study = changed(study, "samples", level, {"errors": errors, "ratios": (1.0, 1.001)})
-    plots.plot_setting(study, "samples", "p-")
+    plots.plot_front(made_up_study(), "p-")
     _, centres = check_labels(placed)
-    assert set(centres) == {*SAMPLES, "1 (standard)"}
+    assert set(centres) == {*"1234567", "standard"}
+
+
+def test_many_in_one_place_are_all_numbered(placed):
+    study = made_up_study(settings=["samples"])
+    for n, level in enumerate(SAMPLES):
+        found = next(trial for trial in study.trials if trial.level == level)
+        errors = found.errors._replace(rmse=0.0329 - 1e-4 * n)
+        study = changed(study, "samples", level, {"errors": errors, "ratios": (1.0, 1.001)})
+    study = dataclasses.replace(study, front=tuple(trial.label for trial in study.trials))
+    plots.plot_front(study, "p-")
+    _, centres = check_labels(placed)
+    assert len(centres) == len(SAMPLES) + 1
 
 
 def test_an_error_of_zero_lies_below_the_logarithmic_axis(placed):
     study = made_up_study(settings=["samples"])
-    plots.plot_setting(study, "samples", "p-")
+    plots.plot_front(study, "p-")
     frame, centres = check_labels(placed)
     heights = {name: y for name, (_, y) in centres.items()}
     ordered = sorted(heights, key=heights.get)
-    assert ordered[0] == "256"
-    assert ordered[-1] == "1 (standard)"
-    assert frame.bottom < heights["256"] < heights["64"] - 10.0
+    last = str(len(study.front))
+    assert ordered[0] == last
+    assert ordered[-1] == "1 standard"
+    assert frame.bottom < heights[last] < heights[ordered[1]] - 10.0
 
 
 @pytest.mark.parametrize("rmse", [0.0, 1e-9, 0.3])
@@ -85,17 +86,43 @@ def test_one_trial_is_enough(rmse, rounds):
     study = made_up_study(settings=["blending"], rounds=rounds)
     errors = study.trials[0].errors._replace(rmse=rmse)
     study = changed(study, "blending", "srgb8", {"errors": errors})
-    parsed(plots.plot_setting(study, "blending", "p-"))
-    parsed(plots.plot_front(study, "p-"))
-    parsed(plots.plot_front(made_up_study(settings=[], rounds=rounds), "p-"))
+    for one in (study, made_up_study(settings=[], rounds=rounds)):
+        plot = plots.plot_front(one, "p-")
+        parsed(plot.svg)
+        assert set(plot.places) == {"standard", *(trial.label for trial in one.trials)}
 
 
-def test_plots_follow_the_colours_of_the_page():
-    text = plots.plot_setting(made_up_study(), "samples", "own-")
+def test_places_are_where_points_are_drawn(placed):
+    study = made_up_study()
+    places = plots.plot_front(study, "p-").places
+    _, _, centres, _ = placed.pop()
+    width, height = plots.FRONT_POINTS
+    for n, label in enumerate(study.front, 1):
+        x, y = places[label]
+        assert (x * width, (1.0 - y) * height) == pytest.approx(centres[str(n)])
+    assert all(0.0 < share < 1.0 for place in places.values() for share in place)
+
+
+def test_what_is_not_measured_well_enough_is_marked_otherwise():
+    study = made_up_study(settings=["samples"])
+    study = changed(study, "samples", "64", {"ratios": (61.0,), "seconds": (0.7,)})
+    study = dataclasses.replace(study, front=pareto_front([study.standard, *study.trials]))
+    kinds = {
+        trial.label: point.kind
+        for trial, point in zip(
+            (*study.trials, study.standard), plots.front_points(study), strict=True
+        )
+    }
+    assert kinds["samples=64"] == "rough"
+    assert kinds["samples=16"] == "other"
+    assert kinds["samples=4"] == "level"
+
+
+def test_the_plot_follows_the_colours_of_the_page():
+    text = plots.plot_front(made_up_study(), "own-").svg
     root = parsed(text)
     assert root.get("role") == "img"
-    for level in SAMPLES:
-        assert level in root.get("aria-label")
+    assert "18 qualities" in root.get("aria-label")
     assert not re.search("#[0-9a-f]{6}", text), "a colour that is no variable"
     for name in plots.LIGHT:
         assert f"var(--{name})" in text
@@ -115,17 +142,18 @@ def test_colours_are_told_apart_on_light_and_dark_pages():
     for colors, least in ((plots.LIGHT, 3.5), (plots.DARK, 5.0)):
         for name in ("ink", "muted", "level", "standard"):
             low, high = sorted((luminance(colors[name]), luminance(colors["page"])))
-            assert (high + 0.05) / (low + 0.05) > least, name
+            text = 3.0 if name == "standard" else 4.5
+            assert (high + 0.05) / (low + 0.05) > max(least, text), name
         assert len(set(colors.values())) == len(colors)
     assert list(plots.LIGHT) == list(plots.DARK)
 
 
 def test_the_users_own_matplotlib_settings_neither_matter_nor_change():
     study = made_up_study()
-    plain = plots.plot_setting(study, "samples", "p-")
+    plain = plots.plot_front(study, "p-")
     with matplotlib.rc_context({"font.size": 30.0, "axes.facecolor": "red", "text.usetex": False}):
         before = dict(matplotlib.rcParams)
-        assert plots.plot_setting(study, "samples", "p-") == plain
+        assert plots.plot_front(study, "p-") == plain
         assert dict(matplotlib.rcParams) == before
 
 

@@ -1,9 +1,21 @@
+import itertools
+
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_trials import trial
 
-from rasterjit.accuracy.ranking import dominates, is_slower, mark_dominated, noise, pareto_front
+from rasterjit.accuracy.ranking import (
+    ALIKE,
+    MOST_ON_FRONT,
+    dominates,
+    is_measured,
+    is_slower,
+    mark_dominated,
+    noise,
+    pareto_front,
+    thinned,
+)
 
 SAME = (1.0,) * 5
 
@@ -15,25 +27,75 @@ def ratios(ratio):
 numbers = st.sampled_from([0.25, 0.5, 1.0, 2.0, 4.0])
 
 
-@given(st.lists(st.tuples(numbers, numbers), min_size=1, max_size=12))
-def test_the_front_holds_nothing_dominated_and_all_that_is_not(places):
+def front_of(trials):
+    named = {one.label: one for one in trials}
+    return [named[label] for label in pareto_front(trials)]
+
+
+rounds = st.lists(st.sampled_from([0.9, 0.98, 1.0, 1.01, 1.3]), min_size=1, max_size=9)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(numbers, numbers, rounds), min_size=1, max_size=12))
+def test_each_on_the_front_is_told_faster_than_all_that_are_more_accurate(places):
     trials = [
-        trial(f"samples={n}", ratios(ratio), rmse=rmse) for n, (ratio, rmse) in enumerate(places)
+        trial(f"samples={n}", tuple(ratio * share for share in shares), rmse=rmse)
+        for n, (ratio, rmse, shares) in enumerate(places)
     ]
-    front = pareto_front(trials)
-    held = [one for one in trials if one.label in front]
+    front = front_of(trials)
+    assert len(front) <= MOST_ON_FRONT
+    for before, after in itertools.pairwise(front):
+        assert is_slower(after, before)
+        assert before.errors.rmse > ALIKE * after.errors.rmse
     for one in trials:
-        beaten = [
-            (other.ratio, other.errors.rmse) != (one.ratio, one.errors.rmse)
-            and other.ratio <= one.ratio
-            and other.errors.rmse <= one.errors.rmse
-            for other in trials
+        stands_for_it = [
+            other
+            for other in front
+            if not is_slower(other, one) and other.errors.rmse <= ALIKE * one.errors.rmse
         ]
-        places_held = {(other.ratio, other.errors.rmse) for other in held}
-        assert ((one.ratio, one.errors.rmse) in places_held) == (not any(beaten))
-    assert [one.ratio for one in sorted(held, key=lambda one: front.index(one.label))] == sorted(
-        one.ratio for one in held
+        if is_measured(one):
+            assert stands_for_it, "something as good is on the front"
+
+
+def test_levels_whose_times_cannot_be_told_apart_count_as_one():
+    alike = [
+        trial(f"samples={n}", (1.9, 1.95, 2.0, 2.05, 2.1), rmse=0.05 - 0.01 * n) for n in range(4)
+    ]
+    assert pareto_front([trial(), *alike]) == ("standard", "samples=3")
+    apart = [trial(f"samples={n}", ratios(2.0 + n), rmse=0.05 - 0.01 * n) for n in range(4)]
+    assert len(pareto_front([trial(), *apart])) == 5
+
+
+def test_where_all_levels_are_equal_the_standard_is_the_front():
+    levels = [trial("lines=coverage", ratios(0.995)), trial("samples=2 lines=coverage")]
+    assert pareto_front([*levels, trial()]) == ("standard",)
+    assert pareto_front(levels) == ("lines=coverage",), "the one that changes less"
+
+
+@pytest.mark.parametrize("samples", [(0.2,), (0.2, 0.2), (0.1, 0.2, 0.3), (0.1, 0.2, 0.2, 0.6)])
+def test_what_is_not_measured_well_enough_is_not_on_the_front(samples):
+    doubtful = trial("shading=face", samples, rmse=0.01)
+    assert not is_measured(doubtful)
+    assert pareto_front([trial(), doubtful]) == ("standard",)
+    assert pareto_front([trial(), trial("shading=face", (0.2,) * 3, rmse=0.01)]) == (
+        "shading=face",
     )
+
+
+def test_a_front_of_many_keeps_its_ends_the_standard_and_its_corners():
+    steps = [
+        trial(f"samples={n}", ratios(1.2**n), rmse=0.5 * 0.9 ** (n if n < 9 else 3 * n))
+        for n in range(1, 15)
+    ]
+    kept = thinned([trial(ratios=ratios(1.0), rmse=0.5), *steps])
+    labels = [one.label for one in kept]
+    assert len(kept) == MOST_ON_FRONT
+    assert labels[0] == "standard"
+    assert labels[-1] == "samples=14"
+    assert {"samples=8", "samples=9"} <= set(labels), "where it bends"
+    middle = thinned([steps[0], steps[1], trial(ratios=ratios(1.5), rmse=0.41), *steps[2:]])
+    assert "standard" in [one.label for one in middle]
+    assert thinned(steps[:5]) == steps[:5]
 
 
 def test_a_level_that_is_slower_and_less_accurate_is_dominated():
@@ -84,6 +146,12 @@ def test_more_rounds_tell_smaller_differences():
     assert noise(many) < noise(few)
     assert is_slower(many, trial())
     assert not is_slower(few, trial())
+
+
+def test_of_few_rounds_all_samples_say_how_far_a_time_is_known():
+    assert noise(trial("samples=2", (1.9, 2.0, 2.4))) == pytest.approx(0.5)
+    assert noise(trial("samples=2", (1.9, 1.9, 1.9, 1.9, 2.4))) == pytest.approx(0.5)
+    assert noise(trial("samples=2", (1.9,) * 5 + (2.4,))) < 0.05
 
 
 def test_times_of_too_few_rounds_are_told_apart_only_if_they_are_far_apart():

@@ -2,7 +2,14 @@ import pytest
 from made_trials import study, trial
 
 import rasterjit as rj
-from rasterjit.accuracy.sentences import most_telling, sentences
+from rasterjit.accuracy.ranking import pareto_front
+from rasterjit.accuracy.sentences import (
+    NOT_MEASURED,
+    answer,
+    factor_in_words,
+    most_telling,
+    sentences,
+)
 
 
 def samples(count, ratio, **found):
@@ -80,4 +87,83 @@ def test_where_nothing_is_more_accurate_the_best_bargain_is_told():
 
 def test_a_time_of_one_round_is_no_claim():
     once = study([trial("samples=2", (1.3,), rmse=0.05)])
-    assert "few rounds" in sentences(once)["samples"]
+    assert f"a time {NOT_MEASURED}" in sentences(once)["samples"]
+    slow = sentences(study([trial("samples=256", (300.0,), rmse=0.0)]))["samples"]
+    assert f"more time, how much is {NOT_MEASURED}" in slow
+    assert "300" not in slow
+
+
+@pytest.mark.parametrize(
+    ("ratios", "text"),
+    [
+        ((5.8,), NOT_MEASURED),
+        ((5.8, 2.5), NOT_MEASURED),
+        ((1.2, 2.5, 5.8), NOT_MEASURED),
+        ((2.5, 2.5, 2.5), "2.5×"),
+        ((2.4, 2.5, 2.7), "2.5× (2.2 to 2.8)"),
+        ((2.4, 2.5, 2.6) * 30, "2.5×"),
+        ((0.54,) * 5, "0.54×"),
+        ((120.0,) * 5, "120×"),
+    ],
+)
+def test_a_factor_is_claimed_only_where_the_rounds_give_it(ratios, text):
+    assert factor_in_words(trial("samples=4", ratios)) == text
+
+
+def answered(*trials, standard=None):
+    standard = standard or trial(rmse=0.1)
+    return answer(study(trials, pareto_front([standard, *trials]), standard=standard))
+
+
+def test_the_answer_is_one_sentence_of_the_standard_twice_its_time_and_half():
+    assert answered(
+        samples(2, 1.3, rmse=0.07), samples(4, 2.2, rmse=0.04), samples(8, 5.0, rmse=0.02),
+        trial("shading=face", (0.45,) * 5, rj.Quality(shading="face"), rmse=0.13),
+    ) == (
+        "On this scene standard is 10 ms with error 0.1; for 2.2× the time you get 2.5× less error "
+        "with 4 samples, for 0.45× the time you get 1.3× the error with light by the face."
+    )  # fmt: skip
+
+
+def test_the_answer_claims_no_factor_of_one_round():
+    said = answered(samples(4, 2.2, rmse=0.04), trial("samples=16", (5.8,), rmse=0.01))
+    assert "5.8" not in said
+    assert "2.2× the time" in said
+    said = answered(trial("samples=16", (5.8,), rmse=0.01))
+    assert said.startswith("On this scene standard is 10 ms with error 0.1; what other qualities ")
+    assert NOT_MEASURED in said
+    assert "5.8" not in said
+    once = trial(ratios=(1.0,), rmse=0.1)
+    assert NOT_MEASURED in answered(samples(4, 2.2, rmse=0.04), standard=once)
+
+
+def test_the_answer_names_what_is_better_in_the_same_time_or_as_good_in_less():
+    finer = trial("subpixel_bits=12", (1.001,) * 5, rj.Quality(subpixel_bits=12), rmse=0.05)
+    assert "for the same time you get 2.0× less error with 12 sub-pixel bits" in answered(finer)
+    faster = trial("precision=float32", (0.8,) * 5, rj.Quality(precision="float32"), rmse=0.1)
+    assert "for 0.80× the time you get the same error with float32 vertices." in answered(faster)
+
+
+def test_the_answer_does_not_pass_over_wrong_pixels():
+    coarse = trial(
+        "subpixel_bits=4", (0.8,) * 5, rj.Quality(subpixel_bits=4), rmse=0.1, wrong_faces=1391
+    )
+    assert "the same error with 4 sub-pixel bits (1,391 wrong pixels instead of 0)" in answered(
+        coarse
+    )
+
+
+def test_the_answer_says_where_there_is_nothing_to_choose():
+    equal = trial("lines=coverage", rmse=0.1)
+    assert answered(equal).endswith("faster or more accurate, as far as can be told.")
+    assert answered().endswith("; no other quality was tried.")
+    doubtful = trial("samples=2", (1.3,), rmse=0.05)
+    assert "nothing else is better by more than the noise, or it is not" in answered(
+        equal, doubtful
+    )
+    assert "1.3" not in answered(equal, doubtful)
+
+
+def test_a_preset_is_called_by_its_name():
+    high = trial("high", (3.0,) * 5, rj.Quality.high(), rmse=0.01)
+    assert "10.0× less error with quality high." in answered(high)

@@ -4,6 +4,7 @@ from made_trials import errors
 import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.knobs import Attempt
+from rasterjit.accuracy.ranking import is_timed
 from rasterjit.accuracy.timing import Allowance, Contestant, fits, rounds_between, take_turns
 
 
@@ -81,6 +82,12 @@ def test_slow_qualities_take_part_in_fewer_rounds():
     _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 3 * timing.SLOW}, 1000.0)
     assert rounds_between(slow, standard) == 3
     assert len(slow.frames) == timing.MOST_ROUNDS // 3
+
+
+def test_the_slowest_are_drawn_often_enough_to_say_how_much_their_times_vary():
+    _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 300}, 1e6)
+    assert len(slow.frames) == timing.LEAST_ROUNDS
+    assert is_timed(slow.trial(standard))
 
 
 def test_ratios_are_over_the_standard_of_the_same_round():

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-CROP_SIZE = (48, 36)
-"""Columns and rows of a crop: few enough to see single pixels when it is enlarged."""
+CROP_SIZES = ((160, 120), (128, 96), (96, 72), (64, 48), (48, 36))
+"""Columns and rows of a crop, from the best on: the largest is taken that keeps a page small."""
 
 HEAT_COLORS = "inferno"
 """matplotlib's colour map of errors: dark is small; its brightness rises evenly."""
@@ -41,7 +41,9 @@ class Crop(NamedTuple):
         return picture[rows, self.column : self.column + self.width]
 
 
-def choose_crop(error_maps: Sequence[NDArray[np.float32]]) -> Crop:
+def choose_crop(
+    error_maps: Sequence[NDArray[np.float32]], size: tuple[int, int] = CROP_SIZES[0]
+) -> Crop:
     """
     Return where to look to see what a setting changes.
 
@@ -49,20 +51,22 @@ def choose_crop(error_maps: Sequence[NDArray[np.float32]]) -> Crop:
     ----------
     error_maps : sequence of (H, W) float32
         Errors of its levels, at least one.
+    size : (int, int)
+        Columns and rows.
 
     Returns
     -------
     Crop
         Around the window of half its size over which the squared difference between the largest
         and the least error of a pixel adds up to most; where all levels have the same errors, the
-        squared error. The uppermost, then leftmost of equal ones. Smaller than `CROP_SIZE` where
+        squared error. The uppermost, then leftmost of equal ones. Smaller than ``size`` where
         the picture is.
     """
     stack = np.stack(error_maps).astype(np.float64)
     differing = stack.max(axis=0) - stack.min(axis=0)
     weights = (differing if differing.any() else stack.max(axis=0)) ** 2
     rows, columns = weights.shape
-    width, height = min(CROP_SIZE[0], columns), min(CROP_SIZE[1], rows)
+    width, height = min(size[0], columns), min(size[1], rows)
     inner_width, inner_height = (width + 1) // 2, (height + 1) // 2
     row, column = _heaviest_window(weights, inner_width, inner_height)
     row = min(max(row - (height - inner_height) // 2, 0), rows - height)
@@ -127,10 +131,10 @@ def thumbnail(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(image)
 
 
-def png_uri(picture: NDArray[np.uint8]) -> str:
-    """Return an (H, W, 3) uint8 picture as a PNG in a ``data:`` address."""
+def webp_uri(picture: NDArray[np.uint8]) -> str:
+    """Return an (H, W, 3) uint8 picture as a WebP without loss, in a ``data:`` address."""
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(picture)).save(buffer, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    Image.fromarray(np.ascontiguousarray(picture)).save(buffer, "WEBP", lossless=True, method=4)
+    return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -12,19 +12,21 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rasterjit.accuracy.ranking import is_measured
 from rasterjit.accuracy.results import Study, Trial
-from rasterjit.accuracy.sentences import sentences
+from rasterjit.accuracy.sentences import answer, sentences
 from rasterjit.io.whole import replacing
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 
 COLUMNS = (
     "scene", "width", "height", "threads", "cpu", "rasterjit", "setting", "level",
-    "median_ms", "ratio", "ratio_low", "ratio_high", "rmse", "largest", "psnr", "flip",
-    "wrong_faces", "depth_ulp", "depth_units", "uv_texels", "dominated_by", "on_front",
+    "median_ms", "ratio", "ratio_low", "ratio_high", "measured", "rmse", "largest", "psnr",
+    "flip", "wrong_faces", "depth_ulp", "depth_units", "uv_texels", "dominated_by", "on_front",
     "seconds",
 )  # fmt: skip
-"""Of the table; the last holds the raw times, with spaces between."""
+"""Of the table: ``measured`` says whether the ratio is known well enough to be a factor; the last
+holds the raw times, with spaces between."""
 
 
 def prepare_folder(output: str | Path) -> Path:
@@ -119,6 +121,7 @@ def as_json(study: Study) -> dict[str, Any]:
         "without_effect": study.without_effect,
         "impossible": study.impossible,
         "left_out": list(study.left_out),
+        "answer": answer(study),
         "sentences": sentences(study),
     }
 
@@ -141,6 +144,7 @@ def _as_json(trial: Trial, study: Study) -> dict[str, Any]:
         "stages": trial.stages,
         "errors": errors,
         "dominated_by": trial.dominated_by,
+        "measured": is_measured(trial),
         "on_front": trial.label in study.front,
     }
 
@@ -154,7 +158,8 @@ def _rows(study: Study) -> Iterator[dict[str, Any]]:
             "scene": study.scene, "width": width, "height": height, "threads": study.threads,
             "cpu": study.machine.get("cpu"), "rasterjit": study.versions.get("rasterjit"),
             "setting": trial.setting, "level": trial.level, "median_ms": 1e3 * trial.median,
-            "ratio": trial.ratio, "ratio_low": low, "ratio_high": high, **trial.errors._asdict(),
+            "ratio": trial.ratio, "ratio_low": low, "ratio_high": high,
+            "measured": is_measured(trial), **trial.errors._asdict(),
             "dominated_by": trial.dominated_by, "on_front": trial.label in study.front,
             "seconds": " ".join(f"{seconds:.6f}" for seconds in trial.seconds),
         }  # fmt: skip

@@ -1,8 +1,8 @@
 """
-Write what a study found as one page: plots, sentences, tables and enlarged pictures.
+Write what a study found as one page: the answer, a plot to look around in, tables and pictures.
 
-The page loads nothing: pictures are in it as ``data:`` addresses, plots as inline SVG. The same
-study makes the same bytes.
+The page loads nothing: pictures are in it as ``data:`` addresses, the plot as inline SVG, style and
+program as text. The same study makes the same bytes.
 """
 
 from __future__ import annotations
@@ -10,26 +10,16 @@ from __future__ import annotations
 import html
 import math
 import os
-import re
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rasterjit.accuracy.report import crops
-from rasterjit.accuracy.report.crops import Crop
-from rasterjit.accuracy.report.plots import (
-    DARK,
-    LIGHT,
-    plot_front,
-    plot_setting,
-    require_matplotlib,
-)
+from rasterjit.accuracy.ranking import is_measured, is_slower
+from rasterjit.accuracy.report.plots import DARK, LIGHT, Plot, plot_front, require_matplotlib
 from rasterjit.accuracy.report.scales import duration, number
+from rasterjit.accuracy.report.shots import Album, make_album, thumbnail
 from rasterjit.accuracy.results import (
     COMBINATIONS,
     STANDARD,
@@ -40,8 +30,15 @@ from rasterjit.accuracy.results import (
     standard_level,
     with_standard,
 )
+from rasterjit.accuracy.sentences import (
+    NOT_MEASURED,
+    answer,
+    error_against,
+    factor_in_words,
+    figures,
+)
 from rasterjit.io.whole import replacing
-from rasterjit.scene.quality import differences
+from rasterjit.scene.quality import PRESETS, differences
 
 PAGE_NAME = "index.html"
 
@@ -50,6 +47,12 @@ THUMBNAIL = "whole-picture"
 
 NOTHING = "–"
 """What stands where a number has no meaning."""
+
+WIDE, NARROW = 480, 336
+"""Columns of the screen that an enlarged picture takes at most, on a desktop and on a phone."""
+
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""What the page may load: nothing but what is in it."""
 
 RESULTS = (
     ("time", "standard = 1"),
@@ -67,11 +70,12 @@ RESULTS = (
 
 
 class Section(NamedTuple):
-    """A part of the page: its anchor, its heading as text, and what follows as HTML."""
+    """A part of the page: its anchor, its heading as text, what follows as HTML, and its fold."""
 
     anchor: str
     title: str
     body: str
+    is_folded: bool = False
 
 
 def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> Path:
@@ -114,223 +118,270 @@ def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> P
 
 def page(study: Study, sentences: dict[str, str]) -> str:
     """Return the page of a study as HTML; see `write_page`."""
+    album = make_album(study)
     sections = [
-        _front(study),
+        Section("front", "Worth choosing", front_table(study)),
+        _everything(study),
         _sentences(study, sentences),
-        *(_setting(study, setting, sentences) for setting in settings_of(study)),
-        _combinations(study),
-        _without_effect(study),
-        _impossible(study),
-        _left_out(study),
-        _variation(study),
-        _machine(study),
+        _pictures(study, album),
+        _measuring(study),
     ]
-    shown = [section for section in sections if section.body]
     title = html.escape(f"What accuracy costs: {study.scene}")
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
         f'<link rel="icon" href="data:,">\n<title>{title}</title>\n'
-        f"<style>\n{_style()}</style>\n</head>\n<body>\n"
-        f"{_header(study, title, shown)}\n<main>\n"
-        + "\n".join(_as_html(section) for section in shown)
-        + "\n</main>\n</body>\n</html>\n"
+        f"<style>\n{_style(album)}</style>\n</head>\n<body>\n"
+        f"{_header(study, title)}\n<main>\n{_plot(study, album)}\n"
+        + "\n".join(_as_html(section) for section in sections if section.body)
+        + f"\n</main>\n<script>\n{_file('page.js')}</script>\n</body>\n</html>\n"
     )
 
 
 def _as_html(section: Section) -> str:
     heading = f"<h2>{html.escape(section.title)}</h2>"
-    return f'<section id="{section.anchor}">\n{heading}\n{section.body}\n</section>'
+    body = f"{heading}\n{section.body}"
+    if section.is_folded:
+        body = f"<details>\n<summary>{heading}</summary>\n{section.body}\n</details>"
+    return f'<section id="{section.anchor}">\n{body}\n</section>'
 
 
-def _anchor(name: str) -> str:
-    """Return a name as an id."""
-    return re.sub(r"[^A-Za-z0-9_-]", "-", name)
+def _file(name: str) -> str:
+    """Return the text of a file beside this one."""
+    return resources.files("rasterjit.accuracy.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _style() -> str:
-    """Return the style sheet, with the colours of plots for a light and a dark page."""
+def _style(album: Album) -> str:
+    """Return the style sheet, with the colours of plots and how far pictures are enlarged."""
 
     def variables(colors: dict[str, str]) -> str:
         return " ".join(f"--{name}: {color};" for name, color in colors.items())
 
+    columns, rows = album.size
     return (
-        f":root {{ color-scheme: light dark; {variables(LIGHT)} }}\n"
-        f"@media (prefers-color-scheme: dark) {{ :root {{ {variables(DARK)} }} }}\n"
-        + resources.files("rasterjit.accuracy.report")
-        .joinpath("page.css")
-        .read_text(encoding="utf-8")
+        f":root {{ color-scheme: light dark; {variables(LIGHT)} --columns: {columns}; "
+        f"--rows: {rows}; --wide: {max(WIDE // columns, 1)}; "
+        f"--narrow: {max(NARROW // columns, 1)}; }}\n"
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {variables(DARK)} }} }}\n"
+        + _file("page.css")
     )
 
 
-def _header(study: Study, title: str, sections: Sequence[Section]) -> str:
-    """Return the title, what was measured, the pictures, and links to all sections."""
+def _header(study: Study, title: str) -> str:
+    """Return the title, the answer, and what its numbers mean."""
     columns, rows = study.size
-    links = "".join(
-        f'<li><a href="#{section.anchor}">{html.escape(section.title)}</a></li>\n'
-        for section in sections
-    )
-    small = crops.thumbnail(study.reference_color)
-    pictures = _whole_picture(
-        study, study.standard.color, "standard quality", duration(study.standard.median)
-    ) + _whole_picture(
-        study, study.reference_color, "reference of all errors", duration(study.reference_seconds)
-    )
+    seconds = study.standard.seconds
+    varied = ""
+    if len(seconds) > 1:
+        low, _, high = statistics.quantiles(seconds, n=4, method="inclusive")
+        varied = f"; frames of the standard took {_from_to(low, high)} (the middle half)"
+    small = thumbnail(study)
     return (
-        f"<header>\n<h1>{title}</h1>\n"
-        f"<p>{columns} × {rows} pixels, {_counted(study.threads, 'thread')}, "
-        f"{_counted(study.rounds, 'round')}. Times are medians over the rounds, each divided by "
-        "the standard's time in the same round; errors are against the reference."
-        f'</p>\n<div class="whole">\n{pictures}</div>\n<nav><ul>\n{links}</ul></nav>\n'
-        f'<svg width="0" height="0" style="position: absolute" aria-hidden="true"><defs>'
+        f'<header>\n<h1>{title}</h1>\n<p class="answer">{html.escape(answer(study))}</p>\n'
+        f'<p class="aside">{columns} × {rows} pixels, {_counted(study.threads, "thread")}, '
+        f"{_counted(study.rounds, 'round')}{varied}. The error is the root mean square difference "
+        "of linear light from a reference of 256 samples a pixel. Times are medians, each over the "
+        "standard’s time in the same round.</p>\n"
+        '<svg class="store" width="0" height="0" aria-hidden="true"><defs>'
         f'<image id="{THUMBNAIL}" width="{columns}" height="{rows}" '
-        f'href="{crops.png_uri(small)}" preserveAspectRatio="none"/></defs></svg>\n</header>'
+        f'href="{small}" preserveAspectRatio="none"/></defs></svg>\n</header>'
     )
 
 
-def _whole_picture(study: Study, picture: NDArray[np.uint8], name: str, took: str) -> str:
-    """Return a picture that is shown no larger than it is."""
-    columns, rows = study.size
-    return (
-        f'<figure style="max-width: {columns}px"><img src="{crops.png_uri(picture)}" '
-        f'width="{columns}" height="{rows}" alt="{html.escape(study.scene)}, {name}">'
-        f"<figcaption>{name.capitalize()}: {took}</figcaption></figure>\n"
-    )
+def _from_to(low: float, high: float) -> str:
+    """Return two times, once if they print alike."""
+    return duration(low) if duration(low) == duration(high) else (
+        f"{duration(low)} to {duration(high)}"
+    )  # fmt: skip
 
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _front(study: Study) -> Section:
-    """Return the plot of everything, and what its numbers stand for."""
-    found = front_trials(study)
-    ahead = [] if study.standard in found else [study.standard]
-    rows = results_table(study, [*ahead, *found])
-    body = (
-        "<p>Nothing that was tried is both faster, by its median, and more accurate than the "
-        "numbered ones. What is called dominated further down may be one: faster, but by less "
-        "than the noise.</p>\n"
-        f"<figure>{plot_front(study, 'front-')}\n<figcaption>"
-        '<span class="key">●</span> on the front, <span class="key standard">◆</span> standard, '
-        '<span class="key dominated">○</span> all others; bars from the lower to the upper '
-        f"quartile of the times.</figcaption></figure>\n{rows}"
+def _plot(study: Study, album: Album) -> str:
+    """Return the plot, a button on each of its points, and what shows the picture of one."""
+    plot = plot_front(study, "front-")
+    return (
+        '<section id="plot">\n<h2>Error against time</h2>\n<div class="beside">\n'
+        '<figure class="chart">\n<div class="points" role="radiogroup" '
+        f'aria-label="Qualities, from the fastest on">\n{plot.svg}\n{_points(study, album, plot)}'
+        "\n</div>\n<figcaption>"
+        '<span class="key">●</span> worth choosing, with the middle half of its times; '
+        '<span class="key standard">◆</span> standard; <span class="key other">○</span> all '
+        f'others; <span class="key other">×</span> {NOT_MEASURED}. Lower is more accurate, '
+        "further left is faster.</figcaption>\n</figure>\n"
+        f"{_viewer(study)}\n</div>\n</section>"
     )
-    return Section("front", "All that was tried", body)
+
+
+def _points(study: Study, album: Album, plot: Plot) -> str:
+    """Return a radio button for each trial, from the fastest on, at its place in the plot."""
+    front = set(study.front)
+    trials = sorted((study.standard, *study.trials), key=lambda one: (one.ratio, one.label))
+    buttons = []
+    for trial in trials:
+        x, y = plot.places[trial.label]
+        kind = STANDARD if trial.setting == STANDARD else "other"
+        kind = "level" if kind != STANDARD and trial.label in front else kind
+        checked = " checked" if trial.setting == STANDARD else ""
+        found = html.escape(in_words(study, trial))
+        name = html.escape(trial.label)
+        buttons.append(
+            f'<input type="radio" name="point" class="{kind}" value="{album.ids[trial.label]}" '
+            f'style="left: {100.0 * x:.2f}%; top: {100.0 * y:.2f}%" aria-label="{name}: {found}" '
+            f'data-name="{name}" data-found="{found}" '
+            f'data-options="{html.escape(options_of(study, trial))}"{checked}>'
+        )
+    return "\n".join(buttons)
+
+
+def _viewer(study: Study) -> str:
+    """Return what the program of the page fills: a picture against the reference."""
+    columns, rows = study.size
+    return (
+        '<figure id="viewer" hidden>\n<div class="split">'
+        '<img class="pixels" id="reference" src="data:," alt="reference">'
+        '<img class="pixels" id="chosen" src="data:," alt="">'
+        '<span class="divider" aria-hidden="true"></span>'
+        '<input type="range" id="share" min="0" max="100" value="50" '
+        'aria-label="Share of the picture on the left; the rest is the reference"></div>\n'
+        '<p class="ends" aria-hidden="true"><span id="left"></span><span>reference</span></p>\n'
+        '<figcaption><strong id="name"></strong>: <span id="found"></span> '
+        '<code id="options"></code></figcaption>\n'
+        '<div class="small"><figure><svg class="where" '
+        f'viewBox="0 0 {columns} {rows}" role="img" '
+        f'aria-label="where this part lies in the picture"><use href="#{THUMBNAIL}"/>'
+        f'<rect id="part" stroke-width="{columns / 80.0:.3g}"/></svg>'
+        "<figcaption>Where this part lies</figcaption></figure>"
+        '<figure><img class="pixels" id="error" src="data:," alt="error of each pixel">'
+        '<figcaption>Error: black is 0, yellow <span id="top"></span></figcaption></figure>'
+        "</div>\n</figure>"
+    )
+
+
+def in_words(study: Study, trial: Trial) -> str:
+    """Return what a trial costs and how far it is from the reference, for a line beside it."""
+    error = f"error {number(trial.errors.rmse)}"
+    if trial.setting == STANDARD:
+        return f"{duration(trial.median)}, {error}."
+    against = error_against(trial, study.standard)
+    if not is_measured(trial):
+        rounds = _counted(len(trial.ratios), "round")
+        return f"about {duration(trial.median)} ({NOT_MEASURED}, {rounds}); {error}, {against}."
+    time = f"{factor_in_words(trial)} the time"
+    if not is_slower(trial, study.standard) and not is_slower(study.standard, trial):
+        time = "the standard’s time, as far as can be told"
+    return f"{time}, {duration(trial.median)}; {error}, {against}."
+
+
+def options_of(study: Study, trial: Trial) -> str:
+    """Return what a quality is asked for with on the command line."""
+    if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
+        return f"--quality {trial.level}"
+    changes = differences(trial.quality, study.standard.quality)
+    return " ".join(f"--set {name}={level}" for name, level in changes.items())
+
+
+def front_table(study: Study) -> str:
+    """Return the qualities on the front and the standard, from the fastest on, as a table."""
+    front = front_trials(study)
+    shown = front if study.standard in front else sorted(
+        [*front, study.standard], key=lambda trial: trial.ratio
+    )  # fmt: skip
+    rows = []
+    for trial in shown:
+        mark = f'<span class="key">{front.index(trial) + 1}</span> ' if trial in front else ""
+        name = mark + _breakable(trial.label)
+        if "=" not in trial.label:
+            name += f"<small>{_breakable(options_of(study, trial))}</small>"
+        cells = [
+            html.escape(factor_in_words(trial)),
+            "" if trial.setting == STANDARD else html.escape(error_against(trial, study.standard)),
+            duration(trial.median),
+            number(trial.errors.rmse),
+        ]
+        rows.append(_row(STANDARD if trial.setting == STANDARD else "level", name, cells))
+    units = ("standard = 1", "against it", "", "linear light")
+    columns = list(zip(("time", "error", "a frame", "RMSE"), units, strict=True))
+    lead = (
+        "<p>Each is more accurate than all faster ones, and their times can be told apart. "
+        "Where several take the same time, the most accurate stands for all. Ask for one with "
+        '<code class="word">--set NAME=LEVEL</code> for each change.</p>\n'
+    )
+    return lead + _table("quality", columns, rows)
+
+
+def _breakable(text: str) -> str:
+    """Return a label, or options, as HTML whose lines end between changes, not within one."""
+    words = html.escape(text).split(" ")
+    if text.startswith("--"):
+        words = [f"{option} {value}" for option, value in zip(words[::2], words[1::2], strict=True)]
+    return " ".join(f'<span class="word">{word}</span>' for word in words)
+
+
+def _everything(study: Study) -> Section:
+    """Return the table of all trials, and what was not tried."""
+    count = len(study.trials)
+    groups = [
+        (setting, with_standard(study, setting)) for setting in settings_of(study)
+    ]  # fmt: skip
+    if study.of(COMBINATIONS):
+        groups.append((COMBINATIONS, [study.standard, *study.of(COMBINATIONS)]))
+    body = results_table(study, groups) if groups else ""
+    missing = {f"not possible: {name}": why for name, why in study.impossible.items()}
+    body += _list(missing, tag="span")
+    if study.left_out:
+        names = ", ".join(f"<code>{html.escape(name)}</code>" for name in study.left_out)
+        why = "The study was interrupted before" if study.interrupted else "No time was left for"
+        body += f"<p>{why}: {names}.</p>"
+    return Section("everything", f"All that was tried ({count})", body, is_folded=True)
 
 
 def _sentences(study: Study, sentences: dict[str, str]) -> Section:
-    """Return the sentences of settings with an effect, linked to their sections."""
-    sections = {*settings_of(study), COMBINATIONS}
-    items = []
-    for name, sentence in sentences.items():
-        if name in study.without_effect:
-            continue
-        shown = f"<code>{html.escape(name)}</code>"
-        if name in sections:
-            shown = f'<a href="#{_anchor(name)}">{shown}</a>'
-        items.append(f"<li>{shown}: {html.escape(sentence)}</li>")
-    body = "<ul>\n" + "\n".join(items) + "\n</ul>" if items else ""
-    return Section("sentences", "In one sentence each", body)
+    """Return a sentence for each setting, those without effect last."""
+    said = {name: text for name, text in sentences.items() if name not in study.without_effect}
+    for name, why in study.without_effect.items():
+        said[name] = f"changes nothing here: {why}."
+    return Section("sentences", "Each setting in a sentence", _list(said), is_folded=True)
 
 
-def _setting(study: Study, setting: str, sentences: dict[str, str]) -> Section:
-    """Return plot, table and crops of one setting."""
-    trials = with_standard(study, setting)
-    sentence = sentences.get(setting)
-    lead = f'<p class="lead">{html.escape(sentence)}</p>\n' if sentence else ""
-    stages = stages_table(study, trials, setting)
-    if stages:
-        stages = f"<details><summary>Time of each stage</summary>\n{stages}\n</details>\n"
-    has_dominated = any(trial.dominated_by for trial in trials)
-    dominated = (
-        ', <span class="key dominated">○</span> dominated: another level is, as far as the times '
-        "tell, neither slower nor less accurate"
-    )
-    body = (
-        f"{lead}<figure>{plot_setting(study, setting, f'{_anchor(setting)}-')}\n<figcaption>"
-        '<span class="key">●</span> level, <span class="key standard">◆</span> standard'
-        f"{dominated if has_dominated else ''}; bars from the lower to the "
-        f"upper quartile of the times.</figcaption></figure>\n"
-        f"{results_table(study, trials, setting)}\n{stages}{_crops(study, setting, trials)}"
-    )
-    return Section(_anchor(setting), setting, body)
-
-
-def _crops(study: Study, setting: str, trials: Sequence[Trial]) -> str:
-    """Return enlarged parts of the reference and of each level, with their errors as colours."""
-    crop = crops.choose_crop([trial.error_map for trial in trials])
-    errors = [crop.of(trial.error_map) for trial in trials]
-    top = crops.heat_top(errors)
-    same = all(np.array_equal(trial.error_map, trials[0].error_map) for trial in trials)
-    why = (
-        "All levels have the same errors, most of them here"
-        if same
-        else "Where the levels differ most"
-    )
-    right, bottom = crop.column + crop.width - 1, crop.row + crop.height - 1
-    where = f"columns {crop.column} to {right}, rows {crop.row} to {bottom}"
-    shown = html.escape(setting)
-    figures = [_reference_crop(study, crop, top)]
-    for trial, error in zip(trials, errors, strict=True):
-        name = html.escape(level_name(study, trial, setting))
-        rms = number(float(np.sqrt(np.mean(np.square(error, dtype=np.float64)))))
-        figures.append(
-            f'<figure class="{"dominated" if trial.dominated_by else "level"}">'
-            + _enlarged(crop.of(trial.color), f"{shown}: {name}, enlarged")
-            + _enlarged(crops.heat(error, top), f"{shown}: error of {name}, enlarged")
-            + f"<figcaption>{name}<br>RMS {rms}</figcaption></figure>"
-        )
-    return (
-        f"<h3>{why}: {where}</h3>\n"
-        '<p class="aside">Above the picture; below its error at each pixel, the largest difference '
-        "of linear red, green and blue, with the root mean square of what is shown.</p>\n"
-        f'<div class="crops" style="--columns: {crop.width}; --rows: {crop.height}">\n'
-        + "\n".join(figures)
-        + "\n</div>"
-    )
-
-
-def _reference_crop(study: Study, crop: Crop, top: float) -> str:
-    """Return the reference's part, where it lies in the picture, and the scale of the errors."""
+def _pictures(study: Study, album: Album) -> Section:
+    """Return the enlarged parts of all pictures, each with its errors."""
     columns, rows = study.size
-    scale = crops.png_uri(crops.heat_scale())
-    return (
-        "<figure>" + _enlarged(crop.of(study.reference_color), "reference, enlarged")
-        + f'<svg class="where" viewBox="0 0 {columns} {rows}" role="img" '
-        f'aria-label="where this part lies in the picture"><use href="#{THUMBNAIL}"/>'
-        f'<rect x="{crop.column}" y="{crop.row}" width="{crop.width}" height="{crop.height}" '
-        f'stroke-width="{max(columns / 120.0, 1.0):.3g}"/></svg>'
-        f'<figcaption>Reference, and where this is<img class="scale" src="{scale}" '
-        f'alt="colours of errors from 0 to {number(top)}"><span class="ends"><span>0</span>'
-        f"<span>error</span><span>{number(top)}</span></span></figcaption></figure>"
-    )  # fmt: skip
-
-
-def _enlarged(picture: NDArray[np.uint8], described: str) -> str:
-    """Return an image whose pixels the style sheet enlarges; ``described`` is HTML."""
-    height, width = picture.shape[:2]
-    return (
-        f'<img class="pixels" src="{crops.png_uri(picture)}" width="{width}" height="{height}" '
-        f'alt="{described}">'
+    groups = []
+    for group in album.groups:
+        crop = group.crop
+        title = html.escape(group.title)
+        right, bottom = crop.column + crop.width - 1, crop.row + crop.height - 1
+        figures_of = "\n".join(
+            f'<figure id="{shot.name}"><img class="pixels" src="{shot.color}" '
+            f'alt="{html.escape(shot.caption)}, enlarged">'
+            f'<img class="pixels" src="{shot.error}" '
+            f'alt="error of {html.escape(shot.caption)}, enlarged">'
+            f"<figcaption>{html.escape(shot.caption)}</figcaption></figure>"
+            for shot in group.shots
+        )
+        groups.append(
+            f'<div class="group" data-column="{crop.column}" data-row="{crop.row}" '
+            f'data-top="{number(group.top)}">\n<h3>{title}: columns {crop.column} to {right}, rows '
+            f'{crop.row} to {bottom}</h3>\n<div class="crops">\n'
+            f'<figure class="true"><img class="pixels" src="{group.reference}" '
+            f'alt="reference, enlarged"><svg class="where" viewBox="0 0 {columns} {rows}" '
+            'role="img" aria-label="where this part lies in the picture">'
+            f'<use href="#{THUMBNAIL}"/><rect x="{crop.column}" y="{crop.row}" '
+            f'width="{crop.width}" height="{crop.height}" '
+            f'stroke-width="{columns / 80.0:.3g}"/></svg>'
+            f"<figcaption>Reference; errors from 0 (black) to {number(group.top)} (yellow)"
+            f"</figcaption></figure>\n{figures_of}\n</div>\n</div>"
+        )
+    lead = (
+        '<p class="aside">Each part is where the qualities beside it differ most. Below a picture: '
+        "the largest difference of linear red, green and blue at each pixel. Qualities with the "
+        "same picture share one.</p>\n"
     )
-
-
-def _combinations(study: Study) -> Section:
-    """Return the table of what changes several settings."""
-    trials = study.of(COMBINATIONS)
-    body = results_table(study, [study.standard, *trials]) if trials else ""
-    return Section(COMBINATIONS, "Several settings at once", body)
-
-
-def _without_effect(study: Study) -> Section:
-    """Return the settings that change nothing, with the reasons."""
-    return Section("without-effect", "Settings without effect here", _list(study.without_effect))
-
-
-def _impossible(study: Study) -> Section:
-    """Return what cannot be rendered, with the reasons."""
-    return Section("impossible", "What cannot be rendered here", _list(study.impossible))
+    return Section("pictures", "All pictures, enlarged", lead + "\n".join(groups), is_folded=True)
 
 
 def _list(described: dict[str, str], tag: str = "code") -> str:
@@ -342,78 +393,62 @@ def _list(described: dict[str, str], tag: str = "code") -> str:
     return f"<dl>\n{items}\n</dl>" if items else ""
 
 
-def _left_out(study: Study) -> Section:
-    """Return what there was no time for."""
-    names = ", ".join(f"<code>{html.escape(name)}</code>" for name in study.left_out)
-    why = "The study was interrupted before" if study.interrupted else "There was no time left for"
-    return Section("left-out", "What was left out", f"<p>{why}: {names}.</p>" if names else "")
+def _measuring(study: Study) -> Section:
+    """Return how far times lay apart, and on what they were taken."""
+    body = f"<p>{_variation(study)}</p>\n{_list({**study.machine, **study.versions}, tag='span')}"
+    return Section("measuring", "How it was measured", body, is_folded=True)
 
 
-def _variation(study: Study) -> Section:
-    """Return how far the times of the rounds lay apart."""
+def _variation(study: Study) -> str:
+    """Return how far the times of the rounds lay apart, in words."""
+    known = "Errors do not vary: the same scene gives the same ones in every run."
     spreads = [
         ((trial.spread[1] - trial.spread[0]) / trial.ratio, trial)
         for trial in study.trials
         if len(trial.ratios) > 1
     ]
     if not spreads:
-        body = "<p>Everything was timed once, so how much times vary is not known.</p>"
-        return Section("variation", "How much times varied", body)
+        return f"Everything was timed once, so how much times vary is not known. {known}"
     typical = statistics.median(spread for spread, _ in spreads)
     most, trial = max(spreads, key=lambda found: found[0])
-    body = (
-        f"<p>The middle half of the times of a typical level spans {number(100.0 * typical)} % of "
-        f"their median; {number(100.0 * most)} % for "
-        f"<code>{html.escape(trial.label)}</code>, which varied most. Frames of the standard took "
-        f"{duration(min(study.standard.seconds))} to "
-        f"{duration(max(study.standard.seconds))}. Smaller differences of times than these mean "
-        "little. Errors do not vary: the same scene gives the same ones in every run.</p>"
+    unsure = sum(not is_measured(one) for one in study.trials)
+    return (
+        f"The middle half of the times of a typical level spans {number(100.0 * typical)} % of "
+        f"their median; {number(100.0 * most)} % for <code>{html.escape(trial.label)}</code>, "
+        "which varied most. Two times are told apart where they differ by more than is unknown of "
+        "both medians; a time is called a factor from three rounds on, if it is known to a quarter "
+        f"({unsure} of {len(study.trials)} are not). Rendering the reference took "
+        f"{duration(study.reference_seconds)}. {known}"
     )
-    return Section("variation", "How much times varied", body)
 
 
-def _machine(study: Study) -> Section:
-    """Return on what the times were taken."""
-    body = _list({**study.machine, **study.versions}, tag="span")
-    return Section("machine", "Machine and versions", body)
-
-
-def results_table(study: Study, trials: Sequence[Trial], setting: str | None = None) -> str:
+def results_table(study: Study, groups: Iterable[tuple[str, Sequence[Trial]]]) -> str:
     """
     Return time and errors of trials as a table, without columns in which nothing has a meaning.
 
     Parameters
     ----------
     study : Study
-    trials : sequence of Trial
-        One row each.
-    setting : str, optional
-        Whose levels they are: the dominated ones are grey and name what dominates them. Default:
-        rows are called by their full labels, numbered if they are on the front, else grey.
+    groups : iterable of (str, sequence of Trial)
+        Settings, each with its levels, the standard among them: the dominated ones are grey and
+        name what dominates them.
     """
-    cells = [_results(trial) for trial in trials]
+    groups = [
+        (setting, [(trial, _results(trial)) for trial in trials]) for setting, trials in groups
+    ]
+    cells = [row for _, rows in groups for _, row in rows]
     shown = [n for n in range(len(RESULTS)) if any(row[n] != NOTHING for row in cells)]
-    rows = []
-    for trial, row in zip(trials, cells, strict=True):
-        kind = _kind(trial)
-        if setting is None and kind != STANDARD:
-            kind = "level" if trial.label in study.front else "other"
-        rows.append(_row(kind, _row_name(study, trial, setting), [row[n] for n in shown]))
-    first = "level" if setting else "changed from the standard"
-    return _table(first, [RESULTS[n] for n in shown], rows)
-
-
-def stages_table(study: Study, trials: Sequence[Trial], setting: str) -> str:
-    """Return the median milliseconds of each stage as a table, or nothing if there are none."""
-    stages = list(dict.fromkeys(stage for trial in trials for stage in trial.stages))
-    if not stages:
-        return ""
-    rows = []
-    for trial in trials:
-        values = [trial.stages.get(stage) for stage in stages]
-        cells = [NOTHING if value is None else milliseconds(value) for value in values]
-        rows.append(_row(_kind(trial), _row_name(study, trial, setting), cells))
-    return _table("level", [(stage, "ms") for stage in stages], rows)
+    bodies = []
+    for setting, rows in groups:
+        head = (
+            f'<tr class="setting"><th scope="rowgroup" colspan="{len(shown) + 1}">'
+            f"{html.escape(setting)}</th></tr>"
+        )
+        bodies.append(head)
+        for trial, row in rows:
+            name = _row_name(study, trial, setting)
+            bodies.append(_row(_kind(trial), name, [row[n] for n in shown]))
+    return _table("level", [RESULTS[n] for n in shown], bodies)
 
 
 def milliseconds(seconds: float) -> str:
@@ -423,26 +458,21 @@ def milliseconds(seconds: float) -> str:
 
 def level_name(study: Study, trial: Trial, setting: str) -> str:
     """Return what a trial is called among the levels of a setting."""
-    if trial.setting == STANDARD:
-        return f"{standard_level(study, setting)} (standard)"
-    return trial.level
+    if trial.setting != STANDARD:
+        return trial.level
+    if setting == COMBINATIONS:
+        return STANDARD
+    return f"{standard_level(study, setting)} (standard)"
 
 
-def _row_name(study: Study, trial: Trial, setting: str | None) -> str:
+def _row_name(study: Study, trial: Trial, setting: str) -> str:
     """Return the heading of a trial's row."""
-    if setting is not None:
-        name = html.escape(level_name(study, trial, setting))
-        if trial.dominated_by is None:
-            return name
-        return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
+    name = _breakable(level_name(study, trial, setting))
     labels = [other.label for other in front_trials(study)]
-    name = html.escape(trial.label)
-    if trial.label in labels:
+    if trial.label in labels and trial.setting != STANDARD:
         name = f'<span class="key">{labels.index(trial.label) + 1}</span> {name}'
-    changes = differences(trial.quality, study.standard.quality)
-    if changes and "=" not in trial.label:
-        shown = " ".join(f"{setting}={level}" for setting, level in changes.items())
-        name += f"<small>{html.escape(shown)}</small>"
+    if trial.dominated_by is not None:
+        return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
     return name
 
 
@@ -450,10 +480,11 @@ def _results(trial: Trial) -> list[str]:
     """Return the cells of a trial's row, in the order of `RESULTS`."""
     low, high = trial.spread
     errors = trial.errors
-    spread = f"<small>{low:.3g}–{high:.3g}</small>" if low < high else ""
+    spread = f"<small>{figures(low)}–{figures(high)}</small>" if low < high else ""
+    measured = trial.setting == STANDARD or is_measured(trial)
     return [
-        f"{trial.ratio:.3g}×{spread}",
-        milliseconds(trial.median),
+        f"{figures(trial.ratio)}×{spread}" if measured else f"<small>{NOT_MEASURED}</small>",
+        milliseconds(trial.median) if measured else f"≈ {milliseconds(trial.median)}",
         number(errors.rmse),
         number(errors.largest),
         "∞" if math.isinf(errors.psnr) else f"{errors.psnr:.1f}",

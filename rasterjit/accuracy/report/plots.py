@@ -1,5 +1,5 @@
 """
-Draw error against time: one plot for each setting, and the Pareto front of all that was tried.
+Draw error against time of all that was tried, with the Pareto front.
 
 Both axes are logarithmic. Labels are placed so that they cover neither each other nor a point.
 
@@ -22,15 +22,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rasterjit.accuracy.ranking import is_measured
 from rasterjit.accuracy.report.scales import duration, log_limits, log_ticks, number
-from rasterjit.accuracy.results import (
-    STANDARD,
-    Study,
-    Trial,
-    front_trials,
-    standard_level,
-    with_standard,
-)
+from rasterjit.accuracy.results import Study, Trial, front_trials
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +42,8 @@ DARK = {
 }  # fmt: skip
 """The same on a dark page."""
 
-SETTING_POINTS = (360.0, 250.0)
 FRONT_POINTS = (360.0, 290.0)
-"""Width and height of plots on the page, points: letters stay legible on the width of a phone."""
+"""Width and height of the plot, points: letters stay legible on the width of a phone."""
 
 LEFT, RIGHT, BOTTOM, TOP = 52.0, 12.0, 40.0, 26.0
 """What is left around the axes, points."""
@@ -96,6 +89,18 @@ class Point(NamedTuple):
     kind: str
     label: str
 
+    @property
+    def is_on_front(self) -> bool:
+        """Whether it has a number."""
+        return self.label[:1].isdigit()
+
+
+class Plot(NamedTuple):
+    """A plot for a page, and where in it each trial is marked, as shares of width and height."""
+
+    svg: str
+    places: dict[str, tuple[float, float]]
+
 
 class Mark(NamedTuple):
     """How one kind of point is drawn: marker, diameter in points, colours by name, opacity."""
@@ -109,8 +114,8 @@ class Mark(NamedTuple):
 
 
 MARKS = {
-    "other": Mark("o", 3.5, "muted", "page", "muted", 0.45),
-    "dominated": Mark("o", 6.5, "muted", "page", "muted", 1.0),
+    "rough": Mark("x", 4.5, "muted", "muted", "muted", 0.0),
+    "other": Mark("o", 4.5, "muted", "page", "muted", 0.0),
     "level": Mark("o", 6.5, "level", "level", "ink", 1.0),
     "standard": Mark("D", 7.0, "standard", "standard", "ink", 1.0),
 }
@@ -125,55 +130,43 @@ def require_matplotlib() -> None:
         )
 
 
-def plot_setting(study: Study, setting: str, prefix: str) -> str:
+def plot_front(study: Study, prefix: str) -> Plot:
     """
-    Return error against time of a setting's levels and of the standard, as inline SVG.
+    Return error against time of all trials, those on the front numbered.
 
     Parameters
     ----------
     study : Study
-    setting : str
     prefix : str
-        What the ids in it start with: others for each plot of a page.
+        What the ids in it start with.
+
+    Returns
+    -------
+    Plot
+        Inline SVG, and the place of each trial in it by label, from the upper left corner.
     """
-    points = setting_points(study, setting)
-    with new_figure(SETTING_POINTS) as figure:
-        axes = add_axes(figure, SETTING_POINTS[0])
-        draw_points(axes, points, study.standard.median)
-        levels = ", ".join(point.label for point in points)
-        return _as_svg(figure, prefix, f"Error against time for {setting}: {levels}")
-
-
-def plot_front(study: Study, prefix: str) -> str:
-    """Return error against time of all trials, those on the front numbered, as inline SVG."""
     points = front_points(study)
+    width, height = FRONT_POINTS
     with new_figure(FRONT_POINTS) as figure:
-        axes = add_axes(figure, FRONT_POINTS[0])
-        draw_points(axes, points, study.standard.median)
+        axes = add_axes(figure, width)
+        heights = draw_points(axes, points, study.standard.median)
+        trials = (*study.trials, study.standard)
+        places = {}
+        for trial, point in zip(trials, points, strict=True):
+            x, y = axes.transData.transform((point.time, heights[point]))
+            places[trial.label] = float(x) / width, 1.0 - float(y) / height
         found = f"Error against time of {len(points)} qualities; those on the front are numbered"
-        return _as_svg(figure, prefix, found)
-
-
-def setting_points(study: Study, setting: str) -> list[Point]:
-    """Return the levels of a setting, the standard's among them, labelled with their names."""
-    points = []
-    for trial in with_standard(study, setting):
-        if trial.setting == STANDARD:
-            level = standard_level(study, setting)
-            points.append(_point(trial, "standard", f"{level} (standard)"))
-        else:
-            kind = "level" if trial.dominated_by is None else "dominated"
-            points.append(_point(trial, kind, trial.level))
-    return points
+        return Plot(_as_svg(figure, prefix, found), places)
 
 
 def front_points(study: Study) -> list[Point]:
-    """Return all trials: those on the front labelled with their number, the others not."""
+    """Return all trials, the standard last: those on the front labelled with their number."""
     numbers = {id(trial): str(n) for n, trial in enumerate(front_trials(study), 1)}
     points = []
     for trial in study.trials:
         label = numbers.get(id(trial), "")
-        points.append(_point(trial, "level" if label else "other", label))
+        measured = "other" if is_measured(trial) else "rough"
+        points.append(_point(trial, "level" if label else measured, label))
     label = f"{numbers.get(id(study.standard), '')} standard".strip()
     points.append(_point(study.standard, "standard", label))
     return points
@@ -184,13 +177,10 @@ def _point(trial: Trial, kind: str, label: str) -> Point:
     return Point(trial.ratio, low, high, trial.errors.rmse, kind, label)
 
 
-def _staircase(points: Sequence[Point]) -> list[Point]:
-    """Return the points, from the fastest on, that are more accurate than all faster ones."""
-    found: list[Point] = []
-    for point in sorted(points, key=lambda p: (p.time, p.error)):
-        if not found or point.error < found[-1].error:
-            found.append(point)
-    return found
+def _front_of(points: Sequence[Point]) -> list[Point]:
+    """Return the points on the front, from the fastest on."""
+    found = (point for point in points if point.is_on_front)
+    return sorted(found, key=lambda point: (point.time, point.error))
 
 
 @contextmanager
@@ -222,14 +212,21 @@ def add_axes(figure: Figure, width: float, above: float = 0.0) -> Axes:
     return axes
 
 
-def draw_points(axes: Axes, points: Sequence[Point], seconds: float) -> None:
-    """Draw points with the spread of their times, a line through the front, axes and labels."""
+def draw_points(axes: Axes, points: Sequence[Point], seconds: float) -> dict[Point, float]:
+    """
+    Draw points, a line through the front with the spread of its times, axes and labels.
+
+    Returns
+    -------
+    dict
+        At which error each point is drawn: none is zero, which a logarithmic axis does not have.
+    """
     low, high, zero = _error_scale([point.error for point in points])
     heights = [point.error if point.error > 0.0 else zero for point in points]
     places = dict(zip(points, heights, strict=True))
     _scale_times(axes, points, seconds)
     _scale_errors(axes, low, high, zero if min(p.error for p in points) <= 0.0 else None)
-    line = [(point.time, places[point]) for point in _staircase(points)]
+    line = [(point.time, places[point]) for point in _front_of(points)]
     if len(line) > 1:
         axes.plot(*zip(*line, strict=True), color=LIGHT["level"], linewidth=0.9, alpha=0.55)
     kinds = list(MARKS)
@@ -238,20 +235,22 @@ def draw_points(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     place_labels(
         axes,
         [(p.time, places[p], p.label, LIGHT[MARKS[p.kind].text]) for p in points],
-        bars=[(p.low, p.high, places[p]) for p in points],
+        bars=[(p.low, p.high, places[p]) for p in points if MARKS[p.kind].bar_alpha > 0.0],
         line=line,
         halo=LIGHT["page"],
     )
+    return places
 
 
 def _draw_point(axes: Axes, point: Point, height: float) -> None:
     """Draw one marker, and a bar from the lower to the upper quartile of its times."""
     mark = MARKS[point.kind]
     order = 2.0 + 0.1 * list(MARKS).index(point.kind)
-    axes.plot(
-        [point.low, point.high], [height, height], color=LIGHT[mark.edge], linewidth=1.0,
-        marker="|", markersize=mark.points, zorder=order, alpha=mark.bar_alpha,
-    )  # fmt: skip
+    if mark.bar_alpha > 0.0:
+        axes.plot(
+            [point.low, point.high], [height, height], color=LIGHT[mark.edge], linewidth=1.0,
+            marker="|", markersize=mark.points, zorder=order, alpha=mark.bar_alpha,
+        )  # fmt: skip
     axes.plot(
         [point.time], [height], color=LIGHT[mark.edge], marker=mark.marker, markersize=mark.points,
         markeredgecolor=LIGHT[mark.edge], markerfacecolor=LIGHT[mark.fill], zorder=order + 0.05,
@@ -282,7 +281,10 @@ def _scale_errors(axes: Axes, low: float, high: float, zero: float | None) -> No
 
 def _scale_times(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     """Set up the logarithmic axis of times: over the standard's below, milliseconds above."""
-    times = [time for point in points for time in (point.low, point.time, point.high)]
+    times = [point.time for point in points]
+    for point in points:
+        if MARKS[point.kind].bar_alpha > 0.0:
+            times += point.low, point.high
     low, high = log_limits(times, LEAST_TIMES, 0.1)
     ticks = log_ticks(low, high)
     axes.set_xscale("log")
@@ -291,7 +293,7 @@ def _scale_times(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     axes.set_xticks([], minor=True)
     axes.set_xlabel(TIME_TITLE, color=LIGHT["ink"])
     above = axes.secondary_xaxis("top")
-    above.set_xticks(ticks, labels=[duration(seconds * tick) for tick in ticks])
+    above.set_xticks(ticks, labels=[duration(float(f"{seconds * tick:.2g}")) for tick in ticks])
     above.set_xticks([], minor=True)
     _style_axis(above)
 
