@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from rasterjit.rendering.preview import SIZE
 
 import rasterjit as rj
 from rasterjit.io.gltf.writing import lasting_units, rounded_units
 from rasterjit.io.skipped import SaveWarning
-from rasterjit.rendering.preview import SIZE
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
 GEOMETRY = (

@@ -15,9 +15,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from PIL import Image, ImageShow
+from rasterjit.rendering.preview import SIZE
 
 import rasterjit as rj
-from rasterjit.rendering.preview import SIZE
 from rasterjit.runtime import progress
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.viewer.viewer import Viewer
