@@ -71,7 +71,8 @@ def test_programs_and_commands_of_a_page_run(page, folder):
         if language == "python":
             run_programs(texts, folder)
         else:
-            own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
+            names = ("rasterjit", "pytest")
+            own = "".join(f'{name}() {{ {sys.executable} -m {name} "$@"; }}\n' for name in names)
             for text in texts.values():
                 run(["bash", "-ec", own + text], folder)
 
