@@ -1,11 +1,11 @@
 """
-Measure what accuracy costs, for the README: ``python models/make_accuracy.py [FOLDER]``.
+Measure what accuracy costs: ``python models/make_accuracy.py [FOLDER]``.
 
 Studies one scene to which nearly all settings matter, with ``rasterjit[accuracy]`` installed, for
 about five minutes; then ``interpolation_precision`` alone, for a minute, in four scenes of one
 kind of colour each, for which the precision is chosen one by one. Writes the Pareto front into
-``models/pictures/accuracy.png`` and the sentences into the README, between its marks, or both, as
-``accuracy.png`` and ``accuracy.md``, into a folder.
+``models/pictures/accuracy.png`` and the sentences into ``docs/guides/accuracy.md``, between its
+marks, or both, as ``accuracy.png`` and ``accuracy.md``, into a folder.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from accuracy_front import save_front
 import rasterjit as rj
 
 MODELS = Path(__file__).parent
-README = MODELS.parent / "README.md"
+PAGE = MODELS.parent / "docs" / "guides" / "accuracy.md"
 BEGIN, END = "<!-- accuracy: models/make_accuracy.py -->\n", "<!-- end of accuracy -->\n"
-"""What the sentences stand between in the README."""
+"""What the sentences stand between in the page."""
 
 SIZE = (640, 480)
 SECONDS, PRECISION_SECONDS = 300.0, 15.0
@@ -121,9 +121,9 @@ def main(folder: Path | None) -> None:
         (folder / "accuracy.md").write_text(text)
         return
     save_front(found, MODELS / "pictures" / "accuracy.png")
-    before, _, rest = README.read_text().partition(BEGIN)
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
-    README.write_text(f"{before}{BEGIN}{text}{END}{after}")
+    PAGE.write_text(f"{before}{BEGIN}{text}{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":

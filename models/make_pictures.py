@@ -161,15 +161,15 @@ def mistakes(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]
 
 
 def make_page(page: Path, folder: Path) -> None:
-    """Run the program of a page for readers, and write its pictures into a folder."""
+    """Run the programs of a page for readers; copy what they draw of its pictures."""
     text = page.read_text(encoding="utf-8")
     program = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / "models").symlink_to(MODELS.resolve())
         subprocess.run([sys.executable, "-c", program], cwd=place, check=True)
-        for suffix in ("png", "gif"):
-            for picture in Path(place).glob(f"*.{suffix}"):
+        for name in sorted(set(re.findall(rf"pictures/{page.stem}/([\w.-]+)", text))):
+            for picture in Path(place).rglob(name):
                 shutil.copy(picture, folder)
 
 
@@ -190,9 +190,10 @@ def main(folder: Path) -> None:
     cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
-    for page in ("point_clouds", "animation"):
-        make_page(MODELS.resolve().parent / "docs" / f"{page}.md", folder / page)
-    make_page(MODELS.resolve().parent / "docs" / "guides" / "styles.md", folder / "styles")
+    guides = MODELS.resolve().parent / "docs" / "guides"
+    for page in sorted(guides.glob("*.md")):
+        if f"pictures/{page.stem}/" in page.read_text(encoding="utf-8"):
+            make_page(page, folder / page.stem)
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ class Trial:
     Attributes
     ----------
     setting : str
-        The setting that was changed, `COMBINATIONS`, or `STANDARD` for the standard itself.
+        The setting that was changed, ``"combinations"`` for several, ``"standard"`` for none.
     level : str
         Its level; or all changes, like ``"samples=4 shading=vertex"``.
     quality : Quality

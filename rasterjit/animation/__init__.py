@@ -1,7 +1,7 @@
 """
 Moving pictures: cameras that go around, key frames, morphs, and files that are written as they go.
 
-`frames(..., animation="walk")` plays what a glTF file brought. A *track* is a function of time:
+``frames(..., animation="walk")`` plays what a glTF file brought. A *track* is a function of time:
 `CameraTrack`, `TransformTrack` and `MorphTrack` go from key to key, `turntable` goes around.
 `frames` renders one frame for each time, and `save` writes them as they come, so that an animation
 of any length takes the memory of one frame:

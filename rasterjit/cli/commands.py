@@ -65,9 +65,9 @@ from rasterjit.cli.program import (
     threads_option,
 )
 from rasterjit.cli.report import (
-    compile_notice,
     print_measurement,
     progress_bar,
+    progress_notice,
     status,
     with_progress,
 )
@@ -285,7 +285,7 @@ def turntable(
     if frames is None:
         frames = TURN_FRAMES if played is None else max(1, round(played.duration * fps))
     with (
-        compile_notice(quiet),
+        progress_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
         renderer.told = None
@@ -437,7 +437,7 @@ def explain(
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
     styled = in_style(style, scene, view.camera(scene, size), look, effects)
     if pixel is not None:
-        with compile_notice(quiet=False):
+        with progress_notice(quiet=False):
             drawn = styled.options(size, background=background, cull=cull)
             camera = drawn.pop("camera")
             told = explain_pixel(styled.scene, camera, size, *pixel, **drawn)
@@ -450,7 +450,7 @@ def explain(
 
         with (
             status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
-            compile_notice(quiet=False),
+            progress_notice(quiet=False),
         ):
             drawn = styled.options(size, threads=threads, **options)
             measured = measure_frame(styled.scene, size=size, **drawn)
@@ -553,7 +553,7 @@ def doctor() -> None:
     from rasterjit.cli.doctor import examine
 
     healthy = True
-    with compile_notice(quiet=False):
+    with progress_notice(quiet=False):
         for finding in examine():
             mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
             click.echo(f"{mark}{finding.name:<22}{finding.text}")
@@ -602,7 +602,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     scene = moment.apply(load_scene(file, look, effects, options["quiet"]), file)
     camera = view.camera(scene, options["size"])
     try:
-        with compile_notice(options["quiet"]):
+        with progress_notice(options["quiet"]):
             show(
                 scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],

@@ -30,7 +30,7 @@ from rasterjit.cli.program import (
     warn,
     write_files,
 )
-from rasterjit.cli.report import compile_notice, print_diagnostics, print_stats, status, told_frame
+from rasterjit.cli.report import print_diagnostics, print_stats, progress_notice, status, told_frame
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
@@ -153,7 +153,7 @@ def render_file(
     effects.quality()
     with (
         status(f"Rendering {file.name}", quiet) as shown,
-        compile_notice(quiet, shown),
+        progress_notice(quiet, shown),
         beside(first_tasks, asked.threads, at_once=True),
         warnings.catch_warnings(),
     ):

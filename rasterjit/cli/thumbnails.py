@@ -12,7 +12,7 @@ import click
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
 from rasterjit.cli.program import describe, load_scene, size_behind, warn
-from rasterjit.cli.report import compile_notice, progress_bar
+from rasterjit.cli.report import progress_bar, progress_notice
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
@@ -64,7 +64,7 @@ def render_folder(
     start, failed = time.perf_counter(), 0
     with (
         progress_bar("Rendering", quiet) as show,
-        compile_notice(quiet),
+        progress_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
         show(0, len(names))

@@ -169,10 +169,10 @@ def render_views(
         if output != "coco":
             (place / _folder(output)).mkdir(exist_ok=True)
     with _failing(place, name):
-        _, options = check_arguments(
+        drawn_scene, options = check_arguments(
             scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
         )
-    with closing(draw_in_turns(scene, cameras, options, count)) as drawn:
+    with closing(draw_in_turns(drawn_scene, cameras, options, count)) as drawn:
         for number, camera in enumerate(cameras):
             check()
             with _failing(place, name):

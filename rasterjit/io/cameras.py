@@ -7,15 +7,15 @@ never changed: a scene whose z is up stays one. A camera that is made for an ima
 refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`. No
 pose may mirror: all functions refuse one of a determinant below 0.
 
-=============  ===================  =======  ====================  =============================
-convention     x, y, z point        vectors  pose                  pixel coordinates
-=============  ===================  =======  ====================  =============================
-ours, OpenGL   right, up, back      columns  view from world       first corner at (0, 0)
-OpenCV         right, down, forward columns  camera from world     centre of the first at (0, 0)
-PyTorch3D      left, up, forward    rows     camera from world     first corner at (0, 0)
-Blender        right, up, back      columns  world from camera     by lens, sensor and shift
-trimesh        right, up, back      columns  world from camera     principal point in the middle
-=============  ===================  =======  ====================  =============================
+=============  ====================  =======  ====================  =============================
+convention     x, y, z point         vectors  pose                  pixel coordinates
+=============  ====================  =======  ====================  =============================
+ours, OpenGL   right, up, back       columns  view from world       first corner at (0, 0)
+OpenCV         right, down, forward  columns  camera from world     centre of the first at (0, 0)
+PyTorch3D      left, up, forward     rows     camera from world     first corner at (0, 0)
+Blender        right, up, back       columns  world from camera     by lens, sensor and shift
+trimesh        right, up, back       columns  world from camera     principal point in the middle
+=============  ====================  =======  ====================  =============================
 
 References
 ----------

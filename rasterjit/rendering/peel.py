@@ -83,9 +83,11 @@ def render_layers(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import rasterjit as rj
     >>> frame = rj.render_layers(rj.load("models/teapot.obj"), k=4, size=(320, 240))
-    >>> thickness = frame.depth[1] - frame.depth[0]
+    >>> is_seen = np.isfinite(frame.depth[1])
+    >>> thickness = frame.depth[1, is_seen] - frame.depth[0, is_seen]
     """
     if isinstance(k, bool) or not isinstance(k, (int, np.integer)):
         raise ValueError(f"k must be a whole number of layers, got {k!r}")

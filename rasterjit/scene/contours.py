@@ -39,7 +39,7 @@ class Contours:
     width : float
         Pixels, above zero. From 1 on, lines have no gaps within a face.
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
+        Any colour, as `types.ColorLike` has it; stored as a tuple of four floats, linear
         RGBA. Lines are opaque: its alpha is not read.
 
     Raises

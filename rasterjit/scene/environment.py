@@ -145,7 +145,7 @@ class Environment:
         Parameters
         ----------
         color : str or array_like
-            Any colour of `rasterjit.scene.color.linear_color`; alpha is dropped.
+            Any colour, as `types.ColorLike` has it; alpha is dropped.
         intensity, background
             As `Environment` takes them.
 
@@ -172,7 +172,7 @@ class Environment:
         Parameters
         ----------
         zenith, horizon, ground : str or array_like
-            Any colours of `rasterjit.scene.color.linear_color`; alpha is dropped.
+            Any colours, as `types.ColorLike` has them; alpha is dropped.
         intensity, background
             As `Environment` takes them.
 

@@ -45,7 +45,7 @@ class Fog:
     Parameters
     ----------
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+        Any colour, as `types.ColorLike` has it; stored as linear RGB, alpha dropped.
     mode : {"exp2", "exp", "linear"}
     start, end : float, scene units
         Mode linear alone: distances at which the fog begins, and where it hides everything.

@@ -4,12 +4,6 @@ Lenses: where on a picture a direction is seen, where a pinhole would not show i
 The axes of a lens are OpenCV's: x to the right, y down, z ahead. A lens takes directions to places
 and back: points of the plane z = 1 for the two models of OpenCV, which a camera's focal lengths and
 principal point then take to pixels; longitude and latitude for a panorama.
-
-References
-----------
-.. [1] OpenCV 4, "Camera Calibration and 3D Reconstruction": distortion coefficients.
-.. [2] OpenCV 4, "Fisheye camera model", after J. Kannala, S. Brandt, "A Generic Camera Model and
-   Calibration Method for Conventional, Wide-Angle, and Fish-Eye Lenses", PAMI 28(8), 2006.
 """
 
 from __future__ import annotations
@@ -79,6 +73,10 @@ class PinholeDistortion:
     ------
     ValueError
         If a coefficient is no finite number.
+
+    References
+    ----------
+    .. [1] OpenCV 4, "Camera Calibration and 3D Reconstruction": distortion coefficients.
 
     Examples
     --------
@@ -277,7 +275,7 @@ class PinholeDistortion:
 @dataclass(frozen=True)
 class FisheyeLens:
     """
-    OpenCV's fisheye model [2]_: the angle from the axis is bent, not its tangent.
+    OpenCV's fisheye model [1]_: the angle from the axis is bent, not its tangent.
 
     What lies at an angle t from the axis, in radians, is seen at a distance of
     ``t (1 + k1 t² + k2 t⁴ + k3 t⁶ + k4 t⁸)`` focal lengths from the principal point. With four
@@ -294,6 +292,11 @@ class FisheyeLens:
     ------
     ValueError
         If a coefficient is no finite number, or the field is not in that range.
+
+    References
+    ----------
+    .. [1] OpenCV 4, "Fisheye camera model", after J. Kannala, S. Brandt, "A Generic Camera Model
+       and Calibration Method for Conventional, Wide-Angle, and Fish-Eye Lenses", PAMI 28(8), 2006.
 
     Examples
     --------

@@ -108,7 +108,7 @@ class AmbientLight:
     Parameters
     ----------
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+        Any colour, as `types.ColorLike` has it; stored as linear RGB, alpha dropped.
     intensity : float
         Factor on the colour, at least 0.
 
@@ -136,7 +136,7 @@ class DirectionalLight:
     direction : (3,) array_like
         World-space direction in which the light travels; stored with unit length.
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+        Any colour, as `types.ColorLike` has it; stored as linear RGB, alpha dropped.
     intensity : float
         Factor on the colour, at least 0. A white surface facing a white light of intensity 1 is
         white.
@@ -174,7 +174,7 @@ class PointLight:
     position : (3,) array_like
         World-space position, in scene units.
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+        Any colour, as `types.ColorLike` has it; stored as linear RGB, alpha dropped.
     intensity : float
         Factor on the colour at a distance of one scene unit, at least 0; at distance d it is
         ``intensity / d**2``.
@@ -221,7 +221,7 @@ class SpotLight:
     direction : (3,) array_like
         World-space direction of the cone's axis, away from the light; stored with unit length.
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+        Any colour, as `types.ColorLike` has it; stored as linear RGB, alpha dropped.
     intensity : float
         Factor on the colour on the axis at a distance of one scene unit, at least 0; at distance d
         it is ``intensity / d**2``.

@@ -112,7 +112,7 @@ class Material:
         ``"flat"`` every face by its own plane; ``"unlit"`` shows the colour as it is. ``"pbr"``
         lights every pixel by glTF 2.0's metallic-roughness model.
     base_color : str or array_like, optional
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
+        Any colour, as `types.ColorLike` has it; stored as a tuple of linear RGBA.
         Default: None, which is a light grey where there are neither colours nor a
         ``base_color_texture``, and changes nothing where there are; see `base_color_over`.
     specular : float

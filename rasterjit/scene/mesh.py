@@ -286,7 +286,7 @@ class Mesh(Guarded, Previewed):
 
     @property
     def uv_sets(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
-        """``uv`` and ``uv1``, as `Texture.uv_set` numbers them."""
+        """``uv`` and ``uv1``, as ``uv_set`` of a `Texture` numbers them."""
         return self._uv, self._uv1
 
     @property
@@ -549,7 +549,9 @@ class Mesh(Guarded, Previewed):
         Returns
         -------
         (V, 2, 4) float32
-            As `tangents.vertex_tangents` does; both groups are the same where tangents are given.
+            For each group of faces, those whose texture runs the same way round and those where it
+            is mirrored, a unit vector in model space, zero where no face of the group has one, and
+            the side: 1 or -1. Both groups are the same where tangents are given.
 
         Raises
         ------

@@ -32,7 +32,7 @@ class Outline:
     Parameters
     ----------
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA. Lines
+        Any colour, as `types.ColorLike` has it; stored as a tuple of linear RGBA. Lines
         are opaque.
     width : int
         Of the lines, pixels, 1..64.

@@ -27,7 +27,7 @@ class Wireframe:
     Parameters
     ----------
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
+        Any colour, as `types.ColorLike` has it; stored as a tuple of four floats, linear
         RGBA. Lines are opaque: its alpha is not read.
     mode : {"overlay", "only"}
         ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an

@@ -233,7 +233,9 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         # Columns, rows and up are left-handed.
         areas = np.maximum(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1], 0.0) / 2.0
-        covered = math.fsum((covered, *areas.tolist()))
+        if len(areas):
+            # A running sum: its order is fixed.
+            covered += float(np.cumsum(areas)[-1])
     return covered >= LEAST_FLOOR * (u1 - u0) * (v1 - v0)
 
 

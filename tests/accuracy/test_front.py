@@ -1,4 +1,4 @@
-"""The picture of the Pareto front that the README shows: made by a script of models/."""
+"""The picture of the Pareto front that the guide shows: made by a script of models/."""
 
 import os
 import subprocess

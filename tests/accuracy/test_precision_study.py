@@ -1,4 +1,4 @@
-"""What the README says of `interpolation_precision`, scene by scene: a script of models/."""
+"""What the guide says of `interpolation_precision`, scene by scene: a script of models/."""
 
 import re
 from pathlib import Path
@@ -77,7 +77,7 @@ def test_codes_that_move_are_counted(script, monkeypatch):
     assert "6 of 5,184 codes move, by 1 at most" in text
 
 
-def test_sentences_stand_between_the_marks_of_the_readme(script):
-    text = script.README.read_text()
+def test_sentences_stand_between_the_marks_of_the_page(script):
+    text = script.PAGE.read_text(encoding="utf-8")
     assert text.count(script.BEGIN) == text.count(script.END) == 1
     assert np.all(np.diff([text.index(script.BEGIN), text.index(script.END)]) > 0)

@@ -1545,7 +1545,7 @@ def impatient(monkeypatch):
 def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
     monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
     monkeypatch.setattr(ahead, "is_possible", lambda: False)
-    with report.compile_notice(quiet=False), ahead.beside(list):
+    with report.progress_notice(quiet=False), ahead.beside(list):
         say_that_something_compiles()
         say_that_something_compiles()
     said = capsys.readouterr()
@@ -1559,18 +1559,38 @@ def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatc
     monkeypatch.setattr(store, "USED", used)
     monkeypatch.setattr(ahead, "is_possible", lambda: False)
     line = SimpleNamespace(status="Rendering", update=said.append)
-    with report.compile_notice(quiet=False, shown=line), ahead.beside(list):
+    with report.progress_notice(quiet=False, shown=line), ahead.beside(list):
         say_that_something_compiles()
         used.compiled.append("a.b")
         say_that_something_compiles()
-    counts = [text.rpartition(": ")[2].partition(", ")[0] for text in said]
-    assert counts == ["0 of 0", "1 of 1", "Rendering"]
-    assert said[0].startswith("Rendering: compiling kernels (")
+    counts = [text.partition(", ")[0] for text in said]
+    assert counts == [
+        "Rendering: compiling kernels .......... 0 of 0",
+        "Rendering: compiling kernels ########## 1 of 1",
+        "Rendering",
+    ]
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_path):
+    clock, said = [0.0], []
+    monkeypatch.setattr(report.time, "monotonic", lambda: clock[0])
+    line = SimpleNamespace(status="Rendering", update=said.append)
+    with report.progress_notice(quiet=False, shown=line):
+        for done in (1, 2, 16):
+            clock[0] += 1.0
+            progress.PICTURES[-1](done, 64)
+        clock[0] += 1.0
+        rj.render(rj.load(CUBE), size=(8, 6), quality=rj.Quality(samples=64), threads=1)
+    assert said[0] == "Rendering: ##........ 16 of 64, 2 s, 6 s left"
+    assert said[1:] == [f"Rendering: {progress.bar(n, 64, 3.0)}" for n in range(1, 65)]
+    assert progress.PICTURES == []
+    with report.progress_notice(quiet=False):
+        progress.PICTURES[-1](1, 64)
+
+
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    with report.compile_notice(quiet=False), ahead.beside(list):
+    with report.progress_notice(quiet=False), ahead.beside(list):
         say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
 

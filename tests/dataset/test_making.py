@@ -4,6 +4,7 @@ import errno
 import json
 import shutil
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from rasterjit.dataset.recipe import Recipe
 from rasterjit.outputs import masks
 from rasterjit.rendering import pool, together
 
+MODELS = Path(__file__).parents[2] / "models"
 W, H = SIZE = (24, 16)
 RECIPE = Recipe(
     views=3, size=SIZE, outputs=("color", "depth", "normal", "mask", "coco", "position")
@@ -161,6 +163,22 @@ def test_pictures_are_what_render_gives(made, meshes):
     seen = codes.any(axis=2)
     assert np.array_equal(seen, frame.normal.any(axis=2))
     assert np.abs((codes[seen] - 32768) / 32767 - frame.normal[seen]).max() < 1e-4
+
+
+def test_characters_are_posed_in_all_views(tmp_path):
+    scene = rj.load(MODELS / "face.glb")
+    next(node for node in scene.nodes if node.name == "face").weights = [0.0, 1.0]
+    recipe = Recipe(views=4, size=(96, 96), outputs=("color", "object_position"))
+    mesh.render_views(scene, tmp_path, recipe, threads=2)
+    for number, camera in enumerate(dataset.view_cameras(scene, recipe)):
+        frame = rj.render(
+            scene, camera, size=recipe.size, outputs=recipe.outputs, background="transparent"
+        )
+        picture = Image.open(tmp_path / f"images/{number:04d}.png")
+        assert np.array_equal(np.array(picture), frame.color)
+        with np.load(tmp_path / f"object_position/{number:04d}.npz") as stored:
+            places = stored["object_position"]
+        assert np.array_equal(places, frame.object_position, equal_nan=True)
 
 
 def test_annotations_cover_the_masks(made):

@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from test_readme import PAGES, steps
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("README.md", "models/README.md")
 
 pytestmark = [
     pytest.mark.takes_long,
@@ -152,9 +152,10 @@ shading: rj.types.Shading = "phongg"
 def programs_of_pages():
     """Yield the name and the text of each program of the pages for readers."""
     for page in PAGES:
-        text = (ROOT / page).read_text(encoding="utf-8")
-        for n, program in enumerate(re.findall(r"```python\n(.*?)```", text, re.DOTALL), 1):
-            yield f"{Path(page).with_suffix('').as_posix().replace('/', '_')}_{n}", program
+        name = re.sub(r"\W", "_", page.removesuffix(".md"))
+        for n, (language, program) in enumerate(steps(page), 1):
+            if language == "python":
+                yield f"{name}_{n}", program
 
 
 def programs_of_docstrings():

@@ -1,46 +1,49 @@
-"""The programs and commands of the pages for readers run as they are printed."""
+"""Programs and commands of the pages for readers run as they are printed; links lead somewhere."""
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import programs
 import pytest
 
 from rasterjit.cli import commands
 
 ROOT = Path(__file__).parents[2]
-NOTEBOOKS = ("docs/guides/point_clouds.md", "docs/guides/animation.md")
-"""Pages whose programs go on from one to the next: they are one."""
-PAGES = (
+PAGES = [
     "README.md",
     "models/README.md",
-    "docs/guides/cameras.md",
-    "docs/coming_from/pyrender.md",
-    *NOTEBOOKS,
-)
+    *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/**/*.md")),
+    *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob(".github/*.md")),
+]
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"
 """Commands that make an environment of their own: ``.ci/run`` runs them."""
+IMPORT = re.compile(r"\s*(import|from) ")
+"""How a program begins. A block that begins otherwise goes on from the one before it."""
 
 
-def blocks(language):
-    """Return the blocks of a language, each with its page and number."""
+def text_of(page):
+    """Return the text of a page."""
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def steps(page):
+    """Return what a page runs, in order: ("python" or "sh", text)."""
     found = []
-    for page in PAGES:
-        text = (ROOT / page).read_text(encoding="utf-8")
-        texts = re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
-        if page in NOTEBOOKS:
-            texts = ["\n".join(texts)] if texts else []
-        found += [pytest.param(t, id=f"{page}-{n}") for n, t in enumerate(texts, 1)]
+    for language, text in re.findall(r"^```(python|sh)\n(.*?)^```", text_of(page), re.M | re.S):
+        earlier = [number for number, (kind, _) in enumerate(found) if kind == "python"]
+        if language == "python" and earlier and not IMPORT.match(text):
+            found[earlier[-1]] = ("python", f"{found[earlier[-1]][1]}\n{text}")
+        elif SET_UP not in text:
+            found.append((language, text))
     return found
-
-
-COMMANDS = [block for block in blocks("sh") if SET_UP not in block.values[0]]
 
 
 @pytest.fixture
@@ -51,48 +54,76 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-# A main program starts processes.
-@pytest.mark.parametrize("program", blocks("python"))
-def test_program_runs(program, folder):
-    (folder / "program.py").write_text(program, encoding="utf-8")
+def run(arguments, folder):
+    """Run a process in a folder, which finds this package there; return what it prints."""
     done = subprocess.run(
-        [sys.executable, *QUIET, "program.py"],
-        cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,
+        arguments, cwd=folder, capture_output=True, text=True, timeout=600,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
-    written = re.findall(r'(?:save|save_\w+|render_large)\((?:[^()"]*, )?"(.*?)"', program)
-    for name in written:
-        assert (folder / name).stat().st_size > 300
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_command_runs(command, folder):
-    own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
-    done = subprocess.run(
-        ["bash", "-ec", own + command],
-        cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("page", [page for page in PAGES if steps(page)])
+def test_programs_and_commands_of_a_page_run(page, folder):
+    for language, parts in itertools.groupby(enumerate(steps(page), 1), lambda part: part[1][0]):
+        texts = {f"{language}_{n}": text for n, (_, text) in parts}
+        if language == "python":
+            run_programs(texts, folder)
+        else:
+            own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
+            for text in texts.values():
+                run(["bash", "-ec", own + text], folder)
+
+
+def run_programs(texts, folder):
+    """Run programs in one process; each has to print something, and to write what it saves."""
+    names = [f"{name}.py" for name in texts]
+    for name, text in zip(names, texts.values(), strict=True):
+        (folder / name).write_text(text, encoding="utf-8")
+    printed = run([sys.executable, *QUIET, programs.__file__, *names], folder)
+    for part in printed.split(programs.BEGIN)[1:]:
+        name, *lines = part.splitlines()
+        assert any(line.strip() for line in lines), name
+        text = texts[name.removesuffix(".py")]
+        for saved in re.findall(r'(?:save|save_\w+|render_large)\((?:[^()"]*, )?"(.*?)"', text):
+            assert (folder / saved).stat().st_size > 300, (name, saved)
+    assert printed.count(programs.BEGIN) == len(names)
+
+
+def anchors(page):
+    """Return what a link to a heading of a page may name, as GitHub makes it."""
+    text = re.sub(r"^```.*?^```", "", text_of(page), flags=re.M | re.S)
+    found = set()
+    for heading in re.findall(r"^#+ (.*)$", text, re.M):
+        plain = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", heading)
+        found.add(re.sub(r"[^\w\- ]", "", plain.lower()).strip().replace(" ", "-"))
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page):
+    text = re.sub(r"^```.*?^```", "", text_of(page), flags=re.M | re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"\w+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        place = (ROOT / page).parent / path if path else ROOT / page
+        assert place.exists(), target
+        if anchor:
+            assert anchor in anchors(place.resolve().relative_to(ROOT)), target
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_code_span_holds_no_line_of_a_list(page):
-    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(r"```.*?```", "", text_of(page), flags=re.DOTALL)
     spans = [span for block in text.split("\n\n") for span in re.findall(r"`([^`]+)`", block)]
-    assert spans
     assert [span for span in spans if re.search(r"\S  +\S", span)] == []
 
 
 def test_the_list_of_commands_has_them_all():
-    (listed,) = re.findall(
-        r"## Command line\n\n```\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
-    )
+    page = (ROOT / "docs/guides/command_line.md").read_text("utf-8")
+    (listed,) = re.findall(r"## Commands\n\n```text\n(.*?)```", page, re.DOTALL)
     lines = [line.split()[1:3] for line in listed.splitlines()]
     assert {name for name, _ in lines} == set(commands.program.commands)
     assert {what for name, what in lines if name == "render"} == {"FILE", "FOLDER"}
-
-
-def environment():
-    """Return the environment of a process that finds this package, wherever it works."""
-    return os.environ | {"PYTHONPATH": str(ROOT)}

@@ -17,7 +17,7 @@ pyrender makes of it.
 What differs: point lights cast shadows, which they cannot do there. Attributes take what they take
 there; an error names the attribute, the value and what was expected.
 
-What is missing on purpose is what OpenGL does: shaders (`shader_program`), text (`font` and
+What is missing on purpose is what OpenGL does: shaders (``shader_program``), text (``font`` and
 `Renderer.render_text`) and the inner parts of `Renderer` can be named, and raise a `NoOpenGLError`
 when they are used; it says what to use instead. `OffscreenRenderer.render` returns normals and
 positions if its ``outputs`` ask for them.

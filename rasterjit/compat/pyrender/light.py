@@ -58,7 +58,7 @@ class Light(abc.ABC):
 
     @abc.abstractmethod
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
 
     @property
     def radiance(self) -> NDArray[np.float64]:
@@ -70,7 +70,7 @@ class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.DirectionalLight(-pose[:3, 2], shadow=shadow)
 
 
@@ -99,7 +99,7 @@ class PointLight(Light):
     range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.PointLight(pose[:3, 3], shadow=shadow)
 
 
@@ -155,7 +155,7 @@ class SpotLight(Light):
         self._outer_angle = _angle("outerConeAngle", value, _WIDEST)
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
-        """Return the light at a node's pose, of brightness 1: see `radiance`."""
+        """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
         return light.SpotLight(
             pose[:3, 3],
             -pose[:3, 2],

@@ -130,7 +130,7 @@ class Material:
 
     @property
     def tex_flags(self) -> int:
-        """Which textures it has, `TexFlags`."""
+        """Which textures it has, as ``TexFlags`` numbers them."""
         given = [flag for flag, texture in self._flagged() if texture is not None]
         return int(sum(given))
 

@@ -259,7 +259,7 @@ class Primitive:
 
     @property
     def buf_flags(self) -> int:
-        """Which arrays it has, `BufFlags`."""
+        """Which arrays it has, as ``BufFlags`` numbers them."""
         arrays = {
             BufFlags.NORMAL: self.normals,
             BufFlags.TANGENT: self.tangents,
