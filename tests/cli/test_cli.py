@@ -38,8 +38,13 @@ needs_store = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
-def run(*arguments):
-    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+PLAIN = {"render": {"style": "plain"}, "explain": {"style": "plain"}}
+"""The style in which the command line draws what the library draws."""
+
+
+def run(*arguments, defaults=PLAIN):
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(commands.program, words, default_map=defaults)
 
 
 def render(tmp_path, *options, file=CUBE):
