@@ -35,25 +35,25 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     view = (
         "-m", "rasterjit", "view", str(ROOT / "models" / "teapot.obj"), "--quiet", "--shadows",
-        "--backend", "browser", "--port", "0", "--color", "#3d7ea6",
+        "--backend", "browser", "--port", "0", "--color", "#3d7ea6", "--zoom", "0.75",
     )  # fmt: skip
-    with tempfile.TemporaryDirectory() as profile:
-        with (
-            chromium.chromium(chromium.program(), profile) as page,
-            viewing(*view) as (_, address),
-        ):
-            page.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False,
-            )  # fmt: skip
-            page.call("Page.navigate", url=address)
-            wait_until(page, "document.readyState === 'complete'")
-            wait_until(page, f"picture.dataset.kind === 'png' && picture.width === {WIDTH}")
-            wait_until(page, "picture.dataset.done === 'true'")
-            press(page, "i")  # hides the line below, whose time is this machine's
-            click(page, *PICKED)
-            time.sleep(2.0)
-            picture_of_window(page, folder / "page.png")
+    with (
+        tempfile.TemporaryDirectory() as profile,
+        chromium.chromium(chromium.program(), profile) as page,
+        viewing(*view) as (_, address),
+    ):
+        page.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=WIDTH, height=HEIGHT, deviceScaleFactor=1, mobile=False,
+        )  # fmt: skip
+        page.call("Page.navigate", url=address)
+        wait_until(page, "document.readyState === 'complete'")
+        wait_until(page, f"picture.dataset.kind === 'png' && picture.width === {WIDTH}")
+        wait_until(page, "picture.dataset.done === 'true'")
+        press(page, "i")  # Hides the line below, whose time is this machine's.
+        click(page, *PICKED)
+        time.sleep(2.0)
+        picture_of_window(page, folder / "page.png")
     with Image.open(folder / "page.png") as image:
         image.convert("RGB").quantize(MOST_COLORS).save(folder / "page.png", optimize=True)
 

@@ -409,7 +409,6 @@ def explain(
     background: str | BackgroundImage | None,
     cull: str,
     outputs: tuple[str, ...],
-    style: str,
     pixel: tuple[int, int] | None,
     measure: bool,
     threads: int | None,
@@ -419,7 +418,7 @@ def explain(
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
-    check_style(style)
+    check_style(rest["style"])
     size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
@@ -435,7 +434,7 @@ def explain(
 
     effects.quality()
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
-    styled = in_style(style, scene, view.camera(scene, size), look, effects)
+    styled = in_style(rest["style"], scene, view.camera(scene, size), look, effects)
     if pixel is not None:
         with progress_notice(quiet=False):
             drawn = styled.options(size, background=background, cull=cull)

@@ -81,6 +81,9 @@ OF_QUALITY = ("preset", "changes", "samples")
 PAINTED = STYLES[2:]
 """Those with colours of their own."""
 
+WITH_LAMP = ("studio", "clay")
+"""Those that bring a lamp, whose shadow is always there, to scenes without light."""
+
 OF_PAINT = ("color", "scalars", "shading")
 """Options of colours that these replace."""
 
@@ -1051,6 +1054,7 @@ class Effects(NamedTuple):
     samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
+    style: str = "plain"
 
     def quality(self) -> Quality:
         """Return the quality that was asked for, or raise click's usage error."""
@@ -1083,7 +1087,8 @@ class Effects(NamedTuple):
                 )
             except ValueError as error:
                 raise ValueError(re.sub(r"^path\b", "--environment", str(error))) from error
-        if self.shadows:
+        has_light = bool(scene.lights) or scene.environment is not None
+        if self.shadows and (has_light or self.style not in WITH_LAMP):
             _cast_shadows(scene)
         if self.ambient_occlusion:
             scene.ambient_occlusion = AmbientOcclusion()

@@ -32,6 +32,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
+from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import painting
 from rasterjit.styles.style import Gradient, GroundLight, Style, with_changes
@@ -268,7 +269,7 @@ def _beside(camera: Camera, up: tuple[float, float, float]) -> tuple[float, floa
     """Return the direction towards the lamp, of length one, for a camera."""
     view = camera.view_matrix()
     toward = view[2, :3].tolist()
-    height = sum(a * b for a, b in zip(toward, up, strict=True))
+    height = dot(toward, up)
     level = [a - height * b for a, b in zip(toward, up, strict=True)]
     if max(map(abs, level)) < LEAST_LEVEL * max(map(abs, toward)):
         # It looks straight down: what is at the top of the picture is behind.

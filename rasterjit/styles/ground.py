@@ -12,7 +12,7 @@ The shadow is part of the background alone. Depths, numbers, masks and coverage 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.framing import frame_of
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.vectors import dot
 
 Vector = tuple[float, float, float]
 Float64 = NDArray[np.float64]
@@ -150,7 +151,9 @@ def cast_shadow(
     if casters is None:
         return ground
     look = _looker(casters, ground, threads)
-    faces = sum(len(node.mesh.faces) for node in casters.nodes)
+    faces = 0
+    for node in casters.nodes:
+        faces += len(node.mesh.faces)
     most = max(FEWEST, FACES_DRAWN // max(faces, 1) // 2)
     missing = np.zeros((SIDE, SIDE), np.float32)
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
@@ -176,7 +179,7 @@ def _slope_of(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
     """Return how far the key light goes aside for each unit down; None if it is not above."""
     if key is None:
         return None
-    across, along, up = (_dot(axis, key) for axis in frame)
+    across, along, up = (dot(axis, key) for axis in frame.tolist())
     length = math.sqrt(across * across + along * along)
     if up <= 0.0:
         return None
@@ -219,16 +222,20 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
         places = np.empty(positions.shape)
-        for k, axis in enumerate(frame):
-            row = [_dot(matrix[:3, c], axis) for c in range(4)]
+        columns = matrix[:3].T.tolist()
+        for k, axis in enumerate(frame.tolist()):
+            row = [dot(column, axis) for column in columns]
             places[:, k] = (
                 positions[:, 0] * row[0] + positions[:, 1] * row[1] + positions[:, 2] * row[2]
             ) + row[3]
-        corners = places[node.mesh.faces]
-        corners = corners[(corners[:, :, 2] <= most).all(axis=1)]
+        is_low = places[:, 2] <= most
+        corners = places[node.mesh.faces[is_low[node.mesh.faces].all(axis=1)]]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         # Columns, rows and up are left-handed.
-        covered += float(np.maximum(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1], 0.0).sum()) / 2.0
+        areas = np.maximum(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1], 0.0) / 2.0
+        if len(areas):
+            # A running sum: its order is fixed.
+            covered += float(np.cumsum(areas)[-1])
     return covered >= LEAST_FLOOR * (u1 - u0) * (v1 - v0)
 
 
@@ -298,7 +305,8 @@ def _blurred(count: NDArray[np.int64], radius: int, weight: np.float32) -> NDArr
         count = np.take(sums, range(2 * radius + 1, SIDE + 2 * radius + 1), axis=axis) - np.take(
             sums, range(SIDE), axis=axis
         )
-    return count.astype(np.float32) * np.float32(weight / np.float32((2 * radius + 1) ** 4))
+    square = (2 * radius + 1) ** 2
+    return count.astype(np.float32) * (weight / np.float32(square**2))
 
 
 def _fading() -> NDArray[np.float32]:
@@ -311,10 +319,10 @@ def _fading() -> NDArray[np.float32]:
 
 def is_above(ground: Ground, camera: Camera, size: tuple[int, int]) -> bool:
     """Tell whether a camera looks down on the ground."""
-    up = ground.frame[2]
+    up = ground.frame[2].tolist()
     if camera.projection_matrix(size)[3, :3].any():
-        return _dot(up, camera.eye_position()) > ground.height
-    return _dot(up, camera.view_matrix()[2, :3]) > 0.0
+        return dot(up, camera.eye_position().tolist()) > ground.height
+    return dot(up, camera.view_matrix()[2, :3].tolist()) > 0.0
 
 
 def kept_light(ground: Ground, camera: Camera, size: tuple[int, int]) -> NDArray[np.float32] | None:
@@ -340,14 +348,12 @@ def kept_light(ground: Ground, camera: Camera, size: tuple[int, int]) -> NDArray
         [*(ground.frame[1] * step).tolist(), 0.0],
         [*origin.tolist(), 1.0],
     ]
-    rows = []
-    for k in (0, 1, 3):
-        in_view = [sum(projection[k, m] * view[m, c] for m in range(4)) for c in range(4)]
-        rows.append([sum(in_view[c] * column[c] for c in range(4)) for column in columns])
+    clip = transforms.compose(projection, view)[[0, 1, 3]].tolist()
+    rows = [[dot(row, column) + row[3] * column[3] for column in columns] for row in clip]
     inverse = _adjugate(rows)
     x = (2.0 * (np.arange(width) + 0.5) / width - 1.0)[None, :]
     kept = np.ones((height, width), np.float32)
-    determinant = sum(rows[0][k] * inverse[k][0] for k in range(3))
+    determinant = dot(rows[0], [row[0] for row in inverse])
     sign = math.copysign(1.0, determinant)
     changed = False
     for first in range(0, height, ROWS_AT_ONCE):
@@ -387,8 +393,3 @@ def _adjugate(m: list[list[float]]) -> list[list[float]]:
         [m[1][0] * m[2][1] - m[1][1] * m[2][0], m[0][1] * m[2][0] - m[0][0] * m[2][1],
          m[0][0] * m[1][1] - m[0][1] * m[1][0]],
     ]  # fmt: skip
-
-
-def _dot(a: Float64 | Sequence[float], b: Float64 | Sequence[float]) -> float:
-    """Return the dot product of two vectors of three."""
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

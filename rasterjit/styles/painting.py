@@ -14,6 +14,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.vectors import dot
 from rasterjit.survey.posing import posed_scene
 
 NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))
@@ -71,10 +72,8 @@ def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
         if type(node.mesh) is not Mesh:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
-        x, y, z, w = (
-            sum(row[k] * float(matrix[k, c]) for k in range(3)) + (row[3] if c == 3 else 0.0)
-            for c in range(4)
-        )
+        x, y, z, w = (dot(row, column) for column in matrix[:3].T.tolist())
+        w += row[3]
         away = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
         depths[id(node)] = away
         ahead = away[(away > 0.0) & node.mesh.used_vertices()]
@@ -110,7 +109,7 @@ def painted_by_normal(scene: Scene) -> Scene:
         rows = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])
         x, y, z = normals.T
         turned = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
-        if float(matrix[0] @ rows[0]) < 0.0:
+        if dot(matrix[0].tolist(), rows[0].tolist()) < 0.0:
             turned = -turned
         lengths = np.sqrt(
             (turned[:, 0] * turned[:, 0] + turned[:, 1] * turned[:, 1])

@@ -125,7 +125,9 @@ def test_the_table_of_a_file_of_results_names_versions_and_what_has_no_answer(
     path = tmp_path / "found.json"
     path.write_text(json.dumps(found))
     monkeypatch.setattr(command, "check_peer", lambda python, peer, folder, rows: {})
-    done = CliRunner().invoke(command.main, ["--peer", "f3d", "--row", "masks", "--results", str(path)])
+    done = CliRunner().invoke(
+        command.main, ["--peer", "f3d", "--row", "masks", "--results", str(path)]
+    )
     assert done.exit_code == 0, done.output
     assert "|  | F3D 1.2 |" in done.output
     assert "| Mask of each object | – |" in done.output

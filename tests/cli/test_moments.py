@@ -23,9 +23,7 @@ SMALL = ("--size", "48x36", "--quiet")
 
 def run(*arguments):
     words = [str(argument) for argument in arguments]
-    return CliRunner().invoke(
-        commands.program, words, default_map={"render": {"style": "plain"}}
-    )
+    return CliRunner().invoke(commands.program, words, default_map={"render": {"style": "plain"}})
 
 
 def render(tmp_path, *options):

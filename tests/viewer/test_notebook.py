@@ -20,6 +20,7 @@ from rasterjit.rendering.preview import SIZE
 import rasterjit as rj
 from rasterjit.runtime import progress
 from rasterjit.scene.hooks import HOOKS
+from rasterjit.styles.preview import SIZE
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = pytest.mark.takes_long
