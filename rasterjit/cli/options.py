@@ -987,7 +987,7 @@ def look_options(command: Callable) -> Callable:
                               "them."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
-                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
+                         help="Light from far away that shines along X,Y,Z (0,-1,0: down); beside "
                               "dim light from all around, instead of the scene's lights; or "
                               f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
                               "around in place of the dim). May be repeated, each light once."),
