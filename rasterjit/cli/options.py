@@ -969,7 +969,7 @@ def look_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour, as --background has it, instead of "
+                         help="Draw all objects in this colour; as --background has it, instead of "
                               "their own and their textures."),
             click.option("--scalars", metavar="NAME",
                          help="Show the numbers of this attribute by colours, such as those of the "
