@@ -25,6 +25,8 @@ QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"
 """Commands that make an environment of their own: ``.ci/run`` runs them."""
+OWN = (("python", ""), ("pytest", "-m pytest"), ("rasterjit", "-m rasterjit"))
+"""Commands that are those of this environment, and how Python runs them."""
 IMPORT = re.compile(r"\s*(import|from) ")
 """How a program begins. A block that begins otherwise goes on from the one before it."""
 
@@ -71,7 +73,7 @@ def test_programs_and_commands_of_a_page_run(page, folder):
         if language == "python":
             run_programs(texts, folder)
         else:
-            own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
+            own = "".join(f'{name}() {{ {sys.executable} {way} "$@"; }}\n' for name, way in OWN)
             for text in texts.values():
                 run(["bash", "-ec", own + text], folder)
 
