@@ -106,8 +106,7 @@ def test_there_is_no_ground_where_none_is_seen(teapot, camera):
     style = rj.styles.studio(teapot, camera)
     bare = dataclasses.replace(style, ground=None)
     assert np.array_equal(style.render(size=SIZE).color, bare.render(size=SIZE).color)
-    behind = style.options(SIZE)["background"]
-    assert behind.image.dtype == np.uint8
+    assert np.array_equal(style.options(SIZE)["background"].image, GREYS)
 
 
 @pytest.mark.parametrize("option", [{"background": "transparent"}, {"background": GREYS}])
