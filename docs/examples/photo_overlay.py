@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import cv2
-import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,13 +64,19 @@ def take_photograph(eye: tuple[float, float, float], size: tuple[int, int], fine
     return np.clip(lit + np.random.default_rng(7).normal(0.0, 2.0, lit.shape), 0.0, 255.0)
 
 
+def read(photo: Path) -> NDArray[np.uint8]:
+    """Return a photograph, (H, W, 3), upright as the camera noted in it."""
+    picture = cv2.imread(str(photo))
+    if picture is None:
+        raise SystemExit(f"{photo} is no picture")
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+
 def calibrate(photos: list[Path], columns: int = 8, rows: int = 5) -> Calibration:
     """Find the board's inner corners in each photograph, and from them the camera."""
     found, size = [], (0, 0)
     for photo in photos:
-        grey = cv2.imread(str(photo), cv2.IMREAD_GRAYSCALE)
-        if grey is None:
-            raise SystemExit(f"{photo} is no picture")
+        grey = cv2.cvtColor(read(photo), cv2.COLOR_RGB2GRAY)
         seen, corners = cv2.findChessboardCorners(grey, (columns, rows))
         if not seen:
             raise SystemExit(f"{photo} shows no board of {columns} x {rows} inner corners")
@@ -112,7 +117,7 @@ def overlay(photo: Path, mesh: Path, found: Calibration, number: int = 0) -> rj.
         rj.AmbientLight(intensity=0.4),
         rj.DirectionalLight((0.6, 0.5, 1.0), intensity=0.8),
     ]
-    picture = imageio.imread(photo)
+    picture = read(photo)
     size_of_picture = picture.shape[1], picture.shape[0]
     camera = rj.cameras.from_opencv(found.K, size_of_picture, camera_from_world=found.poses[number])
     return rj.render(

@@ -159,7 +159,7 @@ def main(arguments: list[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     robot = load_urdf(chosen.urdf)
     set_stage(robot)
-    camera = rj.PerspectiveCamera((1.9, -2.0, 1.1), (0.0, 0.0, 0.58), (0, 0, 1), fov_y=44.0)
+    camera = rj.PerspectiveCamera((1.9, -2.0, 1.1), (0.0, 0.0, 0.55), (0, 0, 1), fov_y=50.0)
     pictures = []
     with rj.Renderer(tuple(chosen.size), quality=rj.Quality(samples=8)) as renderer:
         for k in range(chosen.frames):
