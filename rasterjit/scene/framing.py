@@ -336,9 +336,10 @@ def fit_camera(
     else:
         placed = _place_for_points(lens, Cloud(chunks, axes, center, radius))
     right, upwards, back = axes
-    middle = center + radius * (placed.x * right + placed.y * upwards)
-    eye = middle + radius * placed.z * back
-    target = middle + radius * placed.target * back
+    with np.errstate(over="ignore", invalid="ignore"):
+        middle = center + radius * (placed.x * right + placed.y * upwards)
+        eye = middle + radius * placed.z * back
+        target = middle + radius * placed.target * back
     shape: dict[str, float]
     if is_parallel:
         shape = {"height": radius * placed.height / magnified}

@@ -718,10 +718,12 @@ class Scene(Guarded, Previewed):
         for mesh, matrices in matrices_by_mesh.items():
             used, sizes = mesh.used_vertices(), _half_sizes(mesh)
             places = np.concatenate(matrices).reshape(-1, 4, 4)
-            scales = _most_scales(places)
+            scales, is_whole = _most_scales(places), bool(used.all())
             for start in range(0, len(used), _CHUNK):
                 chunk = slice(start, start + _CHUNK)
-                positions = mesh.vertices[chunk][used[chunk]]
+                positions = mesh.vertices[chunk]
+                if not is_whole:
+                    positions = positions[used[chunk]]
                 at_once = max(1, _CHUNK // max(1, len(positions)))
                 for first in range(0, len(places) if len(positions) else 0, at_once):
                     some = places[first : first + at_once]
