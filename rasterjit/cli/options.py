@@ -969,7 +969,7 @@ def look_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour, as --background has it, instead of "
+                         help="Draw all objects in this colour; as --background has it, instead of "
                               "their own and their textures."),
             click.option("--scalars", metavar="NAME",
                          help="Show the numbers of this attribute by colours, such as those of the "
@@ -987,7 +987,7 @@ def look_options(command: Callable) -> Callable:
                               "them."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
-                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
+                         help="Light from far away that shines along X,Y,Z (0,-1,0: down); beside "
                               "dim light from all around, instead of the scene's lights; or "
                               f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
                               "around in place of the dim). May be repeated, each light once."),

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame
+from rasterjit.pipeline import encode
 from rasterjit.rendering.renderer import explain, render
 from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
@@ -22,6 +24,9 @@ from rasterjit.styles.ground import Ground, Vector, cast_shadow, is_above, kept_
 from rasterjit.survey.plan import RenderPlan
 
 SIZE = (1280, 720)
+
+ROWS_AT_ONCE = 64
+"""Of a background, shaded and encoded."""
 
 BEHIND = "background image"
 """Row of ``explain`` that the shadow on the ground belongs to."""
@@ -187,13 +192,7 @@ class Style:
         kept = kept_light(self._shadow(place, threads), camera, size)
         if kept is None:
             return behind
-        light = np.ones((size[1], size[0], 4), np.float32)
-        if isinstance(behind, BackgroundImage):
-            light[..., :3] = decoding_table()[behind.image[:, :1, :3]]
-        else:
-            light[..., :3] = behind[:3]
-        light[..., :3] *= kept[..., None]
-        return BackgroundImage(light)
+        return BackgroundImage(_shaded(behind, kept))
 
     def _place(self) -> Ground | None:
         """Return the ground without its shadow; None if there is none. Found once."""
@@ -208,6 +207,24 @@ class Style:
             shares = (0.0, 0.0) if self.ground is None else self.ground.shares
             object.__setattr__(self, "_shaded", cast_shadow(place, self.scene, shares, threads))
         return self.__dict__["_shaded"]
+
+
+def _shaded(
+    behind: NDArray[np.float32] | BackgroundImage, kept: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Return an opaque background, the same along each row, in the light that is kept, in codes."""
+    height, width = kept.shape
+    table, codes = encode.encoding_table(), np.empty((height, width), np.uint32)
+    for first in range(0, height, ROWS_AT_ONCE):
+        rows = slice(first, min(first + ROWS_AT_ONCE, height))
+        light = np.ones((rows.stop - first, width, 4), np.float32)
+        if isinstance(behind, BackgroundImage):
+            light[..., :3] = decoding_table()[behind.image[rows, :1, :3]]
+        else:
+            light[..., :3] = behind[:3]
+        light[..., :3] *= kept[rows, :, None]
+        encode.encode_rows(light, table, codes[rows])
+    return codes.view(np.uint8).reshape(height, width, 4)
 
 
 def with_changes(scene: Scene, **changes: Any) -> Scene:

@@ -106,8 +106,7 @@ def test_there_is_no_ground_where_none_is_seen(teapot, camera):
     style = rj.styles.studio(teapot, camera)
     bare = dataclasses.replace(style, ground=None)
     assert np.array_equal(style.render(size=SIZE).color, bare.render(size=SIZE).color)
-    behind = style.options(SIZE)["background"]
-    assert behind.image.dtype == np.uint8
+    assert np.array_equal(style.options(SIZE)["background"].image, GREYS)
 
 
 @pytest.mark.parametrize("option", [{"background": "transparent"}, {"background": GREYS}])
@@ -319,3 +318,24 @@ def test_anything_that_is_drawn_has_every_style(name):
         assert math.isfinite(frame.color.mean())
     with pytest.raises(ValueError, match="scene"):
         style(rj.Scene()).render(size=(32, 24))
+
+
+def test_shadows_that_are_asked_for_are_those_of_the_lamp():
+    told = run("explain", MODELS / "teapot.obj", "--shadows").output
+    assert "style studio: a lamp over the left shoulder" in told
+    sun = run("explain", MODELS / "teapot.obj", "--shadows", "--style", "plain").output
+    assert "1 map of" in sun
+    assert "style" not in sun
+
+
+def test_thumbnails_are_in_the_style(tmp_path):
+    from imageio.v3 import imread
+
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "a.ply").write_bytes((MODELS / "cube.ply").read_bytes())
+    for name in ("studio", "wireframe"):
+        done = run("render", folder, "-o", tmp_path / name, "--size", "96x72", "--style", name)
+        assert done.exit_code == 0, done.output
+        expected = rj.styles.STYLES[name](rj.load(folder / "a.ply")).render(size=SIZE).color
+        assert np.array_equal(imread(tmp_path / name / "a.ply.png"), expected)
