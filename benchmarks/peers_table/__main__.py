@@ -41,7 +41,6 @@ ROWS = {
     "headless": "Draws with no display",
     "alone": "Draws with no GL or Vulkan library on the system",
     "threads": "Same bits in each run, with 1 and 2 threads",
-    "vectors": "Same bits on a CPU with narrower vectors",
     "depth": "Error of depth at 988 units, near plane at 0.1",
     "face_id": "Face number of each pixel",
     "masks": "Mask of each object",
@@ -72,7 +71,6 @@ THREADS = (
     {"LP_NUM_THREADS": "2", "PEER_THREADS": "2"},
     {"LP_NUM_THREADS": "2", "PEER_THREADS": "2"},
 )
-NARROW = {"LP_NATIVE_VECTOR_WIDTH": "128", "NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}
 TIMED = 7
 YES, NO, UNKNOWN = "✓", "–", "?"
 
@@ -147,19 +145,14 @@ def ask(
 def pictures(python: str, peer: str, folder: Path, with_display: bool) -> dict[str, Any]:
     """Return the rows that follow from pictures of the teapot."""
     draws = [ask(python, peer, "picture", folder, more, with_display) for more in THREADS]
-    narrow = ask(python, peer, "picture", folder, NARROW, with_display)
     hashes = {each.get("value", {}).get("hash") for each in draws}
     first = draws[0]
     if None in hashes:
-        return {"threads": {"reason": first.get("reason")}, "vectors": {"reason": "no picture"}}
-    found = {
+        return {row: {"reason": first.get("reason")} for row in ("threads", "gpu")}
+    return {
         "threads": {"value": len(hashes) == 1},
-        "vectors": {"value": narrow.get("value", {}).get("hash") in hashes},
         "gpu": {"value": bool(first["value"]["libraries"]), "of": first["value"]["libraries"]},
     }
-    if "value" not in narrow:
-        found["vectors"] = narrow
-    return found
 
 
 def check_peer(python: str, peer: str, folder: Path, rows: Sequence[str]) -> dict[str, Any]:
@@ -169,7 +162,7 @@ def check_peer(python: str, peer: str, folder: Path, rows: Sequence[str]) -> dic
     found: dict[str, Any] = {"headless": {**headless, "value": not with_display}}
     alone = ask(python, peer, "picture", folder, {"LD_LIBRARY_PATH": str(folder / "hidden")})
     found["alone"] = {**alone, "value": "value" in alone}
-    if {"threads", "vectors", "gpu"} & set(rows):
+    if {"threads", "gpu"} & set(rows):
         found |= pictures(python, peer, folder, with_display)
     for row in rows:
         if row not in found and row != "first":
@@ -262,7 +255,7 @@ def main(
     click.echo(table(ordered, list(ROWS)))
     for peer, cells in ordered.items():
         for row, one in cells.items():
-            if one.get("value") is None:
+            if row in ROWS and one.get("value") is None:
                 click.echo(f"{peer}, {row}: {one.get('reason')}")
 
 

@@ -31,7 +31,7 @@ def files(tmp_path_factory):
 def test_every_peer_has_a_check_for_each_row(peer):
     text = (PROGRAMS / f"{peer}_.py").read_text(encoding="utf-8")
     defined = set(re.findall(r"^def (\w+)\(", text, re.MULTILINE))
-    derived = {"headless", "alone", "threads", "vectors", "gpu", "first", "megabytes"}
+    derived = {"headless", "alone", "threads", "gpu", "first", "megabytes"}
     assert set(command.ROWS) - derived <= defined
     assert "picture" in defined
     assert "DISTRIBUTIONS = " in text

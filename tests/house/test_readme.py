@@ -28,7 +28,7 @@ SET_UP = "pip install"
 OWN = (("python", ""), ("pytest", "-m pytest"), ("rasterjit", "-m rasterjit"))
 """Commands that are those of this environment, and how Python runs them."""
 PROGRAM = re.compile(r"^(import|from) rasterjit", re.MULTILINE)
-"""What makes a program of a block. Another one goes on from the block before it, if that is Python."""
+"""What makes a block a program. Others go on from the block of Python right before them."""
 
 
 def text_of(page):
