@@ -1,7 +1,7 @@
 """
 Settings of the site: ``python -m sphinx -W --keep-going -n -b html docs build/site``.
 
-Links to pages of others are tried with ``-b linkcheck`` in place of ``-b html``: that needs a network.
+``-b linkcheck`` in place of ``-b html`` tries the links to other sites, too: it needs a network.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpydoc.xref import DEFAULT_LINKS
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "extensions")]
 
-import rasterjit
+import rasterjit  # noqa: E402
 
 project = "RasterJIT"
 author = "The RasterJIT developers"
@@ -43,7 +43,7 @@ autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 autodoc_default_options = {
     "members": True,
-    "inherited-members": "object,tuple,BaseException,OSError,Artist,int,Enum",  # But those of these.
+    "inherited-members": "object,tuple,BaseException,OSError,Artist,int,Enum",  # But of these.
 }
 
 numpydoc_show_class_members = False
@@ -51,7 +51,7 @@ numpydoc_xref_param_type = True
 DEFAULT_LINKS.clear()  # To the sites of Python and NumPy, whose lists of names take a network.
 numpydoc_xref_ignore = "all"  # But these.
 numpydoc_xref_aliases = {
-    name: name
+    name: f"rj.{name}"
     for module in (rasterjit, rasterjit.types)
     for name in module.__all__
     if name[0].isupper()
@@ -60,6 +60,7 @@ suppress_warnings = ["ref.citation"]  # References that the text does not number
 
 html_theme = "furo"
 html_title = f"RasterJIT {version}"
+html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False

@@ -37,7 +37,8 @@ def find_name(
     if node.get("refdomain") != "py":
         return None
     domain = env.domains.python_domain
-    names = (f"{place}.{node['reftarget']}" for place in PLACES)
+    name = node["reftarget"].removeprefix("rj.")  # As conf.py has numpydoc name types.
+    names = (f"{place}.{name}" for place in (node.get("py:module"), *PLACES))
     found = next((name for name in names if name in domain.objects), None)
     return found and _link(app, env, domain, node["refdoc"], found, content)
 

@@ -233,8 +233,8 @@ def save(
 
     Parameters
     ----------
-    frames : iterable of Frame, or of (H, W, 4) uint8
-        At least one, all of one size; sRGB and alpha.
+    frames : iterable of Frame, or of (H, W, 4) or (H, W, 3) uint8
+        At least one, all of one size; sRGB and alpha, or sRGB alone.
     path : str or Path
         ``.gif`` (at most 255 colours a frame, alpha below 128 is transparent), or, with the extra
         ``rasterjit[video]``, ``.webp`` and ``.apng`` (every bit is kept) and ``.mp4`` (H.264;

@@ -117,9 +117,10 @@ def save_animation(
     ----------
     path : str or Path
         Ends in one of ``ANIMATION_FORMATS``. An existing file is replaced at the end.
-    pictures : iterable of (H, W, 4) uint8
-        At least one, all of one size; taken one at a time, and none is kept. GIF has at most 255
-        colours of each and makes pixels of alpha below 128 transparent.
+    pictures : iterable of (H, W, 4) or (H, W, 3) uint8
+        At least one, all of one size; opaque where there is no alpha; taken one at a time, and none
+        is kept. GIF has at most 255 colours of each and makes pixels of alpha below 128
+        transparent.
     fps : float
         Frames a second; a GIF's frames last whole hundredths of a second, some one longer than
         others where the mean is not one.
@@ -160,15 +161,19 @@ def _checked(pictures: Iterable[Any], shape: tuple[int, ...], suffix: str) -> Pi
     """Yield pictures that are fit to be encoded, or raise ``ValueError``."""
     for number, picture in enumerate(pictures):
         pixels = np.asarray(picture)
-        if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4 or not pixels.size:
+        is_picture = pixels.ndim == 3 and pixels.shape[2] in (3, 4) and pixels.size > 0
+        if pixels.dtype != np.uint8 or not is_picture:
             raise ValueError(
-                f"picture {number} must be (H, W, 4) uint8, got {pixels.shape} {pixels.dtype}"
+                f"picture {number} must be (H, W, 4) or (H, W, 3) uint8, got {pixels.shape} "
+                f"{pixels.dtype}"
             )
-        if pixels.shape != shape:
+        if pixels.shape[:2] != shape[:2]:
             raise ValueError(
                 f"picture {number} must be of the first one's size, {shape[1]}x{shape[0]}, got "
                 f"{pixels.shape[1]}x{pixels.shape[0]}"
             )
+        if pixels.shape[2] == 3:
+            pixels = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
         if suffix == ".mp4" and pixels[:, :, 3].min() < 255:
             raise ValueError(f"picture {number} is transparent, which .mp4 cannot be")
         yield pixels

@@ -25,7 +25,7 @@ from rasterjit.cli.options import (
     refuse_idle,
 )
 from rasterjit.cli.program import in_options, warn
-from rasterjit.cli.report import compile_notice
+from rasterjit.cli.report import progress_notice
 
 if TYPE_CHECKING:
     from rasterjit.dataset.making import Outcome
@@ -136,7 +136,7 @@ def make_dataset(
     quality = Effects(False, None, False, None, None, None, **chosen).quality()
     recipe = Recipe(**options, quality=quality)
     start = time.perf_counter()
-    with compile_notice(quiet), _progress(recipe, quiet) as report:
+    with progress_notice(quiet), _progress(recipe, quiet) as report:
         summary = make(folder, output, recipe, workers=workers, report=report)
     for name, reason in list(summary.failures.items())[:MOST_NAMED]:
         warn(f"left out {name}: {in_options(reason)}", quiet)

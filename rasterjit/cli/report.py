@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,9 +22,9 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 
 
 @contextmanager
-def compile_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
+def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     """
-    Say that kernels are compiled, if that takes long.
+    Say how far compiling is, and of how many pictures a frame is made, if that takes long.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ def compile_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     shown : rich.status.Status or None
         The line on a terminal that says how far it is. Without one, say it once on standard error.
     """
-    from rasterjit.runtime.progress import kept, told_to
+    from rasterjit.runtime.progress import PATIENCE, bar, kept, pictures_told_to, told_to
 
     is_told = False
     text = shown.status if shown is not None else ""
@@ -47,7 +48,15 @@ def compile_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
             is_told = True
             click.echo(f"compiling kernels, which takes seconds ({kept()})", err=True)
 
-    with told_to(tell):
+    began: list[float] = []
+
+    def count(done: int, total: int) -> None:
+        began.append(time.monotonic())
+        seconds = began[-1] - began[0]
+        if shown is not None and seconds >= PATIENCE:
+            shown.update(f"{text}: {bar(done, total, seconds)}")
+
+    with told_to(tell), pictures_told_to(count):
         yield
 
 

@@ -110,8 +110,8 @@ def render(
         attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
     background : color, path or array_like, optional
-        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see `types.ColorLike`). Or a
-        picture of this size, which is seen where no face is, and through what is see-through, in
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats: see `types.ColorLike`. Or
+        a picture of this size, which is seen where no face is, and through what is see-through, in
         colour and linear alone: a file's name (a path, or a string with a dot or slash), or (H, W,
         3) or (H, W, 4): ``uint8`` sRGB, red first (OpenCV's are blue first), or floats in 0..1,
         linear. Tone curves do not touch it. Default: the scene's environment, if it is a

@@ -33,6 +33,7 @@ from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import behind, coverage, layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
+from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.imitation import shown_by_codes
@@ -210,6 +211,8 @@ def shade_faces(
             del drawn
             accumulation.count += 1
             clock("average")
+            if PICTURES:
+                PICTURES[-1](accumulation.count, plan.pictures)
     result = finish(context, accumulation)
     clock("average")
     return result

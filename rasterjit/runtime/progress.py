@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -17,6 +18,12 @@ Tell = Callable[[str], None]
 
 PATIENCE = 2.0
 """Seconds of compiling that are not spoken of."""
+
+BAR = 10
+"""Characters of the bar."""
+
+FIRST_KNOWN = 2
+"""Kernels or pictures after which the time that the rest will take is told."""
 
 
 def write_line(text: str) -> None:
@@ -125,6 +132,33 @@ def told_besides(tell: Tell) -> Iterator[None]:
         yield
 
 
+def bar(done: int, total: int, seconds: float) -> str:
+    """Return a bar of how many are done, for how long, and how long the rest will take."""
+    filled = BAR * done // max(total, 1)
+    left = ""
+    if FIRST_KNOWN <= done < total:
+        left = f", {math.ceil(seconds / done * (total - done))} s left"
+    return f"{'#' * filled}{'.' * (BAR - filled)} {done} of {total}, {seconds:.0f} s{left}"
+
+
+PICTURES: list[Callable[[int, int], None]] = []
+"""
+The last one is told how many pictures a frame is made of are drawn, and how many there are.
+
+Where nothing is in it, nobody is told.
+"""
+
+
+@contextmanager
+def pictures_told_to(tell: Callable[[int, int], None]) -> Iterator[None]:
+    """Let a function know of the pictures that a frame is the mean of."""
+    PICTURES.append(tell)
+    try:
+        yield
+    finally:
+        PICTURES.remove(tell)
+
+
 class Progress:
     """
     What was compiled since this was made.
@@ -143,7 +177,8 @@ class Progress:
         self._used = [len(names) for names in store.USED]
         self._told = ""
 
-    def __str__(self) -> str:
+    def _count(self) -> tuple[int, int]:
+        """Return how many kernels are there by now, and how many are needed."""
         loaded, compiled = (
             set(names[count:]) for names, count in zip(store.USED, self._used, strict=True)
         )
@@ -152,13 +187,18 @@ class Progress:
             for name, file in self._wanted.items()
             if name in loaded or (file is not None and file.exists())
         }
-        return f"compiling kernels ({kept()}): {len(done)} of {len(compiled | {*self._wanted})}"
+        return len(done), len(compiled | {*self._wanted})
+
+    def __str__(self) -> str:
+        done, total = self._count()
+        seconds = time.monotonic() - self._since
+        return f"compiling kernels {bar(done, total, seconds)} ({kept()})"
 
     def tell(self) -> None:
-        """Say how many are done, and since when, if compiling takes long."""
+        """Say how many are done, since when, and how long the rest will take, if it takes long."""
         if self._told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
             # One kernel may take ten seconds: the time shows that there is life.
-            text = f"{self}, {time.monotonic() - self._since:.0f} s"
+            text = str(self)
             if text != self._told:
                 self._told = text
                 _TELLERS[-1](text)

@@ -92,6 +92,8 @@ class Ball(NamedTuple):
     @classmethod
     def around(cls, scene: Bounded) -> Ball:
         """Return the bounding sphere of a scene; of radius 1 around a single point."""
+        if isinstance(scene, cls):
+            return scene
         center, radius = scene.bounding_sphere()
         x, y, z = np.asarray(center, dtype=np.float64).tolist()
         return cls((x, y, z), float(radius) or 1.0, scene)
@@ -221,25 +223,33 @@ def between(a: Vector, b: Vector, share: float) -> Vector:
     return along(a, minus(b, a), share)
 
 
-def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
+def orbit_direction(
+    azimuth: float, elevation: float, *, up: ArrayLike | None = None
+) -> tuple[float, float, float]:
     """
     Return the unit vector from a target towards a camera that orbits it.
 
     Parameters
     ----------
     azimuth : float, degrees
-        0 looks from +z; positive turns towards +x.
+        0 looks from +z; positive turns towards +x. Where z is up, 0 looks from -y.
     elevation : float, degrees
         0 is level; positive is above.
+    up : (3,) array_like, world space, optional
+        Default: y. For another, all turns with it by the smallest angle.
 
     Raises
     ------
     ValueError
-        If an angle is not finite.
+        If an angle is not finite, or ``up`` is zero or not three finite numbers.
     """
     sin_a, cos_a = transforms.sine_cosine(finite_number("azimuth", azimuth))
     sin_e, cos_e = transforms.sine_cosine(finite_number("elevation", elevation))
-    return sin_a * cos_e, sin_e, cos_a * cos_e
+    direction = sin_a * cos_e, sin_e, cos_a * cos_e
+    if up is None:
+        return direction
+    x, y, z = transforms.apply(frame_of(up), direction).tolist()
+    return x, y, z
 
 
 def fit_camera(

@@ -38,8 +38,13 @@ needs_store = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
-def run(*arguments):
-    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+PLAIN = {"render": {"style": "plain"}, "explain": {"style": "plain"}}
+"""The style in which the command line draws what the library draws."""
+
+
+def run(*arguments, defaults=PLAIN):
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(commands.program, words, default_map=defaults)
 
 
 def render(tmp_path, *options, file=CUBE):
@@ -673,7 +678,7 @@ def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
 
 
 @pytest.mark.parametrize(
-    ("size", "units"), [(1e-3, 1e-7), (0.1, 1e-5), (2.0, 0.001), (10.0, 0.001), (300.0, 0.1)]
+    ("size", "units"), [(1e-3, 1e-7), (0.1, 1e-5), (2.0, 0.001), (10.0, 0.001), (1000.0, 0.1)]
 )
 def test_a_scale_that_is_not_given_fits_the_depth_and_is_told(tmp_path, size, units):
     mesh = rj.load(CUBE).nodes[0].mesh
@@ -1390,14 +1395,17 @@ def test_a_turntable_has_its_frames(tmp_path, suffix):
     assert [place.name for place in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_webp_turntable_shows_what_render_shows(tmp_path):
+def test_a_webp_turntable_shows_what_a_steady_camera_shows(tmp_path):
     path = tmp_path / "turn.webp"
     run("turntable", CUBE, "-o", path, "--frames", 4, "--azimuth", 10, "--elevation", 5, *SMALL)
     with Image.open(path) as animation:
         animation.seek(1)
         second = np.array(animation.convert("RGB"))
-    still = render(tmp_path, "--azimuth", 100, "--elevation", 5)
-    assert np.array_equal(second, still[:, :, :3])
+    camera = rj.fit_camera(
+        rj.load(CUBE), rj.orbit_direction(100.0, 5.0), up=rj.orbit_direction(100.0, 95.0),
+        aspect=SIZE[0] / SIZE[1], steady=True,
+    )  # fmt: skip
+    assert np.array_equal(second, rendered(camera).color[:, :, :3])
 
 
 def test_a_transparent_gif_is_transparent_around_the_mesh(tmp_path):
@@ -1540,7 +1548,7 @@ def impatient(monkeypatch):
 def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
     monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
     monkeypatch.setattr(ahead, "is_possible", lambda: False)
-    with report.compile_notice(quiet=False), ahead.beside(list):
+    with report.progress_notice(quiet=False), ahead.beside(list):
         say_that_something_compiles()
         say_that_something_compiles()
     said = capsys.readouterr()
@@ -1554,18 +1562,38 @@ def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatc
     monkeypatch.setattr(store, "USED", used)
     monkeypatch.setattr(ahead, "is_possible", lambda: False)
     line = SimpleNamespace(status="Rendering", update=said.append)
-    with report.compile_notice(quiet=False, shown=line), ahead.beside(list):
+    with report.progress_notice(quiet=False, shown=line), ahead.beside(list):
         say_that_something_compiles()
         used.compiled.append("a.b")
         say_that_something_compiles()
-    counts = [text.rpartition(": ")[2].partition(", ")[0] for text in said]
-    assert counts == ["0 of 0", "1 of 1", "Rendering"]
-    assert said[0].startswith("Rendering: compiling kernels (")
+    counts = [text.partition(", ")[0] for text in said]
+    assert counts == [
+        "Rendering: compiling kernels .......... 0 of 0",
+        "Rendering: compiling kernels ########## 1 of 1",
+        "Rendering",
+    ]
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_line_on_a_terminal_says_how_many_pictures_are_drawn(monkeypatch, tmp_path):
+    clock, said = [0.0], []
+    monkeypatch.setattr(report.time, "monotonic", lambda: clock[0])
+    line = SimpleNamespace(status="Rendering", update=said.append)
+    with report.progress_notice(quiet=False, shown=line):
+        for done in (1, 2, 16):
+            clock[0] += 1.0
+            progress.PICTURES[-1](done, 64)
+        clock[0] += 1.0
+        rj.render(rj.load(CUBE), size=(8, 6), quality=rj.Quality(samples=64), threads=1)
+    assert said[0] == "Rendering: ##........ 16 of 64, 2 s, 6 s left"
+    assert said[1:] == [f"Rendering: {progress.bar(n, 64, 3.0)}" for n in range(1, 65)]
+    assert progress.PICTURES == []
+    with report.progress_notice(quiet=False):
+        progress.PICTURES[-1](1, 64)
+
+
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    with report.compile_notice(quiet=False), ahead.beside(list):
+    with report.progress_notice(quiet=False), ahead.beside(list):
         say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
 

@@ -1,4 +1,4 @@
-"""Run programs one after the other in one process, each as the main one, and mark where it begins."""
+"""Run programs one after the other, each as the main one, and mark where each begins."""
 
 import runpy
 import sys

@@ -1,4 +1,4 @@
-"""The site of docs/: every public name is on one page of the reference; it builds, and needs no network."""
+"""The site of docs/ has every public name on one page; it builds, and needs no network."""
 
 from __future__ import annotations
 
@@ -77,7 +77,6 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """Return the folder of the site, which is built without a warning."""
-    pytest.importorskip("sphinx", reason="the site takes the extra docs")
     folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html",

@@ -56,6 +56,14 @@ def test_every_frame_is_read_back_bit_for_bit(tmp_path, suffix, alpha):
     assert [path.name for path in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("suffix", [".gif", *LOSSLESS])
+def test_pictures_without_alpha_are_opaque(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    save_animation(path, [picture(0)[:, :, :3], picture(1), picture(2)[:, :, :3]], fps=10)
+    for number, (pixels, _) in enumerate(frames_of(path)):
+        assert np.array_equal(pixels, picture(number))
+
+
 # imageio-ffmpeg leaves a pipe to a process that has ended to the garbage collector.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_video_shows_what_it_was_given(tmp_path):
@@ -231,7 +239,8 @@ def test_what_ffmpeg_could_not_end_is_an_error(tmp_path, monkeypatch, suffix, ke
         ([picture(0)], "a.webp", 0.5, "fps must be in 1..120"),
         ([picture(0)], "a.gif", "10", "fps must be"),
         ([picture(0)], "a.gif", float("nan"), "fps must be"),
-        ([picture(0)[:, :, :3]], "a.gif", 10, "picture 0 must be"),
+        ([picture(0)[:, :, :2]], "a.gif", 10, "picture 0 must be"),
+        ([picture(0)[:, :, 0]], "a.gif", 10, "picture 0 must be"),
         ([picture(0) / 255.0], "a.webp", 10, "picture 0 must be"),
         ([None], "a.gif", 10, "picture 0 must be"),
         ([picture(0), picture(0)[1:]], "a.gif", 10, "picture 1 must be of the first"),

@@ -548,9 +548,9 @@ def test_on_a_terminal_a_render_says_how_far_compiling_is(tmp_path, is_terminal)
         return
     first, *shown, blank = lines
     assert first == blank.strip() == ""
-    text, seconds = "rasterjit: compiling kernels (kept on disk): 0 of 1, ", []
+    text, seconds = "rasterjit: compiling kernels .......... 0 of 1, ", []
     for line in shown:
         assert line.startswith(text)
-        seconds.append(int(line.removeprefix(text).removesuffix(" s")))
+        seconds.append(int(line.removeprefix(text).removesuffix(" s (kept on disk)")))
     assert seconds
     assert seconds == sorted(set(seconds))

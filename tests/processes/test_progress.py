@@ -6,6 +6,7 @@ import asyncio
 import io
 import sys
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -24,17 +25,33 @@ def test_what_counts_was_wanted_or_compiled_since(monkeypatch, tmp_path):
     monkeypatch.setattr(store, "USED", used)
     files = {f"a.{name}": tmp_path / name for name in "befg"}
     shown = Progress({**files, "a.h": None})
-    assert str(shown).endswith(": 0 of 5")
+    assert " 0 of 5, " in str(shown)
     # Wanted; not wanted.
     used.compiled.extend(["a.b", "i.k"])
-    assert str(shown).endswith(": 2 of 6")
+    assert " 2 of 6, " in str(shown)
     # Compiled elsewhere and loaded here; loaded, and never missing.
     used.loaded.extend(["a.e", "l.m"])
-    assert str(shown).endswith(": 3 of 6")
+    assert " 3 of 6, " in str(shown)
     # Compiled elsewhere.
     files["a.f"].touch()
     files["a.e"].touch()
-    assert str(shown).endswith(": 4 of 6")
+    assert " 4 of 6, " in str(shown)
+
+
+def test_the_rest_takes_as_long_as_what_was_compiled(monkeypatch):
+    clock, used = [100.0], store.Used([], [])
+    monkeypatch.setattr(store, "USED", used)
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    shown = Progress(dict.fromkeys(("a.b", "a.c", "a.d", "a.e")))
+    for name, seconds, told in (
+        ("a.b", 3.0, "##........ 1 of 4, 3 s ("),
+        ("a.c", 2.0, "#####..... 2 of 4, 5 s, 5 s left ("),
+        ("a.d", 2.5, "#######... 3 of 4, 8 s, 3 s left ("),
+        ("a.e", 0.5, "########## 4 of 4, 8 s ("),
+    ):
+        used.compiled.append(name)
+        clock[0] += seconds
+        assert str(shown).startswith(f"compiling kernels {told}")
 
 
 def test_a_line_is_written_on_terminals_alone(monkeypatch):
@@ -127,7 +144,10 @@ def test_time_that_passes_shows_that_there_is_life(monkeypatch):
         shown = Progress({})
         for _ in range(3):
             shown.tell()
-    assert [text.rpartition(": ")[2] for text in told] == ["0 of 0, 0 s", "0 of 0, 3 s"]
+    assert [text.partition(". ")[2].partition(" (")[0] for text in told] == [
+        "0 of 0, 0 s",
+        "0 of 0, 3 s",
+    ]
 
 
 def test_processes_that_share_a_job_say_nothing(monkeypatch):

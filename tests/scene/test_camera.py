@@ -389,6 +389,26 @@ def test_whatever_is_drawn_can_be_framed_without_scipy(monkeypatch):
         fit_camera(trimesh.Scene())
 
 
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "up", "expected"),
+    [
+        (0.0, 0.0, (0, 0, 1), (0, -1, 0)),
+        (90.0, 0.0, (0, 0, 2), (1, 0, 0)),
+        (123.0, 90.0, (0, 0, 1), (0, 0, 1)),
+        (0.0, 0.0, (0, 1, 0), (0, 0, 1)),
+        (0.0, 90.0, (0, -1, 0), (0, -1, 0)),
+    ],
+)
+def test_an_orbit_turns_with_up(azimuth, elevation, up, expected):
+    np.testing.assert_allclose(rj.orbit_direction(azimuth, elevation, up=up), expected, atol=1e-15)
+
+
+def test_an_orbit_around_y_is_the_default_and_up_is_checked():
+    assert rj.orbit_direction(31.0, 23.0, up=(0, 1, 0)) == rj.orbit_direction(31.0, 23.0)
+    with pytest.raises(ValueError, match="up"):
+        rj.orbit_direction(31.0, 23.0, up=(0, 0, 0))
+
+
 def test_orbit_directions_have_length_one():
     direction = orbit_direction(30, 45)
     expected = (0.5 * math.sqrt(0.5), math.sqrt(0.5), math.sqrt(0.375))
