@@ -129,3 +129,11 @@ def test_the_list_of_commands_has_them_all():
     lines = [line.split()[1:3] for line in listed.splitlines()]
     assert {name for name, _ in lines} == set(commands.program.commands)
     assert {what for name, what in lines if name == "render"} == {"FILE", "FOLDER"}
+
+
+def test_the_readme_is_short_and_its_pictures_are_small():
+    text = text_of("README.md")
+    assert len(text.splitlines()) <= 200
+    pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)
+    assert len(pictures) > 12
+    assert max((ROOT / picture).stat().st_size for picture in pictures) <= 300_000
