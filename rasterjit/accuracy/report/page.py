@@ -293,7 +293,7 @@ def front_table(study: Study) -> str:
     rows = []
     for trial in shown:
         mark = f'<span class="key">{front.index(trial) + 1}</span> ' if trial in front else ""
-        name = mark + _breakable(trial.label)
+        name = mark + _button(trial, trial.label)
         if "=" not in trial.label:
             name += f"<small>{_breakable(options_of(study, trial))}</small>"
         cells = [
@@ -319,6 +319,14 @@ def _breakable(text: str) -> str:
     if text.startswith("--"):
         words = [f"{option} {value}" for option, value in zip(words[::2], words[1::2], strict=True)]
     return " ".join(f'<span class="word">{word}</span>' for word in words)
+
+
+def _button(trial: Trial, name: str) -> str:
+    """Return the name of a trial as what shows its picture; plain text without the program."""
+    return (
+        f'<button type="button" class="pick" data-name="{html.escape(trial.label)}" disabled>'
+        f"{_breakable(name)}</button>"
+    )
 
 
 def _everything(study: Study) -> Section:
@@ -467,7 +475,7 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 def _row_name(study: Study, trial: Trial, setting: str) -> str:
     """Return the heading of a trial's row."""
-    name = _breakable(level_name(study, trial, setting))
+    name = _button(trial, level_name(study, trial, setting))
     labels = [other.label for other in front_trials(study)]
     if trial.label in labels and trial.setting != STANDARD:
         name = f'<span class="key">{labels.index(trial.label) + 1}</span> {name}'
