@@ -297,7 +297,7 @@ def front_table(study: Study) -> str:
         if "=" not in trial.label:
             name += f"<small>{_breakable(options_of(study, trial))}</small>"
         cells = [
-            html.escape(factor_in_words(trial)),
+            _factor(trial),
             "" if trial.setting == STANDARD else html.escape(error_against(trial, study.standard)),
             duration(trial.median),
             number(trial.errors.rmse),
@@ -307,7 +307,8 @@ def front_table(study: Study) -> str:
     columns = list(zip(("time", "error", "a frame", "RMSE"), units, strict=True))
     lead = (
         "<p>Each is more accurate than all faster ones, and their times can be told apart. "
-        "Where several take the same time, the most accurate stands for all. Ask for one with "
+        "Where several take the same time, the most accurate stands for all. Press a name to see "
+        "its picture; ask for it with "
         '<code class="word">--set NAME=LEVEL</code> for each change.</p>\n'
     )
     return lead + _table("quality", columns, rows)
@@ -319,6 +320,12 @@ def _breakable(text: str) -> str:
     if text.startswith("--"):
         words = [f"{option} {value}" for option, value in zip(words[::2], words[1::2], strict=True)]
     return " ".join(f'<span class="word">{word}</span>' for word in words)
+
+
+def _factor(trial: Trial) -> str:
+    """Return a time over the standard's, and below it how far it is known, as HTML."""
+    factor, _, known = factor_in_words(trial).partition(" (")
+    return f"{factor}<small>{known[:-1]}</small>" if known else factor
 
 
 def _button(trial: Trial, name: str) -> str:
