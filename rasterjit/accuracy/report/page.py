@@ -207,7 +207,8 @@ def _plot(study: Study, album: Album) -> str:
         '<section id="plot">\n<h2>Error against time</h2>\n<div class="beside">\n'
         '<figure class="chart">\n<div class="points" role="radiogroup" '
         f'aria-label="Qualities, from the fastest on">\n{plot.svg}\n{_points(study, album, plot)}'
-        "\n</div>\n<figcaption>"
+        "\n</div>\n<figcaption>Rest the mouse on a point, tap it or use the arrow keys to see its "
+        "picture. "
         '<span class="key">●</span> worth choosing, with the middle half of its times; '
         '<span class="key standard">◆</span> standard; <span class="key other">○</span> all '
         f'others; <span class="key other">×</span> {NOT_MEASURED}. Lower is more accurate, '
@@ -339,9 +340,7 @@ def _button(trial: Trial, name: str) -> str:
 def _everything(study: Study) -> Section:
     """Return the table of all trials, and what was not tried."""
     count = len(study.trials)
-    groups = [
-        (setting, with_standard(study, setting)) for setting in settings_of(study)
-    ]  # fmt: skip
+    groups = [(setting, with_standard(study, setting)) for setting in settings_of(study)]
     if study.of(COMBINATIONS):
         groups.append((COMBINATIONS, [study.standard, *study.of(COMBINATIONS)]))
     body = results_table(study, groups) if groups else ""
@@ -448,13 +447,13 @@ def results_table(study: Study, groups: Iterable[tuple[str, Sequence[Trial]]]) -
         Settings, each with its levels, the standard among them: the dominated ones are grey and
         name what dominates them.
     """
-    groups = [
+    found = [
         (setting, [(trial, _results(trial)) for trial in trials]) for setting, trials in groups
     ]
-    cells = [row for _, rows in groups for _, row in rows]
+    cells = [row for _, rows in found for _, row in rows]
     shown = [n for n in range(len(RESULTS)) if any(row[n] != NOTHING for row in cells)]
     bodies = []
-    for setting, rows in groups:
+    for setting, rows in found:
         head = (
             f'<tr class="setting"><th scope="rowgroup" colspan="{len(shown) + 1}">'
             f"{html.escape(setting)}</th></tr>"
