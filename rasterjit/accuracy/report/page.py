@@ -293,8 +293,7 @@ def front_table(study: Study) -> str:
     )  # fmt: skip
     rows = []
     for trial in shown:
-        mark = f'<span class="key">{front.index(trial) + 1}</span> ' if trial in front else ""
-        name = mark + _button(trial, trial.label)
+        name = _button(trial, trial.label, front.index(trial) + 1 if trial in front else None)
         if "=" not in trial.label:
             name += f"<small>{_breakable(options_of(study, trial))}</small>"
         cells = [
@@ -329,11 +328,12 @@ def _factor(trial: Trial) -> str:
     return f"{factor}<small>{known[:-1]}</small>" if known else factor
 
 
-def _button(trial: Trial, name: str) -> str:
+def _button(trial: Trial, name: str, place: int | None = None) -> str:
     """Return the name of a trial as what shows its picture; plain text without the program."""
+    mark = "" if place is None else f'<span class="key">{place}</span> '
     return (
         f'<button type="button" class="pick" data-name="{html.escape(trial.label)}" disabled>'
-        f"{_breakable(name)}</button>"
+        f"{mark}{_breakable(name)}</button>"
     )
 
 
@@ -429,10 +429,10 @@ def _variation(study: Study) -> str:
     return (
         f"The middle half of the times of a typical level spans {number(100.0 * typical)} % of "
         f"their median; {number(100.0 * most)} % for <code>{html.escape(trial.label)}</code>, "
-        "which varied most. Two times are told apart where they differ by more than is unknown of "
-        "both medians; a time is called a factor from three rounds on, if it is known to a quarter "
-        f"({unsure} of {len(study.trials)} are not). Rendering the reference took "
-        f"{duration(study.reference_seconds)}. {known}"
+        "which varied most. Two times count as different if they lie further apart than the "
+        "uncertainty of both. A factor is given from three rounds on, if its uncertainty is at "
+        f"most a quarter of it: not for {unsure} of {len(study.trials)} here. Rendering the "
+        f"reference took {duration(study.reference_seconds)}. {known}"
     )
 
 
@@ -481,10 +481,10 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 def _row_name(study: Study, trial: Trial, setting: str) -> str:
     """Return the heading of a trial's row."""
-    name = _button(trial, level_name(study, trial, setting))
     labels = [other.label for other in front_trials(study)]
-    if trial.label in labels and trial.setting != STANDARD:
-        name = f'<span class="key">{labels.index(trial.label) + 1}</span> {name}'
+    has_number = trial.label in labels and trial.setting != STANDARD
+    place = labels.index(trial.label) + 1 if has_number else None
+    name = _button(trial, level_name(study, trial, setting), place)
     if trial.dominated_by is not None:
         return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
     return name
