@@ -24,7 +24,7 @@ from benchmarks.checkouts import RevisionError, checkouts
 from benchmarks.compiling_worker import compiled_forms
 from benchmarks.pairing import ROOT, WorkerError, cache_environment, package_environment
 from benchmarks.scenes import TEAPOT
-from benchmarks.startup import render_arguments, time_program
+from benchmarks.startup import in_style, render_arguments, time_program
 
 WORKER = ROOT / "benchmarks" / "compiling_worker.py"
 
@@ -64,8 +64,12 @@ class Mark(NamedTuple):
 SWITCHED_ON, SWITCHED_ON_LARGE = Mark(wall=1.5), Mark(wall=3.0)
 LARGE = ("shadow", "environment", "4 samples")
 """What may take longer to switch on."""
+IN_STUDIO, AGAIN_IN_STUDIO = "first teapot in the style studio", "the same again"
+"""The first may take the mark of the teapot, and those of what its style switches on."""
 MARKS = {
     "first teapot by the command line": Mark(wall=8.0),
+    IN_STUDIO: Mark(wall=8.0 + 3 * 3.0 + 2 * 1.5),
+    AGAIN_IN_STUDIO: Mark(compiled=0),
     "first teapot by rj.render": Mark(wall=14.0),
     "models/scene.glb after the teapot": Mark(wall=5.0),
     "rasterjit warmup": Mark(processor=60.0),
@@ -110,8 +114,17 @@ def by_worker(part: str, version: Version, cache: Path) -> Iterator[Cost]:
 
 def first_command(version: Version, cache: Path) -> Iterator[Cost]:
     """Draw the teapot by the command line."""
-    arguments = render_arguments(cache.with_name("teapot.png"))
+    arguments = render_arguments(cache.with_name("teapot.png"), version.folder)
     yield by_command("first teapot by the command line", arguments, version, cache)
+
+
+def first_in_studio(version: Version, cache: Path) -> Iterator[Cost]:
+    """Draw the teapot in the command line's own style, and again."""
+    if not in_style(version.folder, "studio"):
+        return
+    arguments = render_arguments(cache.with_name("teapot.png"), version.folder, "studio")
+    for what in (IN_STUDIO, AGAIN_IN_STUDIO):
+        yield by_command(what, arguments, version, cache)
 
 
 def switching(version: Version, cache: Path) -> Iterator[Cost]:
@@ -139,6 +152,7 @@ def everything(version: Version, cache: Path) -> Iterator[Cost]:
 
 PARTS: dict[str, Callable[[Version, Path], Iterator[Cost]]] = {
     "command": first_command,
+    "studio": first_in_studio,
     "switching": switching,
     "scene": scene_after_teapot,
     "pyrender": by_pyrender,

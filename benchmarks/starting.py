@@ -34,7 +34,7 @@ from benchmarks import report
 from benchmarks.checkouts import RevisionError, checkouts
 from benchmarks.pairing import CACHES, ROOT, package_environment
 from benchmarks.scenes import TEAPOT
-from benchmarks.startup import SIZE, children_seconds
+from benchmarks.startup import SIZE, children_seconds, in_style
 
 STARTERS = Path(__file__).parent / "starters"
 RESULT = report.RESULTS / "startup.json"
@@ -120,6 +120,11 @@ def render_line(python: str, picture: str) -> list[str]:
         "--size", "x".join(map(str, SIZE)), f"--position={eye}", f"--target={target}",
         f"--fov={VIEW['fov_y']}",
     ]  # fmt: skip
+
+
+def plain_line(python: str, picture: str) -> list[str]:
+    """Return the same of versions that have styles."""
+    return [*render_line(python, picture), *in_style(ROOT, "plain")]
 
 
 def f3d_line(python: str, picture: str) -> list[str] | None:
@@ -245,17 +250,16 @@ def entrants(
         Starter("Python alone", sys.executable, ""),
         Starter("NumPy alone", sys.executable, "numpy"),
         Starter(
-            "RasterJIT, clone", sys.executable, "rasterjit", own, render_line, here, True
+            "RasterJIT, clone", sys.executable, "rasterjit", own, plain_line, here, True
         ),
     ]  # fmt: skip
     left_out = {}
     if against is not None:
         ((name, place),) = stack.enter_context(checkouts([against], folder))
         there = package_environment({}, place)
+        line = plain_line if in_style(place, "plain") else render_line
         found.append(
-            Starter(
-                f"RasterJIT, {name}", sys.executable, "rasterjit", own, render_line, there, True
-            )
+            Starter(f"RasterJIT, {name}", sys.executable, "rasterjit", own, line, there, True)
         )
     wheel = wheel or newest_wheel(ROOT / "dist")
     if wheel is None:
@@ -268,7 +272,7 @@ def entrants(
         else:
             name = f"RasterJIT, {wheel.name}"
             packages = (str(wheel.resolve()),)
-            found.append(Starter(name, python, "rasterjit", own, render_line, {}, True, packages))
+            found.append(Starter(name, python, "rasterjit", own, plain_line, {}, True, packages))
     for key, (name, module, command, has_camera) in PEERS.items():
         python = pythons.get(key, sys.executable)
         if not is_installed(python, module):

@@ -38,9 +38,15 @@ def time_command(cache: Path, picture: Path) -> tuple[float, float]:
     return times
 
 
-def render_arguments(picture: Path) -> tuple[str, ...]:
-    """Return the arguments with which the command line draws the teapot."""
-    return "render", str(TEAPOT), "-o", str(picture), "--size", "x".join(map(str, SIZE))
+def render_arguments(picture: Path, checkout: Path = ROOT, style: str = "plain") -> tuple[str, ...]:
+    """Return the arguments with which a checkout's command line draws the teapot."""
+    size = "x".join(map(str, SIZE))
+    return "render", str(TEAPOT), "-o", str(picture), "--size", size, *in_style(checkout, style)
+
+
+def in_style(checkout: Path, style: str) -> tuple[str, ...]:
+    """Return the option of a style; none for versions that have one look alone, the plain one."""
+    return ("--style", style) if (checkout / "rasterjit" / "styles").is_dir() else ()
 
 
 def time_program(

@@ -456,9 +456,9 @@ def scalar_fields(size: Size) -> Picture:
     scene = rj.Scene()
     scene.add(wave)
     scene.lights = [rj.AmbientLight(intensity=0.55), sun(0.6)]
-    camera = rj.PerspectiveCamera(eye=(4.5, 7.0, 9.5), target=(0.0, -0.3, 0.0), fov_y=44.0)
-    bar = rj.render(scene, camera, size=(8, size[1])).colorbar("cm")[:, : size[0] // 2, :3]
+    bar = rj.render(scene, size=(8, size[1])).colorbar("cm")[:, : size[0] // 2, :3]
     part = size[0] - bar.shape[1], size[1]
+    camera = rj.fit_camera(scene, (4.5, 7.3, 9.5), 44.0, aspect=part[0] / part[1])
     return np.hstack([shown(scene, camera, part, background="white"), bar])
 
 
@@ -484,7 +484,7 @@ def vector_field(size: Size) -> Picture:
     axis = rj.Arrow((-1.5, 0.0, 0.0), (1.7, 0.0, 0.0), head_length=0.15, color="#404448")
     scene.add(axis)
     scene.lights = [rj.AmbientLight(intensity=0.4), sun(0.7)]
-    camera = rj.PerspectiveCamera(eye=(0.0, 7.2, 5.6), target=(0.0, 0.0, 0.25), fov_y=41.0)
+    camera = rj.fit_camera(scene, (0.0, 7.2, 5.35), 41.0, aspect=size[0] / size[1])
     return shown(scene, camera, size, background="white", quality=SMOOTH)
 
 

@@ -15,7 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from gallery_parts import PLACE, ball, box, checks, dressed, model
 from numpy.typing import NDArray
+from surfaces import grid_faces
 
 import rasterjit as rj
 
@@ -26,7 +28,7 @@ SMALL_PANEL = (256, 160)
 """The same of what mistaken cameras show."""
 
 
-def still_life() -> rj.Scene:
+def four_shapes() -> rj.Scene:
     """Return a teapot, a torus knot, a cube and a pyramid on a floor, with two lights."""
     parts = {
         name: rj.load(MODELS / name).nodes[0].mesh
@@ -66,6 +68,65 @@ def still_life() -> rj.Scene:
         rj.PointLight(position=(-6, 6, 5), color="#ffd9a8", intensity=22),
     ]
     return scene
+
+
+def backdrop() -> rj.Mesh:
+    """Return a floor that bends up into a wall far behind, smooth as in a photographer's studio."""
+    bend = np.linspace(0.0, np.pi / 2.0, 40)
+    outline = np.vstack(
+        [(0.0, 40.0), np.column_stack([8 - 8 * np.cos(bend), -8 - 8 * np.sin(bend)]), (60.0, -16.0)]
+    )
+    points = [(x, y, z) for y, z in outline for x in (-80.0, 80.0)]
+    look = rj.Material("pbr", "#76828b", roughness=0.9)
+    return rj.Mesh(points, grid_faces(len(outline), 2), material=look)
+
+
+def window_light() -> rj.Environment:
+    """Return a bright room with a window, a strip light and a warm lamp, as a panorama."""
+    up = np.cos(np.pi * (np.mgrid[0:128, 0:256][0] + 0.5) / 128)
+    image = np.empty((128, 256, 3), np.float32)
+    image[:] = (0.30, 0.31, 0.33) + np.clip(up, 0, 1)[..., None] * np.array([0.35, 0.38, 0.42])
+    image[up < 0.0] = (0.55, 0.57, 0.60)
+    image[30:62, 28:58] = (9.0, 9.6, 10.5)
+    image[45:47, 28:58] = image[30:62, 42:44] = 0.3
+    image[22:34, 120:196] = (7.0, 6.6, 6.2)
+    image[44:60, 216:230] = (14.0, 8.5, 4.0)
+    return rj.Environment(image, rotation=-60.0, intensity=0.7, background=False)
+
+
+def still_life() -> tuple[rj.Scene, rj.PerspectiveCamera]:
+    """Return a glazed teapot among gold, glass, lacquer, chalk and wood, in soft light."""
+    scene, globe = rj.Scene(), ball(96, 144)
+    board = rj.Texture(checks(5, 320, 70, 225), filter="trilinear", anisotropy=8)
+    glass = rj.Material(
+        "pbr", "white", roughness=0.0, transmission=1.0, thickness=1.9, ior=1.5,
+        attenuation_distance=3.0, attenuation_color="#bfe6dc",
+    )  # fmt: skip
+    varnish = {"clearcoat": 1.0, "clearcoat_roughness": 0.03}
+    scene.add(backdrop(), name="backdrop")
+    for name, shape, look, turn, size, place in (
+        ("teapot", model("teapot.obj"),
+         rj.Material("pbr", "#123f63", roughness=0.35, **varnish), -20, 1.0, (0, 0, 0)),
+        ("knot", model("torus_knot.obj"),
+         rj.Material("pbr", "#e3a857", metallic=1.0, roughness=0.18), 25, 0.62, (-4.9, 1.93, -2)),
+        ("glass", globe, glass, 0, 0.95, (3.15, 0.95, 2.1)),
+        ("lacquer", globe,
+         rj.Material("pbr", "#b3271e", roughness=0.5, clearcoat=0.6, clearcoat_roughness=0.1),
+         0, 0.5, (-2.6, 0.5, 2.9)),
+        ("chalk", globe, rj.Material("pbr", "#e9e4da", roughness=0.95), 0, 0.36, (-3.6, 0.36, 3.6)),
+        ("cube", box(2.3, 2.3, 2.3),
+         rj.Material("pbr", "#e9b48c", base_color_texture=board, roughness=0.3), 32, 1.0,
+         (5.3, 0, -1.6)),
+    ):  # fmt: skip
+        where = PLACE.compose(PLACE.translate(place), PLACE.rotate_y(turn), PLACE.scale(size))
+        scene.add(dressed(shape, look), where, name=name)
+    scene.environment = window_light()
+    soft = rj.Shadow(size=2048, filter="soft", light_size=9.0)
+    scene.lights.append(
+        rj.DirectionalLight((0.75, -1.0, -0.75), intensity=2.6, color="#fff1df", shadow=soft)
+    )
+    scene.tone_map = rj.ToneMap("neutral")
+    return scene, rj.PerspectiveCamera(eye=(0.6, 4.6, 14.5), target=(0.25, 1.25, 0.0), fov_y=26.0)
 
 
 def shade_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -178,20 +239,21 @@ def main(folder: Path) -> None:
     folder = folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     camera = rj.PerspectiveCamera(eye=(2.5, 6.0, 12.5), target=(0.2, 1.1, 0.0), fov_y=34.0)
-    scene = still_life()
-    rj.render(scene, camera, size=(1200, 560)).save(folder / "still_life.png")
+    scene = four_shapes()
+    smooth = rj.Quality(samples=16)
+    rj.render(*still_life(), size=(1200, 560), quality=smooth).save(folder / "still_life.png")
     from rasterjit.io.images import save_image
 
     save_image(folder / "buffers.png", strips(scene, camera))
-    save_image(folder / "camera_mistakes.png", mistakes(still_life(), camera))
+    save_image(folder / "camera_mistakes.png", mistakes(four_shapes(), camera))
     teapot = rj.load(MODELS / "teapot.obj")
     rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")
     cube = rj.load(MODELS / "cube.ply")
     cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
     course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
     rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
-    guides = MODELS.resolve().parent / "docs" / "guides"
-    for page in sorted(guides.glob("*.md")):
+    root = MODELS.resolve().parent
+    for page in (root / "README.md", *sorted((root / "docs" / "guides").glob("*.md"))):
         if f"pictures/{page.stem}/" in page.read_text(encoding="utf-8"):
             make_page(page, folder / page.stem)
 

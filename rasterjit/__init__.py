@@ -32,6 +32,7 @@ Pictures and ground truth
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
     annotations of them; `Frame.pick` tells which face a pixel shows, and where (`Pick`).
+    `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -95,7 +96,6 @@ from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
-from rasterjit.rendering.preview import preview
 from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.scene import transforms
@@ -129,10 +129,11 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
+from rasterjit.styles.preview import preview
 from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
-    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
+    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle, styles
     from rasterjit import mpl as mpl
     from rasterjit import types as types
     from rasterjit.viewer.show import show
@@ -234,11 +235,13 @@ __all__ = [
     "render_layers",
     "render_many",
     "show",
+    "styles",
     "transforms",
 ]
 
 _MODULES = (
-    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "types",
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle",
+    "styles", "types",
 )  # fmt: skip
 """
 Those that are loaded when they are first named.

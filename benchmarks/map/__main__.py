@@ -387,6 +387,11 @@ def show(content: dict[str, Any], folder: Path) -> None:
                 measured, look, panels_of(content), where, folder / f"map_{look}.png"
             )
             say(os.fspath(path))
+    first = panels_of(content)[: len(content["threads"])]
+    titles = [(threads_text(count), count, name) for _, count, name in first]
+    has = content["instructions"][titles[0][2]]
+    what = f"{machine['processor']}, {machine['processors']} cores, {has}"
+    say(os.fspath(picture.draw_summary(measured, titles, what, folder / "map.png")))
 
 
 def worst_row(verdict: marks.Verdict) -> list[str]:

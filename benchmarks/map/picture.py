@@ -75,20 +75,73 @@ def draw(
     return path
 
 
+SUMMARY_NOTE = (
+    "How many times as long the faster of two CPU renderers, llvmpipe and tinydisplay, takes for "
+    "the same picture.\nLarge: the median of nine scenes (three kinds of mesh, three materials); "
+    "small: the lowest. Framed: RasterJIT is slower.\nGrey: a peer takes under 1 ms; the number is "
+    "what a call of RasterJIT adds to drawing. Measured on "
+)
+SUMMARY_INCHES = (11.0, 4.9)
+
+
+def draw_summary(
+    measured: Sequence[Measured],
+    panels: Sequence[tuple[str, int, str]],
+    machine: str,
+    path: Path,
+) -> Path:
+    """
+    Draw all looks in one map and return its file.
+
+    ``panels`` are titles, threads and instructions; all stand side by side.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import colors, pyplot
+
+    figure, axes = pyplot.subplots(
+        1, len(panels), figsize=SUMMARY_INCHES, dpi=DOTS_PER_INCH, layout="constrained",
+        squeeze=False, sharey=True,
+    )  # fmt: skip
+    hues = colors.LinearSegmentedColormap.from_list("ratio", [SLOWER, EVEN, FASTER])
+    here = [each for each in measured if each.cell.family != SLIVERS.family]
+    sizes = sorted({each.cell.size for each in here})
+    counts = sorted({each.cell.faces for each in here})
+    for place, (title, threads, instructions) in zip(axes.flat, panels, strict=True):
+        found = verdicts(here, threads, instructions)
+        draw_panel(place, hues, found, sizes, counts, by_median=True)
+        place.set_title(title, fontsize=13, fontweight="bold")
+        place.tick_params(labelsize=9)
+        place.set_xlabel("pixels", fontsize=11)
+    for place in axes.flat[1:]:
+        place.set_ylabel("")
+    figure.supxlabel(f"{SUMMARY_NOTE}{machine}.", fontsize=10)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    pyplot.close(figure)
+    return path
+
+
 def draw_panel(
     axes: Any,
     hues: Any,
     found: Sequence[Verdict],
     sizes: Sequence[tuple[int, int]],
     counts: Sequence[int],
+    by_median: bool = False,
 ) -> None:
-    """Draw a cell for each size, across, and number of faces, most on top."""
+    """
+    Draw a cell for each size, across, and number of faces, most on top.
+
+    Colour and large number are the worst ratio, or the median one.
+    """
     from matplotlib.patches import Rectangle
 
     for x, size in enumerate(sizes):
         for y, count in enumerate(counts):
             here = [e for e in found if e.cell.size == size and e.cell.faces == count]
-            number, middle, color = describe(here, hues)
+            number, middle, color = describe(here, hues, by_median)
             is_slower = color is not None and number[:1].isdigit() and float(number) < 1.0
             axes.add_patch(
                 Rectangle(
@@ -112,20 +165,22 @@ def draw_panel(
         side.set_visible(False)
 
 
-def describe(here: Sequence[Verdict], hues: Any) -> tuple[str, str, Any]:
+def describe(here: Sequence[Verdict], hues: Any, by_median: bool = False) -> tuple[str, str, Any]:
     """Return a cell's number, the smaller one below it, and its colour, ``None`` without times."""
     judged = on_map(here)
     if judged:
         ratios = sorted(each.ratio for each in judged)
-        share = 0.5 + 0.5 * math.log(ratios[0]) / math.log(MOST)
-        middle = statistics.median(ratios)
-        return two_digits(ratios[0]), two_digits(middle), hues(min(max(share, 0.0), 1.0))
+        numbers = ratios[0], statistics.median(ratios)
+        first, second = numbers[::-1] if by_median else numbers
+        share = 0.5 + 0.5 * math.log(first) / math.log(MOST)
+        return two_digits(first), two_digits(second), hues(min(max(share, 0.0), 1.0))
     if here:
         from matplotlib import colors
 
         most = max(each.overhead_ms for each in here)
         together = [min(each.batch_ratios.values()) for each in here if each.batch_ratios]
-        note = f"together {two_digits(min(together))}" if together else "ms"
+        is_told = together and not by_median
+        note = f"together {two_digits(min(together))}" if is_told else "ms"
         return f"+{most:.2f}", note, colors.to_rgba(SMALL_COLOR)
     return "", "", None
 

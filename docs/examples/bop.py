@@ -31,13 +31,14 @@ def write_models(sources: list[Path], folder: Path, diagonal: float = 160.0) -> 
     info, meshes = {}, []
     for number, source in enumerate(sources, 1):
         read = rj.load(source).nodes[0].mesh.split_creases()
+        color = COLORS[(number - 1) % len(COLORS)]
         mesh = trimesh.Trimesh(
-            read.vertices, read.faces, vertex_normals=read.normals, process=False
-        )
+            read.vertices, read.faces, vertex_normals=read.normals, process=False,
+            vertex_colors=np.tile(color, (len(read.vertices), 1)),
+        )  # fmt: skip
         mesh.apply_transform(rj.transforms.rotate_x(90.0))  # from y up
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
         mesh.apply_scale(diagonal / np.linalg.norm(mesh.extents))
-        mesh.visual.vertex_colors = COLORS[(number - 1) % len(COLORS)]
         path = folder / f"obj_{number:06d}.ply"
         mesh.export(path, encoding="ascii", vertex_normal=True)
         meshes.append(rj.load(path).nodes[0].mesh)  # what others will read
@@ -110,8 +111,12 @@ def write_scene(
             alone.add(node.mesh, node.transform)
             whole = rj.render(alone, wide, size=wide_size, outputs="object_id").object_id >= 0
             visible = frame.object_id == k
-            save_image(folder / f"mask/{image:06d}_{k:06d}.png", np.uint8(255 * whole[inside]))
-            save_image(folder / f"mask_visib/{image:06d}_{k:06d}.png", np.uint8(255 * visible))
+            save_image(
+                folder / f"mask/{image:06d}_{k:06d}.png", 255 * whole[inside].astype(np.uint8)
+            )
+            save_image(
+                folder / f"mask_visib/{image:06d}_{k:06d}.png", 255 * visible.astype(np.uint8)
+            )
             pose = view @ node.transform  # camera from model
             R, t = pose[:3, :3].ravel().tolist(), pose[:3, 3].tolist()
             rows["gt"][image].append({"cam_R_m2c": R, "cam_t_m2c": t, "obj_id": k + 1})

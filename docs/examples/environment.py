@@ -115,7 +115,7 @@ class PushPuck(gymnasium.Env[Pixels, NDArray[np.float32]]):
         return {"distance": float(np.linalg.norm(self.puck - self.goal))}
 
 
-gymnasium.register("PushPuck-v0", entry_point=PushPuck)
+gymnasium.register("PushPuck-v0", entry_point=lambda **options: PushPuck(**options))
 
 
 def pilot(environment: PushPuck) -> NDArray[np.float32]:

@@ -59,7 +59,7 @@ def add_panel(
 ) -> None:  # fmt: skip
     """Add a rectangle with texture coordinates in metres."""
     a, u, v = np.array(corner, float), np.array(right, float), np.array(up, float)
-    w, h = np.linalg.norm(u), np.linalg.norm(v)
+    w, h = float(np.linalg.norm(u)), float(np.linalg.norm(v))
     uv = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)]
     mesh = rj.Mesh([a, a + u, a + u + v, a + v], [(0, 1, 2), (0, 2, 3)], uv=uv, material=material)
     scene.add(mesh)
@@ -129,8 +129,13 @@ def spline_camera(route: Sequence[Sequence[float]], seconds: float) -> Flight:
 
 def clearance(scene: rj.Scene, camera: Flight, times: Sequence[float]) -> float:
     """Return how near the eye comes to a surface in any direction, metres."""
-    around = {"lens": rj.Equirectangular(), "size": (64, 32), "outputs": "distance"}
-    return min(float(rj.render(scene, camera(t), **around).distance.min()) for t in times)
+    nearest = []
+    for time in times:
+        frame = rj.render(
+            scene, camera(time), size=(64, 32), lens=rj.Equirectangular(), outputs="distance"
+        )
+        nearest.append(float(frame.distance.min()))
+    return min(nearest)
 
 
 def blurred(frames: Iterator[rj.Frame], moments: int) -> Iterator[NDArray[np.uint8]]:
@@ -141,7 +146,7 @@ def blurred(frames: Iterator[rj.Frame], moments: int) -> Iterator[NDArray[np.uin
             light += next(frames).linear[..., :3]
         light = np.clip(light / moments, 0.0, 1.0)
         code = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-        yield np.uint8(255.0 * code + 0.5)
+        yield (255.0 * code + 0.5).astype(np.uint8)
 
 
 def main(arguments: list[str] | None = None) -> None:

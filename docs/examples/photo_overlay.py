@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import cv2
+import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,7 +87,7 @@ def calibrate(photos: list[Path], columns: int = 8, rows: int = 5) -> Calibratio
     for turn, move in zip(turns, moves, strict=True):
         poses.append(np.eye(4))
         poses[-1][:3] = np.column_stack([cv2.Rodrigues(turn)[0], move])
-    return Calibration(matrix, bent.ravel(), poses, error)
+    return Calibration(np.array(matrix, float), np.array(bent, float).ravel(), poses, error)
 
 
 def overlay(photo: Path, mesh: Path, found: Calibration, number: int = 0) -> rj.Frame:
@@ -111,11 +112,11 @@ def overlay(photo: Path, mesh: Path, found: Calibration, number: int = 0) -> rj.
         rj.AmbientLight(intensity=0.4),
         rj.DirectionalLight((0.6, 0.5, 1.0), intensity=0.8),
     ]
-    picture = cv2.imread(str(photo))[..., ::-1]
+    picture = imageio.imread(photo)
     size_of_picture = picture.shape[1], picture.shape[0]
     camera = rj.cameras.from_opencv(found.K, size_of_picture, camera_from_world=found.poses[number])
     return rj.render(
-        scene, camera, size=size_of_picture, background=np.ascontiguousarray(picture),
+        scene, camera, size=size_of_picture, background=picture,
         lens=rj.PinholeDistortion(*found.distortion), quality=rj.Quality(samples=16),
     )  # fmt: skip
 

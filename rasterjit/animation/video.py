@@ -118,8 +118,9 @@ def save_animation(
     path : str or Path
         Ends in one of ``ANIMATION_FORMATS``. An existing file is replaced at the end.
     pictures : iterable of (H, W, 4) or (H, W, 3) uint8
-        At least one, all of one size, opaque where they have no alpha; taken one at a time, and none is kept. GIF has at most 255
-        colours of each and makes pixels of alpha below 128 transparent.
+        At least one, all of one size; opaque where there is no alpha; taken one at a time, and none
+        is kept. GIF has at most 255 colours of each and makes pixels of alpha below 128
+        transparent.
     fps : float
         Frames a second; a GIF's frames last whole hundredths of a second, some one longer than
         others where the mean is not one.

@@ -33,12 +33,15 @@ from rasterjit.cli.options import (
     SizeType,
     View,
     add_options,
+    check_style,
     effect_options,
     gather,
+    in_style,
     look_options,
     reading_options,
     refuse_idle,
     refuse_picture,
+    style_option,
     view_options,
 )
 from rasterjit.cli.program import (
@@ -121,6 +124,7 @@ def program(context: click.Context, version: bool) -> None:
 @size_option("1280x720")
 @view_options
 @moment_options
+@style_option
 @background_option
 @look_options
 @effect_options
@@ -192,6 +196,7 @@ def render(
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
+    check_style(rest["style"])
     if len(files) == 1 and files[0].is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
@@ -200,7 +205,7 @@ def render(
         refuse_picture(files[0], output)
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
-        options = {"background": rest["background"], "cull": rest["cull"]}
+        options = {name: rest[name] for name in ("style", "background", "cull")}
         render_folder(files[0], output, size, threads, quiet, view, look, effects, **options)
         return
     from rasterjit.cli.pictures import Picture, places_of, render_file, to_standard_output
@@ -384,6 +389,7 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @size_option("1280x720")
 @view_options
 @moment_options
+@style_option
 @background_option
 @look_options
 @effect_options
@@ -412,6 +418,7 @@ def explain(
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
+    check_style(rest["style"])
     size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
@@ -424,21 +431,19 @@ def explain(
         refuse_idle(["threads"], "nothing is drawn without --measure")
     from rasterjit.inspect.pixel import explain_pixel
     from rasterjit.rendering.plan import describe as describe_plan
-    from rasterjit.rendering.renderer import explain as plan_of
 
+    effects.quality()
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
-    camera = view.camera(scene, size)
+    styled = in_style(rest["style"], scene, view.camera(scene, size), look, effects)
     if pixel is not None:
         with progress_notice(quiet=False):
-            told = explain_pixel(
-                scene, camera, size, *pixel, quality=effects.quality(), background=background,
-                cull=cull,
-            )  # fmt: skip
+            drawn = styled.options(size, background=background, cull=cull)
+            camera = drawn.pop("camera")
+            told = explain_pixel(styled.scene, camera, size, *pixel, **drawn)
         click.echo(str(told))
         return
-    options = {"size": size, "outputs": outputs, "background": background, "cull": cull}
-    options["quality"] = effects.quality()
-    click.echo(describe_plan(plan_of(scene, camera, **options)))
+    options: dict[str, Any] = {"outputs": outputs, "background": background, "cull": cull}
+    click.echo(describe_plan(styled.explain(size=size, **options)))
     if measure:
         from rasterjit.inspect.measure import measure as measure_frame
 
@@ -446,7 +451,8 @@ def explain(
             status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
             progress_notice(quiet=False),
         ):
-            measured = measure_frame(scene, camera, threads=threads, **options)
+            drawn = styled.options(size, threads=threads, **options)
+            measured = measure_frame(styled.scene, size=size, **drawn)
         print_measurement(measured)
 
 

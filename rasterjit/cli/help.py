@@ -18,7 +18,7 @@ GROUPS = {
         "animation", "animate", "turns",
     ),
     "Look": (
-        "background", "color", "light", "shading", "wireframe", "wireframe_color", "cull",
+        "style", "background", "color", "light", "shading", "wireframe", "wireframe_color", "cull",
         "scalars", "colormap", "scalar_range", "contours", "colorbar", "variant",
     ),
     "Effects": (
@@ -38,8 +38,8 @@ OTHERS = "Misc"
 
 COMMON = (
     "output", "force", "size", "outputs", "depth_file", "mask_file", "frames", "fps",
-    "views", "layout", "azimuth", "elevation", "zoom", "up", "background", "color", "light",
-    "wireframe", "shadows", "environment", "ambient_occlusion", "outline", "tone_map",
+    "views", "layout", "azimuth", "elevation", "zoom", "up", "style", "background", "color",
+    "light", "wireframe", "shadows", "environment", "ambient_occlusion", "outline", "tone_map",
     "section", "samples", "preset", "backend", "pixel", "measure", "knobs", "budget",
     "workers", "stats", "quiet",
 )  # fmt: skip

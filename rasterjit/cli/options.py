@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
     from rasterjit.scene.section import Plane
+    from rasterjit.styles.style import Style
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
 
@@ -71,6 +72,21 @@ LIGHTS = ("headlight", "sun", "ambient")
 """Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
 
 
+STYLES = ("studio", "plain", "clay", "technical", "xray", "depth", "normals", "wireframe")
+"""Names of ``rasterjit.styles``, the default first."""
+
+OF_QUALITY = ("preset", "changes", "samples")
+"""Options that say how accurately to render."""
+
+PAINTED = STYLES[2:]
+"""Those with colours of their own."""
+
+WITH_LAMP = ("studio", "clay")
+"""Those that bring a lamp, whose shadow is always there, to scenes without light."""
+
+OF_PAINT = ("color", "scalars", "shading")
+"""Options of colours that these replace."""
+
 READING = ("on_invalid", "on_damage", "resource_root", "max_bytes")
 """Options of how files are read."""
 
@@ -78,6 +94,7 @@ OF_SCALARS = ("colormap", "scalar_range", "contours")
 """Options that say how scalars are shown."""
 
 OF_COLOR = (
+    "style",
     "background",
     "color",
     *OF_SCALARS,
@@ -952,7 +969,7 @@ def look_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour, as --background has it, instead of "
+                         help="Draw all objects in this colour; as --background has it, instead of "
                               "their own and their textures."),
             click.option("--scalars", metavar="NAME",
                          help="Show the numbers of this attribute by colours, such as those of the "
@@ -970,7 +987,7 @@ def look_options(command: Callable) -> Callable:
                               "them."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
-                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
+                         help="Light from far away that shines along X,Y,Z (0,-1,0: down); beside "
                               "dim light from all around, instead of the scene's lights; or "
                               f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
                               "around in place of the dim). May be repeated, each light once."),
@@ -1037,6 +1054,7 @@ class Effects(NamedTuple):
     samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
+    style: str = "plain"
 
     def quality(self) -> Quality:
         """Return the quality that was asked for, or raise click's usage error."""
@@ -1069,7 +1087,8 @@ class Effects(NamedTuple):
                 )
             except ValueError as error:
                 raise ValueError(re.sub(r"^path\b", "--environment", str(error))) from error
-        if self.shadows:
+        has_light = bool(scene.lights) or scene.environment is not None
+        if self.shadows and (has_light or self.style not in WITH_LAMP):
             _cast_shadows(scene)
         if self.ambient_occlusion:
             scene.ambient_occlusion = AmbientOcclusion()
@@ -1111,6 +1130,51 @@ def _cast_shadows(scene: Scene) -> None:
         else dataclasses.replace(light, shadow=Shadow())
         for light in scene.lights
     ]
+
+
+def style_option(command: Callable) -> Callable:
+    """Add the option ``--style`` to a command."""
+    return click.option(
+        "--style", type=click.Choice(STYLES), default=STYLES[0], show_default=True, metavar="NAME",
+        help=f"{', '.join(STYLES[:-1])} or {STYLES[-1]}. studio: a soft lamp, light from the sky, "
+             "a shadow on the ground, greys behind, 4 samples; plain: a headlight before white, as "
+             "rasterjit.render draws. Lights and cameras of FILE stay, and options go before the "
+             "style.",
+    )(command)  # fmt: skip
+
+
+def check_style(name: str) -> None:
+    """Raise click's usage error for options of colours that a style replaces."""
+    if name in PAINTED:
+        refuse_idle(OF_PAINT, f"--style {name} has colours of its own")
+
+
+def in_style(
+    name: str, scene: Scene, camera: AnyCamera | None, look: Look, effects: Effects
+) -> Style:
+    """
+    Return a scene in a style, but for what options say.
+
+    Parameters
+    ----------
+    name : str
+        Of `STYLES`.
+    scene : Scene
+        With what options ask for.
+    camera : Camera or None
+    look, effects : Look, Effects
+    """
+    from rasterjit import styles
+    from rasterjit.scene.framing import fit_upright
+    from rasterjit.survey.lights import headlight
+
+    if "headlight" in look.light and scene.nodes:
+        seen_from = camera or scene.camera or fit_upright(scene, (1, 1))
+        scene.lights = headlight(seen_from)
+    style = styles.STYLES[name](scene, camera)
+    if any(map(is_given, OF_QUALITY)):
+        style = dataclasses.replace(style, quality=effects.quality())
+    return style
 
 
 def quality_options(command: Callable) -> Callable:

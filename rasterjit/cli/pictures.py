@@ -17,6 +17,7 @@ from rasterjit.cli.options import (
     Look,
     View,
     checked_place,
+    in_style,
     refuse_idle,
     refuse_without_color,
 )
@@ -46,6 +47,7 @@ class Picture(NamedTuple):
 
     size: tuple[int, int]
     background: str | BackgroundImage | None
+    style: str
     cull: str
     lens: Lens | None
     outputs: tuple[str, ...]
@@ -142,14 +144,13 @@ def render_file(
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.notices import ViewWarning, notices_of
-    from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
 
     quiet, start = asked.quiet, time.perf_counter()
     options: dict[str, Any] = {
         "outputs": wanted, "background": background, "cull": asked.cull, "lens": asked.lens,
     }  # fmt: skip
-    quality = effects.quality()
+    effects.quality()
     with (
         status(f"Rendering {file.name}", quiet) as shown,
         progress_notice(quiet, shown),
@@ -161,10 +162,8 @@ def render_file(
         scene = moment.apply(load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
-        frame = render_frame(
-            scene, camera, size=size, quality=quality, diagnose=asked.diagnose,
-            threads=asked.threads, **options,
-        )  # fmt: skip
+        style = in_style(asked.style, scene, camera, look, effects)
+        frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
         chosen = write_files(frame, places, scale, title)
     saved = time.perf_counter()

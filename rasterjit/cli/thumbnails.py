@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli import raise_if_interrupted
-from rasterjit.cli.options import Effects, Look, View, is_given, refuse_idle
+from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
 from rasterjit.cli.program import describe, load_scene, size_behind, warn
 from rasterjit.cli.report import progress_bar, progress_notice
 
@@ -44,7 +44,7 @@ def render_folder(
         Of the command.
     view, look, effects : View, Look, Effects
     **options
-        ``background`` and ``cull``, as `rasterjit.render` takes them.
+        ``style``, the name of one; ``background`` and ``cull``, as `rasterjit.render` takes them.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _make_folder(output: Path) -> None:
 
 def _draw(
     file: Path, place: Path, renderer: Renderer, view: View, look: Look, effects: Effects,
-    quiet: bool, **options: Any,
+    quiet: bool, style: str, **options: Any,
 ) -> list[str]:  # fmt: skip
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
@@ -110,7 +110,10 @@ def _draw(
     with warnings.catch_warnings():
         # Said of each file, as lines.
         warnings.simplefilter("ignore", ViewWarning)
-        frame = renderer.render(scene, view.camera(scene, renderer.size), **options)
+        made = in_style(style, scene, view.camera(scene, renderer.size), look, effects)
+        drawn = made.options(renderer.size, **options)
+        renderer.quality = drawn.pop("quality")
+        frame = renderer.render(made.scene, **drawn)
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
     return list(notices_of(frame.plan, frame.stats).values())

@@ -150,7 +150,8 @@ def render_batch(
     --------
     >>> import rasterjit as rj
     >>> scene = rj.load("models/teapot.obj")
-    >>> eyes = [rj.fit_camera(scene, rj.orbit_direction(a, 20.0)) for a in range(0, 360, 30)]
+    >>> angles = range(0, 360, 30)
+    >>> eyes = [rj.fit_camera(scene, rj.orbit_direction(a, 20.0), steady=True) for a in angles]
     >>> batch = rj.render_batch(scene, eyes, size=(64, 64), outputs=("color", "depth"))
     >>> batch.color.shape, batch.depth.shape
     ((12, 64, 64, 4), (12, 64, 64))

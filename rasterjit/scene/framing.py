@@ -92,6 +92,8 @@ class Ball(NamedTuple):
     @classmethod
     def around(cls, scene: Bounded) -> Ball:
         """Return the bounding sphere of a scene; of radius 1 around a single point."""
+        if isinstance(scene, cls):
+            return scene
         center, radius = scene.bounding_sphere()
         x, y, z = np.asarray(center, dtype=np.float64).tolist()
         return cls((x, y, z), float(radius) or 1.0, scene)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -85,6 +85,8 @@ class RenderPlan:
     lens: str = ""
     """The lens, and the pinhole pictures that it takes, in words; empty without. Then the other
     fields are those of the first of these pictures, but for the size and the camera."""
+    added: Mapping[str, str] = field(default_factory=dict, compare=False)
+    """Who added an effect that is in, and what, in words, by its name; empty: the scene did."""
 
     def with_(
         self,
@@ -269,11 +271,16 @@ class RenderPlan:
         changed = differences(self.quality, Quality.standard())
         rows += [(name.replace("_", " "), changed[name]) for name in GEOMETRY if name in changed]
         rows += [
-            (effect.name, f"{'in ' if effect.used else 'out'} ({effect.reason})")
+            (effect.name, f"{'in ' if effect.used else 'out'} ({self._reason(effect)})")
             for effect in self.effects
         ]
         widest = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
+
+    def _reason(self, effect: Planned | Absent) -> str:
+        """Return why an effect is in or out, and who added one that is in."""
+        added = self.added.get(effect.name, "") if effect.used else ""
+        return f"{effect.reason}; {added}" if added else effect.reason
 
     def _describe_previous(self, previous: RenderPlan) -> str:
         """Say what motion is found against."""

@@ -180,12 +180,9 @@ class Orbit:
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
         sight = Sight.of(camera, size)
-        distance = dot(minus(ball.center, sight.eye), sight.forward)
+        distance = _turning_distance(ball, sight.eye, sight.forward)
         if sight.height is not None:
             distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
-        elif distance < CLEARANCE * ball.radius:
-            # Behind or beside the scene: it turns around what is in front of the eye.
-            distance = ball.radius
         azimuth, elevation = sight.angles(upward)
         target = along(sight.eye, sight.forward, distance)
         if sight.height is not None:
@@ -325,8 +322,9 @@ class Orbit:
         """Send it to where the whole scene is seen from the same direction."""
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
-        eye, target = triple_of(fitted.eye), triple_of(fitted.target)
-        return self._go(target=target, distance=length(minus(eye, target)))
+        eye = triple_of(fitted.eye)
+        distance = _turning_distance(self.ball, eye, minus((0.0, 0.0, 0.0), toward))
+        return self._go(target=along(eye, toward, -distance), distance=distance)
 
     def reset(self) -> Orbit:
         """Send it to where it started."""
@@ -591,6 +589,13 @@ def _sum_of(directions: dict[str, tuple[float, ...]], held: frozenset[str]) -> t
     found = [direction for key, direction in directions.items() if key in held]
     size = len(next(iter(directions.values())))
     return tuple(math.fsum(one[axis] for one in found) for axis in range(size))
+
+
+def _turning_distance(ball: Ball, eye: Vector, forward: Vector) -> float:
+    """Return how far before an eye the point is that it turns around."""
+    distance = dot(minus(ball.center, eye), forward)
+    # Behind or beside the scene: it turns around what is in front of the eye.
+    return ball.radius if distance < CLEARANCE * ball.radius else distance
 
 
 def _clamped(angle: float, largest: float) -> float:

@@ -39,6 +39,18 @@ def test_a_turntable_goes_around_once(scene):
     assert np.ptp(distances) < 1e-9
 
 
+def test_what_turns_keeps_its_size_without_a_camera(cube):
+    scene = rj.Scene()
+    node = scene.add(cube, transforms.scale((4.0, 1.0, 1.0)))
+    spin = {node: lambda time: transforms.compose(
+        transforms.rotate((0, 1, 0), 90.0 * time), transforms.scale((4.0, 1.0, 1.0)))}  # fmt: skip
+    with rj.Renderer((32, 24), threads=1) as small:
+        seen = playing_module.frames(small, scene, (0.0, 0.3, 1.0), transforms=spin)
+        cameras = [frame.plan.camera for frame in seen]
+    for camera in cameras:
+        np.testing.assert_allclose(camera.eye, cameras[0].eye, atol=1e-9)
+
+
 def test_a_turntable_cuts_nothing_off_in_upright_pictures(scene):
     turn = animation.turntable(scene)
     with rj.Renderer((24, 60), threads=1) as upright:

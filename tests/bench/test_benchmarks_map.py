@@ -726,10 +726,14 @@ def test_a_cell_of_the_picture_shows_its_worst_and_median_family():
     number, middle, color = picture.describe(here, hues)
     assert (number, middle) == ("0.99", "2.5")
     assert color[0] < 0.5
+    number, lowest, color = picture.describe(here, hues, by_median=True)
+    assert (number, lowest) == ("2.5", "0.99")
+    assert color[0] > 0.5
     small = [marks.judge(measured(cell_of(), 0.8, 0.9), 1, "native")]
     assert picture.describe(small, hues)[:2] == ("+0.20", "ms")
     many = [marks.judge(measured(cell_of(), 0.8, 0.9, batch=0.3), 1, "native"), *small]
     assert picture.describe(many, hues)[:2] == ("+0.20", "together 3.0")
+    assert picture.describe(many, hues, by_median=True)[:2] == ("+0.20", "ms")
     assert picture.describe([], hues) == ("", "", None)
 
 
@@ -758,7 +762,7 @@ def test_maps_are_drawn_and_marks_printed_from_a_file(tmp_path, monkeypatch):
     assert "2 cells were not reached in 20 minutes, from 5 k knot colors 64²" in done.output
     assert "median, to llvmpipe" in done.output
     assert sorted(found.name for found in tmp_path.glob("*.png")) == [
-        "map_colors.png", "map_phong.png",
+        "map.png", "map_colors.png", "map_phong.png",
     ]  # fmt: skip
     content["cells"][0]["runs"][0]["missing"] = "the picture differs: covered 1.000%"
     path.write_text(json.dumps(content))

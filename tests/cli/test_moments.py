@@ -22,7 +22,8 @@ SMALL = ("--size", "48x36", "--quiet")
 
 
 def run(*arguments):
-    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(commands.program, words, default_map={"render": {"style": "plain"}})
 
 
 def render(tmp_path, *options):

@@ -25,8 +25,10 @@ QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore
 """Programs for readers warn of nothing, but that the machine may not be calibrated yet."""
 SET_UP = "pip install"
 """Commands that make an environment of their own: ``.ci/run`` runs them."""
-IMPORT = re.compile(r"\s*(import|from) ")
-"""How a program begins. A block that begins otherwise goes on from the one before it."""
+OWN = (("python", ""), ("pytest", "-m pytest"), ("rasterjit", "-m rasterjit"))
+"""Commands that are those of this environment, and how Python runs them."""
+PROGRAM = re.compile(r"^(import|from) rasterjit", re.MULTILINE)
+"""What makes a program of a block. Another one goes on from the block before it, if that is Python."""
 
 
 def text_of(page):
@@ -38,9 +40,9 @@ def steps(page):
     """Return what a page runs, in order: ("python" or "sh", text)."""
     found = []
     for language, text in re.findall(r"^```(python|sh)\n(.*?)^```", text_of(page), re.M | re.S):
-        earlier = [number for number, (kind, _) in enumerate(found) if kind == "python"]
-        if language == "python" and earlier and not IMPORT.match(text):
-            found[earlier[-1]] = ("python", f"{found[earlier[-1]][1]}\n{text}")
+        follows = found and found[-1][0] == language == "python"
+        if follows and not PROGRAM.search(text):
+            found[-1] = ("python", f"{found[-1][1]}\n{text}")
         elif SET_UP not in text:
             found.append((language, text))
     return found
@@ -71,7 +73,7 @@ def test_programs_and_commands_of_a_page_run(page, folder):
         if language == "python":
             run_programs(texts, folder)
         else:
-            own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
+            own = "".join(f'{name}() {{ {sys.executable} {way} "$@"; }}\n' for name, way in OWN)
             for text in texts.values():
                 run(["bash", "-ec", own + text], folder)
 

@@ -12,7 +12,7 @@ import trimesh
 import rasterjit as rj
 from rasterjit.io.gltf.writing import lasting_units, rounded_units
 from rasterjit.io.skipped import SaveWarning
-from rasterjit.rendering.preview import SIZE
+from rasterjit.styles.preview import SIZE
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
 
 GEOMETRY = (

@@ -302,3 +302,21 @@ def test_key_that_stays_down_flies_on_when_its_opposite_is_let_go():
     assert not state.is_resting
     assert state == key(flight(), "w").settled()
     assert state.advance(0.5).eye != state.eye
+
+
+@pytest.mark.parametrize("kind", [Orbit, Fly])
+@pytest.mark.parametrize("size", [(90, 40), (40, 90)])
+def test_f_shows_a_scene_as_large_as_it_fits(kind, size):
+    drawn = rj.Scene()
+    drawn.add(rj.Mesh([(0, 0, 0), (6, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)]))
+    far_away = rj.PerspectiveCamera((40.0, 30.0, 50.0), (0.0, 0.0, 0.0))
+    start = kind.from_camera(far_away, Ball.around(drawn))
+    assert start == kind.from_camera(far_away, drawn)
+    fitted = start.fit(size)
+    camera = (fitted.settled() if kind is Orbit else fitted).camera()
+    pixels = np.array([pixel_of(camera, one, size) for one in drawn.nodes[0].mesh.vertices])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    np.testing.assert_allclose(low + high, size, atol=1e-6)
+    shares = (high - low) / size
+    # An upright window is filled from side to side, others at their tighter sides.
+    assert shares.max() == pytest.approx(1.0 / 1.06, abs=1e-6)

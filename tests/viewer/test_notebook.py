@@ -17,9 +17,9 @@ import pytest
 from PIL import Image, ImageShow
 
 import rasterjit as rj
-from rasterjit.rendering.preview import SIZE
 from rasterjit.runtime import progress
 from rasterjit.scene.hooks import HOOKS
+from rasterjit.styles.preview import SIZE
 from rasterjit.viewer.viewer import Viewer
 
 pytestmark = pytest.mark.takes_long

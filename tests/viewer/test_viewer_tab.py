@@ -233,7 +233,7 @@ def test_hidden_objects_are_neither_seen_nor_picked(page, pair):
         page.settle()
         np.testing.assert_array_equal(page.picture, wanted[:, :, :3])
     rows, columns = np.nonzero((wanted[:, :, :3] < 250).any(axis=2))
-    page.say("pick", x=float(columns[columns.size // 2]), y=float(rows[rows.size // 2]))
+    page.say("pick", x=float(columns.mean()), y=float(rows.mean()))
     page.wait(lambda page: page.state["picked"])
     assert page.state["picked"]["name"] == "right"
     assert page.state["picked"]["object"] == 1

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.renderer import render
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.styles import studio
 
 SIZE = (320, 240)
 """Of the picture, pixels."""
@@ -13,7 +13,7 @@ SIZE = (320, 240)
 
 def preview(what: Scene | Mesh) -> Frame | None:
     """
-    Return a small picture of a scene or mesh that is fitted into it, before white.
+    Return a small picture of a scene or mesh that is fitted into it, in the style `studio`.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def preview(what: Scene | Mesh) -> Frame | None:
         shows the text of ``repr``.
     """
     try:
-        frame = render(what, size=SIZE)
+        frame = studio(what).render(size=SIZE)
     except (ValueError, MemoryError):
         return None
     if frame.plan.facts.finds_faces and frame.stats.pixels_covered == 0:

@@ -1,0 +1,306 @@
+"""
+Styles: what a picture looks like where nobody says more than what is in it.
+
+Each is a function of a scene that returns a `Style`: a copy of the scene with lights, effects or
+materials of its own, and what to render it with. The scene itself stays as it is.
+
+>>> import rasterjit as rj
+>>> scene = rj.load("models/teapot.obj")
+>>> frame = rj.styles.studio(scene).render(size=(640, 480))
+
+They are short: to make your own, copy one and change it. ``rasterjit render`` draws `studio`;
+``--style`` chooses another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.scene import transforms
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.environment import Environment, Panorama
+from rasterjit.scene.framing import fit_upright
+from rasterjit.scene.light import DirectionalLight, Shadow
+from rasterjit.scene.material import Material
+from rasterjit.scene.outline import Outline
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.tone_map import ToneMap
+from rasterjit.scene.vectors import dot
+from rasterjit.scene.wireframe import Wireframe
+from rasterjit.styles import painting
+from rasterjit.styles.style import Gradient, GroundLight, Style, with_changes
+from rasterjit.survey.posing import posed_scene
+
+__all__ = [
+    "STYLES", "Gradient", "GroundLight", "Style", "clay", "depth", "normals", "plain", "studio",
+    "technical", "wireframe", "xray",
+]  # fmt: skip
+
+SAMPLES = 4
+
+KEY = (-0.62, 0.95, 0.62)
+"""From the scene towards the key light: right, up, and towards the camera along the ground."""
+
+KEY_INTENSITY = 0.66
+
+KEY_SHADOW = Shadow(size=1024, filter="soft", light_size=8.0, bias=6.0)
+"""Of a lamp that is 8 degrees wide. The bias hides the faces of coarse meshes in penumbras."""
+
+SKY = (0.50, 0.33, 0.16)
+"""Light from overhead, from the horizon and from below, linear grey: in even steps, no edge."""
+
+SKY_ROWS = 64
+"""Of the picture of the sky where another axis than y is up."""
+
+GREYS = Gradient(0x7E, 0xB2)
+"""The background: between black and white objects, in light or in shade."""
+
+SHADES = GroundLight(None, (0.45, 0.5))
+"""What the shadow on the ground takes: not all of the light, so that it stays a soft grey."""
+
+CLAY = "#b7a596"
+
+INK, PAPER = "#20242a", "#fbfbf8"
+
+BLUE_FILM, DARKROOM = (0.55, 0.78, 1.0, 0.22), "#0c1220"
+
+
+def plain(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene as `rasterjit.render` draws it: a headlight if it has no light, white behind.
+
+    Parameters
+    ----------
+    scene : Scene, Mesh or what else `rasterjit.render` takes
+    camera : Camera, optional
+        Default: the scene's own, else one that fits the scene.
+    """
+    return Style("plain", as_scene(scene), camera)
+
+
+def studio(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene as a photographer would set it up.
+
+    A large lamp over the left shoulder with a soft shadow, light from the sky, darker corners, 4
+    samples a pixel, greys behind, neutral tones. The scene stands on an invisible ground, which
+    shows its shadow and nothing else, unless it has a floor: faces at its bottom that look up, over
+    most of its ground plan.
+
+    A scene that has lights or an environment keeps them: it gets no lamp and no sky, and on the
+    ground lies the shadow of the sky alone. An environment that is a background, effects and a
+    camera of its own stay, too.
+
+    Parameters
+    ----------
+    scene : Scene, Mesh or what else `rasterjit.render` takes
+    camera : Camera, optional
+        The lamp stands beside it. Default: the scene's own, else one that fits the scene.
+    """
+    lit, key, adds = _lit(posed_scene(as_scene(scene)), camera)
+    changes: dict[str, Any] = {}
+    if lit.ambient_occlusion is None:
+        changes["ambient_occlusion"] = AmbientOcclusion(strength=0.8)
+        adds["ambient occlusion"] = "darker corners"
+    if lit.tone_map is None:
+        changes["tone_map"] = ToneMap("neutral")
+        adds["tone mapping"] = "nothing is too bright to show"
+    adds["anti-aliasing"] = f"{SAMPLES} samples"
+    if lit.environment is not None and lit.environment.background:
+        background = ground = None
+    else:
+        background, ground = GREYS, SHADES._replace(key=key)
+        adds["background image"] = "greys"
+    return Style(
+        "studio", with_changes(lit, **changes), camera, Quality(samples=SAMPLES), background,
+        ground, adds,
+    )  # fmt: skip
+
+
+def clay(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene of one dull material without textures in the light of `studio`: shape alone.
+
+    Parameters
+    ----------
+    scene, camera
+        As `studio` takes them.
+    """
+    material = Material(base_color=CLAY, specular=0.0)
+    made = studio(painting.covered(as_scene(scene), material), camera)
+    return _renamed(made, "clay", {"shading": "one material"})
+
+
+def technical(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene as a drawing: flat paper-white faces, and ink along outlines and creases.
+
+    Parameters
+    ----------
+    scene, camera
+        As `plain` takes them.
+    """
+    paper = painting.covered(as_scene(scene), Material(shading="unlit", base_color=PAPER))
+    drawn = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
+    adds = {"outline": "lines along edges", "shading": "one colour"}
+    return Style("technical", drawn, camera, Quality.standard(), PAPER, adds=adds)
+
+
+def xray(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene of thin film before a dark wall: all surfaces are seen through all others.
+
+    Parameters
+    ----------
+    scene, camera
+        As `plain` takes them.
+    """
+    film = Material(base_color=BLUE_FILM, alpha_mode="blend")
+    shown = with_changes(
+        painting.covered(as_scene(scene), film), lights=[], environment=None, fog=None
+    )
+    adds = {
+        "transparency": "all surfaces are seen through",
+        "anti-aliasing": f"{SAMPLES} samples",
+    }
+    return Style("xray", shown, camera, Quality(samples=SAMPLES), DARKROOM, adds=adds)
+
+
+def depth(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene in greys of its depth, the nearest white, before black.
+
+    Depth is that along the viewing axis, as in the output of that name, and runs from the nearest
+    vertex in front of the camera to the farthest.
+
+    Parameters
+    ----------
+    scene : Scene, Mesh or what else `rasterjit.render` takes
+    camera : Camera, optional
+        What the depth is seen from. Default: the scene's own, else one that fits the scene.
+    """
+    scene = posed_scene(as_scene(scene))
+    # Cameras that look the same way see the same differences of depth.
+    painted = painting.painted_by_depth(scene, _seen_from(scene, camera))
+    shown = with_changes(painted, environment=None, fog=None, tone_map=None)
+    adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
+    return Style("depth", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
+
+
+def normals(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene in colours of its normals: red x, green y, blue z of the world, 0..255 for -1..1.
+
+    Parameters
+    ----------
+    scene, camera
+        As `plain` takes them.
+    """
+    painted = painting.painted_by_normal(posed_scene(as_scene(scene)))
+    shown = with_changes(painted, environment=None, fog=None, tone_map=None)
+    adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
+    return Style("normals", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
+
+
+def wireframe(scene: Any, camera: Camera | None = None) -> Style:
+    """
+    Return a scene of the edges of all faces, smooth, without those that faces hide.
+
+    Parameters
+    ----------
+    scene, camera
+        As `plain` takes them.
+    """
+    paper = painting.covered(as_scene(scene), Material(shading="unlit", base_color=PAPER))
+    drawn = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
+    adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
+    return Style("wireframe", drawn, camera, Quality(lines="coverage"), PAPER, adds=adds)
+
+
+STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(
+    {one.__name__: one for one in (studio, plain, clay, technical, xray, depth, normals, wireframe)}
+)
+"""All of them by their names; that of the command line first."""
+
+PAINTED = ("clay", "technical", "xray", "depth", "normals", "wireframe")
+"""Styles with colours of their own."""
+
+
+def _renamed(style: Style, name: str, adds: Mapping[str, str]) -> Style:
+    """Return a style that adds to another one, by a name of its own."""
+    return Style(
+        name, style.scene, style.camera, style.quality, style.background, style.ground,
+        {**style.adds, **adds},
+    )  # fmt: skip
+
+
+def _seen_from(scene: Scene, camera: Camera | None) -> Camera:
+    """Return the camera, the scene's, or one that looks from where a fitted one does."""
+    return camera or scene.camera or fit_upright(scene, (1, 1))
+
+
+def _lit(
+    scene: Scene, camera: Camera | None
+) -> tuple[Scene, tuple[float, float, float] | None, dict[str, str]]:
+    """Return a scene with lights, the direction towards the lamp, and what was added."""
+    if scene.lights or scene.environment is not None or not scene.nodes:
+        return with_changes(scene), None, {}
+    up = scene.up or (0.0, 1.0, 0.0)
+    key = _beside(_seen_from(scene, camera), up)
+    lamp = DirectionalLight(
+        tuple(-part for part in key), intensity=KEY_INTENSITY, shadow=KEY_SHADOW
+    )
+    adds = {
+        "lights": "a lamp over the left shoulder",
+        "shadows": "soft ones of the lamp",
+        "environment light": "light from the sky",
+    }
+    return with_changes(scene, lights=[lamp], environment=_sky(up)), key, adds
+
+
+def _beside(camera: Camera, up: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the direction towards the lamp, of length one, for a camera."""
+    view = camera.view_matrix()
+    toward = view[2, :3].tolist()
+    height = dot(toward, up)
+    level = [a - height * b for a, b in zip(toward, up, strict=True)]
+    if max(map(abs, level)) < LEAST_LEVEL * max(map(abs, toward)):
+        # It looks straight down: what is at the top of the picture is behind.
+        level = [-part for part in view[1, :3].tolist()]
+    x, y, z = transforms.unit_vector("camera", level).tolist()
+    right = (up[1] * z - up[2] * y, up[2] * x - up[0] * z, up[0] * y - up[1] * x)
+    aside, above, ahead = KEY
+    key = [aside * r + above * u + ahead * a for r, u, a in zip(right, up, (x, y, z), strict=True)]
+    x, y, z = transforms.unit_vector("camera", key).tolist()
+    return x, y, z
+
+
+LEAST_LEVEL = 1e-6
+"""Least length along the ground of the direction towards a camera that is not straight above."""
+
+
+def _sky(up: tuple[float, float, float]) -> Environment:
+    """Return light from the sky, for a scene with some axis up."""
+    zenith, horizon, ground = SKY
+    if up == (0.0, 1.0, 0.0):
+        return Environment.gradient((zenith,) * 3, (horizon,) * 3, (ground,) * 3, background=False)
+    rows, columns = SKY_ROWS, 2 * SKY_ROWS
+    latitudes = [transforms.sine_cosine(90.0 - 180.0 * (n + 0.5) / rows) for n in range(rows)]
+    longitudes = [
+        transforms.sine_cosine(360.0 * ((n + 0.5) / columns - 0.5)) for n in range(columns)
+    ]
+    y, level = (np.array(parts)[:, None] for parts in zip(*latitudes, strict=True))
+    z, x = (np.array(parts)[None, :] for parts in zip(*longitudes, strict=True))
+    height = (level * x * up[0] + y * up[1]) + level * z * up[2]
+    light = horizon + np.where(
+        height > 0.0, height * (zenith - horizon), height * (horizon - ground)
+    )
+    image = np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+    return Environment(Panorama(image), background=False)

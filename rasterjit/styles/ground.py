@@ -1,0 +1,395 @@
+"""
+The shadow of a scene on a ground that is not there: a picture to draw the scene before.
+
+The ground is the plane under the lowest point. Nothing lies below it, so what stands in the way of
+a light is all that covers a point of the plane, looked at along the light: one picture of face
+numbers for each direction, and a count of those that show a face. Directions come from the key
+light, a disk in the sky, and from all of the sky. No depth is compared: there is no bias.
+
+The shadow is part of the background alone. Depths, numbers, masks and coverage know nothing of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.framing import frame_of
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.vectors import dot
+
+Vector = tuple[float, float, float]
+Float64 = NDArray[np.float64]
+
+SIDE = 384
+"""Texels along each side of the map of the ground."""
+
+KEY_DIRECTIONS, SKY_DIRECTIONS = 32, 64
+"""Directions that light comes from: of the key light, and of the sky."""
+
+BLURS = 2, 5, 10
+"""
+Texels around each that are averaged, for the key light and what comes from overhead first.
+
+Light from low in the sky makes wide penumbras, which few directions show as steps.
+"""
+
+FEWEST = 12
+"""Directions of each for scenes of many faces."""
+
+FACES_DRAWN = 24_000_000
+"""Faces drawn for all directions together, about; more would take most of a picture's time."""
+
+KEY_RADIUS = 0.16
+"""Of the key light's disk, over its distance: a penumbra of 18 degrees."""
+
+LOWEST_SINE = 0.82
+"""Largest sine of the angle between the vertical and where sky light comes from."""
+
+LONGEST = 2.5
+"""How long the key light's shadow is at most, in heights of the scene."""
+
+REACH = 0.9
+"""How far around the scene the sky's shadow is looked for, in heights of the scene."""
+
+LEAST_HEIGHT = 1e-6
+"""Of a scene that is not flat, in sides of the ground under it."""
+
+FADE = 0.2
+"""Share of the map, at each border, over which the shadow fades out."""
+
+TURN = 137.50776405003785
+"""Angle from one direction to the next, degrees: the golden one spreads them evenly."""
+
+LEAST_FLOOR = 0.7
+"""Share of the ground under a scene that faces cover which are a floor."""
+
+FLOOR_HEIGHT = 0.05
+"""How high they lie at most, in heights of the scene."""
+
+ROWS_AT_ONCE = 64
+"""Rows of the picture that are looked up in the map at once."""
+
+
+class Ground(NamedTuple):
+    """A map of the light that is missing on the plane under a scene."""
+
+    frame: Float64
+    """(3, 3): world axes along the map's columns, its rows, and up, one a row."""
+    height: float
+    """Of the plane along up, scene units."""
+    above: float
+    """Height of the scene, scene units."""
+    slope: tuple[float, float] | None
+    """How far the key light goes aside for each unit down; None: there is none above."""
+    low: tuple[float, float]
+    """Corner of the map, along its columns and rows, scene units."""
+    extent: float
+    """Side of the map, scene units."""
+    shade: NDArray[np.float32]
+    """(SIDE, SIDE): share of the light that is missing, 0..1."""
+
+
+def place_ground(scene: Scene, key: Vector | None) -> Ground | None:
+    """
+    Return the plane under a scene, in light; None if it has a floor or casts no shadow.
+
+    Parameters
+    ----------
+    scene : Scene
+        Posed.
+    key : (3,) tuple of float or None
+        Direction towards the key light, world space; None: there is none.
+    """
+    if _casters(scene) is None:
+        return None
+    frame = np.ascontiguousarray(frame_of(scene.up or (0.0, 1.0, 0.0))[:3, :3].T[[0, 2, 1]])
+    bounds = [_bounds_along(scene, axis) for axis in frame]
+    (u0, u1), (v0, v1), (h0, h1) = bounds
+    height, size = h1 - h0, max(u1 - u0, v1 - v0)
+    if not (math.isfinite(height + size) and size > 0.0 and height > size * LEAST_HEIGHT):
+        return None
+    if _has_floor(scene, frame, bounds):
+        return None
+    slope = _slope_of(frame, key)
+    reach = REACH * min(height, size)
+    far = (0.0, 0.0) if slope is None else (slope[0] * height, slope[1] * height)
+    ends = [
+        (min(low - reach, low + along), max(high + reach, high + along))
+        for (low, high), along in zip(bounds[:2], far, strict=True)
+    ]
+    extent = max(high - low for low, high in ends) / (1.0 - FADE)
+    corner = tuple((low + high - extent) / 2.0 for low, high in ends)
+    missing = np.zeros((SIDE, SIDE), np.float32)
+    return Ground(frame, h0, height, slope, (corner[0], corner[1]), extent, missing)
+
+
+def cast_shadow(
+    ground: Ground, scene: Scene, shares: tuple[float, float], threads: int | None
+) -> Ground:
+    """
+    Return the ground with the shadow of a scene.
+
+    Parameters
+    ----------
+    ground : Ground
+        That of `place_ground`.
+    scene : Scene
+    shares : (float, float)
+        Of the light on the plane, those that the key light and the sky bring.
+    threads : int or None
+    """
+    casters, slope = _casters(scene), ground.slope
+    if casters is None:
+        return ground
+    look = _looker(casters, ground, threads)
+    faces = 0
+    for node in casters.nodes:
+        faces += len(node.mesh.faces)
+    most = max(FEWEST, FACES_DRAWN // max(faces, 1) // 2)
+    missing = np.zeros((SIDE, SIDE), np.float32)
+    sky = sky_slopes(min(SKY_DIRECTIONS, most))
+    parts = [
+        (
+            shares[1] / len(BLURS),
+            sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)],
+            blur,
+        )
+        for n, blur in enumerate(BLURS)
+    ]
+    if slope is not None:
+        parts.append((shares[0], key_slopes(slope, min(KEY_DIRECTIONS, most)), BLURS[0]))
+    for share, slopes, blur in parts:
+        count = np.zeros((SIDE, SIDE), np.int64)
+        for one in slopes:
+            count += look(one)
+        missing += _blurred(count, blur, np.float32(share / len(slopes)))
+    return ground._replace(shade=missing * _fading())
+
+
+def _slope_of(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
+    """Return how far the key light goes aside for each unit down; None if it is not above."""
+    if key is None:
+        return None
+    across, along, up = (dot(axis, key) for axis in frame.tolist())
+    length = math.sqrt(across * across + along * along)
+    if up <= 0.0:
+        return None
+    # A light near the horizon would need an endless map.
+    down = max(up, length / LONGEST)
+    return -across / down, -along / down
+
+
+def _casters(scene: Scene) -> Scene | None:
+    """Return a scene of the triangles that cast shadows, alone; None if there are none."""
+    nodes = [
+        node
+        for node in scene.nodes
+        if type(node.mesh) is Mesh and node.mesh.material.alpha_mode != "blend"
+    ]
+    if not nodes:
+        return None
+    bare = Scene()
+    bare.section = scene.section
+    bare.nodes = nodes
+    return bare
+
+
+def _bounds_along(scene: Scene, axis: Float64) -> tuple[float, float]:
+    """Return the least and the greatest place of a scene along an axis, scene units."""
+    low, high = math.inf, -math.inf
+    x, y, z = axis.tolist()
+    for positions, _ in scene._world_chunks():
+        places = positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z
+        low, high = min(low, float(places.min())), max(high, float(places.max()))
+    return low, high
+
+
+def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) -> bool:
+    """Tell whether low faces that look up cover most of the ground under a scene."""
+    (u0, u1), (v0, v1), (h0, h1) = bounds
+    covered, most = 0.0, h0 + FLOOR_HEIGHT * (h1 - h0)
+    for node in scene.nodes:
+        if type(node.mesh) is not Mesh:
+            continue
+        matrix, positions = node.world_matrix, node.mesh.vertices
+        places = np.empty(positions.shape)
+        columns = matrix[:3].T.tolist()
+        for k, axis in enumerate(frame.tolist()):
+            row = [dot(column, axis) for column in columns]
+            places[:, k] = (
+                positions[:, 0] * row[0] + positions[:, 1] * row[1] + positions[:, 2] * row[2]
+            ) + row[3]
+        is_low = places[:, 2] <= most
+        corners = places[node.mesh.faces[is_low[node.mesh.faces].all(axis=1)]]
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        # Columns, rows and up are left-handed.
+        areas = np.maximum(a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1], 0.0) / 2.0
+        if len(areas):
+            # A running sum: its order is fixed.
+            covered += float(np.cumsum(areas)[-1])
+    return covered >= LEAST_FLOOR * (u1 - u0) * (v1 - v0)
+
+
+def _looker(
+    casters: Scene, ground: Ground, threads: int | None
+) -> Callable[[tuple[float, float]], NDArray[np.bool_]]:
+    """Return a function that tells, for light of a slope, which texels something stands before."""
+    renderer = Renderer((SIDE, SIDE), threads=threads)
+    renderer.told = None
+    view = np.eye(4)
+    # Turned, not mirrored: columns, up, rows.
+    view[:3, :3] = np.stack([ground.frame[0], -ground.frame[1], ground.frame[2]])
+    scale = 2.0 / ground.extent
+
+    def look(slope: tuple[float, float]) -> NDArray[np.bool_]:
+        clip = np.zeros((4, 4))
+        clip[0] = scale, 0.0, scale * slope[0], 0.0
+        clip[1] = 0.0, scale, -scale * slope[1], 0.0
+        clip[0, 3] = -1.0 - scale * (ground.low[0] + slope[0] * ground.height)
+        clip[1, 3] = 1.0 + scale * (ground.low[1] + slope[1] * ground.height)
+        clip[2, 2] = -1.0 / ground.above
+        clip[2, 3] = (ground.height + ground.above / 2.0) / ground.above
+        clip[3, 3] = 1.0
+        frame = renderer.render(casters, MatrixCamera(view, clip), outputs=("face_id",))
+        return frame.face_id >= 0
+
+    return look
+
+
+def sky_slopes(count: int) -> list[tuple[float, float]]:
+    """Return how far light from the sky goes aside for each unit down, spread by its cosine."""
+    slopes = []
+    for n in range(count):
+        sine = LOWEST_SINE * math.sqrt((n + 0.5) / count)
+        cosine = math.sqrt(1.0 - sine * sine)
+        y, x = transforms.sine_cosine(n * TURN)
+        slopes.append((x * sine / cosine, y * sine / cosine))
+    return slopes
+
+
+def key_slopes(slope: tuple[float, float], count: int) -> list[tuple[float, float]]:
+    """Return the same for light from a disk around the key light."""
+    length = math.sqrt(slope[0] * slope[0] + slope[1] * slope[1])
+    along = (slope[0] / length, slope[1] / length) if length > 0.0 else (1.0, 0.0)
+    slopes = []
+    for n in range(count):
+        radius = KEY_RADIUS * math.sqrt((n + 0.5) / count)
+        y, x = transforms.sine_cosine(n * TURN)
+        # The plane cuts the cone of light aslant: longer along the light than across.
+        far = radius * x * (1.0 + length * length)
+        wide = radius * y * math.sqrt(1.0 + length * length)
+        slopes.append(
+            (
+                slope[0] + along[0] * far - along[1] * wide,
+                slope[1] + along[1] * far + along[0] * wide,
+            )
+        )
+    return slopes
+
+
+def _blurred(count: NDArray[np.int64], radius: int, weight: np.float32) -> NDArray[np.float32]:
+    """Return the mean of counts around each texel, twice over a square, times a weight."""
+    for axis in (0, 0, 1, 1):
+        edges = [(0, 0), (0, 0)]
+        edges[axis] = radius + 1, radius
+        sums = np.cumsum(np.pad(count, edges, mode="edge"), axis=axis)
+        count = np.take(sums, range(2 * radius + 1, SIDE + 2 * radius + 1), axis=axis) - np.take(
+            sums, range(SIDE), axis=axis
+        )
+    square = (2 * radius + 1) ** 2
+    return count.astype(np.float32) * (weight / np.float32(square**2))
+
+
+def _fading() -> NDArray[np.float32]:
+    """Return what the shadow is multiplied by, (SIDE, SIDE): 0 at the borders of the map."""
+    place = (np.arange(SIDE) + 0.5) / SIDE
+    t = np.clip(np.minimum(place, 1.0 - place) / (FADE / 2.0), 0.0, 1.0)
+    t = t * t * (3.0 - 2.0 * t)
+    return (t[:, None] * t[None, :]).astype(np.float32)
+
+
+def is_above(ground: Ground, camera: Camera, size: tuple[int, int]) -> bool:
+    """Tell whether a camera looks down on the ground."""
+    up = ground.frame[2].tolist()
+    if camera.projection_matrix(size)[3, :3].any():
+        return dot(up, camera.eye_position().tolist()) > ground.height
+    return dot(up, camera.view_matrix()[2, :3].tolist()) > 0.0
+
+
+def kept_light(ground: Ground, camera: Camera, size: tuple[int, int]) -> NDArray[np.float32] | None:
+    """
+    Return the share of its light that each pixel of the ground keeps, (H, W); None if all do.
+
+    Parameters
+    ----------
+    ground : Ground
+    camera : Camera
+    size : (int, int)
+        Width and height of the picture, pixels.
+    """
+    if not is_above(ground, camera, size):
+        return None
+    width, height = size
+    view, projection, up = camera.view_matrix(), camera.projection_matrix(size), ground.frame[2]
+    # From places on the map to the screen, and back: a projective map of the plane.
+    step = ground.extent
+    origin = ground.frame[0] * ground.low[0] + ground.frame[1] * ground.low[1] + up * ground.height
+    columns = [
+        [*(ground.frame[0] * step).tolist(), 0.0],
+        [*(ground.frame[1] * step).tolist(), 0.0],
+        [*origin.tolist(), 1.0],
+    ]
+    clip = transforms.compose(projection, view)[[0, 1, 3]].tolist()
+    rows = [[dot(row, column) + row[3] * column[3] for column in columns] for row in clip]
+    inverse = _adjugate(rows)
+    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0)[None, :]
+    kept = np.ones((height, width), np.float32)
+    determinant = dot(rows[0], [row[0] for row in inverse])
+    sign = math.copysign(1.0, determinant)
+    changed = False
+    for first in range(0, height, ROWS_AT_ONCE):
+        y = 1.0 - 2.0 * (np.arange(first, min(first + ROWS_AT_ONCE, height)) + 0.5) / height
+        y = y[:, None]
+        u, v, w = (sign * (row[0] * x + (row[1] * y + row[2])) for row in inverse)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            u, v = u / w, v / w
+            is_on = (w > 0.0) & (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
+        if is_on.any():
+            shade = _look_up(ground.shade, u[is_on], v[is_on])
+            kept[first : first + ROWS_AT_ONCE][is_on] = np.float32(1.0) - shade
+            changed = changed or bool(shade.any())
+    return kept if changed else None
+
+
+def _look_up(image: NDArray[np.float32], u: Float64, v: Float64) -> NDArray[np.float32]:
+    """Return the values of a map at places in 0..1, linear between texels."""
+    column = np.clip(u * SIDE - 0.5, 0.0, SIDE - 1.0)
+    row = np.clip(v * SIDE - 0.5, 0.0, SIDE - 1.0)
+    left = np.minimum(column.astype(np.int64), SIDE - 2)
+    top = np.minimum(row.astype(np.int64), SIDE - 2)
+    a, b = (column - left).astype(np.float32), (row - top).astype(np.float32)
+    texels, place = image.reshape(-1), top * SIDE + left
+    upper = texels[place] * (np.float32(1.0) - a) + texels[place + 1] * a
+    lower = texels[place + SIDE] * (np.float32(1.0) - a) + texels[place + SIDE + 1] * a
+    return upper * (np.float32(1.0) - b) + lower * b
+
+
+def _adjugate(m: list[list[float]]) -> list[list[float]]:
+    """Return the adjugate of a matrix, 3x3: its inverse but for a factor."""
+    return [
+        [m[1][1] * m[2][2] - m[1][2] * m[2][1], m[0][2] * m[2][1] - m[0][1] * m[2][2],
+         m[0][1] * m[1][2] - m[0][2] * m[1][1]],
+        [m[1][2] * m[2][0] - m[1][0] * m[2][2], m[0][0] * m[2][2] - m[0][2] * m[2][0],
+         m[0][2] * m[1][0] - m[0][0] * m[1][2]],
+        [m[1][0] * m[2][1] - m[1][1] * m[2][0], m[0][1] * m[2][0] - m[0][0] * m[2][1],
+         m[0][0] * m[1][1] - m[0][1] * m[1][0]],
+    ]  # fmt: skip

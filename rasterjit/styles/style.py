@@ -1,0 +1,235 @@
+"""What a style is: a scene made ready, and what to render it with."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs.frame import Frame
+from rasterjit.pipeline import encode
+from rasterjit.rendering.renderer import explain, render
+from rasterjit.scene.background import Background, BackgroundImage, read_background
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.framing import fit_upright
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import image_size
+from rasterjit.styles.ground import Ground, Vector, cast_shadow, is_above, kept_light, place_ground
+from rasterjit.survey.plan import RenderPlan
+
+SIZE = (1280, 720)
+
+ROWS_AT_ONCE = 64
+"""Of a background, shaded and encoded."""
+
+BEHIND = "background image"
+"""Row of ``explain`` that the shadow on the ground belongs to."""
+
+
+class Gradient(NamedTuple):
+    """A background of greys, even along each row, in steps of one sRGB code."""
+
+    top: int
+    """Code of the first row, 0..255."""
+    bottom: int
+    """Code of the last row."""
+
+    def picture(self, size: tuple[int, int]) -> BackgroundImage:
+        """Return it as a picture of (width, height) pixels."""
+        width, height = size
+        row, last = np.arange(height), max(height - 1, 1)
+        # Round half up, in whole numbers.
+        codes = (2 * (self.top * (last - row) + self.bottom * row) + last) // (2 * last)
+        image = np.empty((height, width, 3), np.uint8)
+        image[:] = codes.astype(np.uint8)[:, None, None]
+        return BackgroundImage(image)
+
+
+class GroundLight(NamedTuple):
+    """The light on the ground that is not there: what of it a shadow takes away."""
+
+    key: Vector | None
+    """(3,): direction towards the key light, world space; None: there is none."""
+    shares: tuple[float, float]
+    """Shares of the background's light that the key light and the sky bring, 0..1 together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """
+    A scene made ready, and what to render it with; ``dataclasses.replace`` changes parts of it.
+
+    Attributes
+    ----------
+    name : str
+    scene : Scene
+        A copy: the scene that the style was made of is as it was. Its meshes are the same, but for
+        styles that paint them.
+    camera : Camera or None
+        None: the scene's own, or one that fits the scene.
+    quality : Quality
+    background : Background, Gradient or None
+        What `rasterjit.render` takes, or greys from top to bottom.
+    ground : GroundLight or None
+        What shadow the scene casts on the plane under it; None: it casts none. It is part of the
+        background alone: outputs that are no colour do not know of it.
+    adds : mapping of str
+        What the style adds, in words, by the row of ``explain`` that it is the reason of.
+    """
+
+    name: str
+    scene: Scene
+    camera: Camera | None = None
+    quality: Quality = field(default_factory=Quality.standard)
+    background: Background | Gradient = None
+    ground: GroundLight | None = None
+    adds: Mapping[str, str] = field(default_factory=dict)
+
+    def render(self, *, size: tuple[int, int] = SIZE, **options: Any) -> Frame:
+        """
+        Render a frame in this style.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height, pixels.
+        **options
+            What else `rasterjit.render` takes; a ``camera``, ``quality`` or ``background`` goes
+            before the style's.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        ValueError
+            As `rasterjit.render` does.
+        """
+        frame = render(self.scene, size=size, **self.options(size, **options))
+        frame.plan = self.tell(frame.plan)
+        return frame
+
+    def explain(self, *, size: tuple[int, int] = SIZE, **options: Any) -> RenderPlan:
+        """
+        Say what `render` would do, with the style as the reason of what it adds.
+
+        Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table.
+        """
+        # The shadow is not drawn: the plan is the same before plain greys.
+        plain = replace(self, ground=None)
+        plan = explain(self.scene, size=size, **plain.options(size, **options))
+        place = self._place()
+        if place is None or options.get("lens") is not None:
+            return plain.tell(plan)
+        return (self if is_above(place, plan.camera, plan.size) else plain).tell(plan)
+
+    def options(self, size: tuple[int, int], **options: Any) -> dict[str, Any]:
+        """
+        Return the keyword arguments of `rasterjit.render` for a frame of a size.
+
+        ``rj.render(style.scene, size=size, **style.options(size))`` draws what `render` draws.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height, pixels.
+        **options
+            They go before the style's, but for those that are None.
+
+        Returns
+        -------
+        dict
+            With ``camera``, ``background`` and, unless the options choose another way to find it,
+            ``quality``.
+        """
+        made = {name: value for name, value in options.items() if value is not None}
+        camera = made.setdefault("camera", self.camera)
+        if not {"max_error", "time_budget"} & set(made):
+            made.setdefault("quality", self.quality)
+        outputs = made.get("outputs", ("color",))
+        if {"color", "linear"} & set(outputs):
+            size = image_size("size", size)
+            given = made.get("background", self.background)
+            has_lens = made.get("lens") is not None
+            made["background"] = self._behind(size, given, camera, has_lens, made.get("threads"))
+        return made
+
+    def tell(self, plan: RenderPlan) -> RenderPlan:
+        """Return a plan that prints the style as the reason of what it adds."""
+        added = {row: f"style {self.name}: {text}" for row, text in self.adds.items()}
+        if BEHIND in added and self.ground is not None:
+            added[BEHIND] += ", with the shadow on the ground"
+        return plan.with_(added=added) if added else plan
+
+    def _behind(
+        self,
+        size: tuple[int, int],
+        given: Background | Gradient,
+        camera: Camera | None,
+        has_lens: bool,
+        threads: int | None,
+    ) -> Background:
+        """Return the background, with the shadow on the ground in it, if any is seen."""
+        if given is None:
+            return None
+        behind = given.picture(size) if isinstance(given, Gradient) else read_background(given)
+        is_picture = isinstance(behind, BackgroundImage) and not isinstance(given, Gradient)
+        if self.ground is None or has_lens or is_picture:
+            return behind
+        if not isinstance(behind, BackgroundImage) and behind[3] < 1.0:
+            return behind
+        place = self._place()
+        camera = camera or self.scene.camera or fit_upright(self.scene, size)
+        if place is None or not is_above(place, camera, size):
+            return behind
+        kept = kept_light(self._shadow(place, threads), camera, size)
+        if kept is None:
+            return behind
+        return BackgroundImage(_shaded(behind, kept))
+
+    def _place(self) -> Ground | None:
+        """Return the ground without its shadow; None if there is none. Found once."""
+        if "_placed" not in self.__dict__:
+            placed = None if self.ground is None else place_ground(self.scene, self.ground.key)
+            object.__setattr__(self, "_placed", placed)
+        return self.__dict__["_placed"]
+
+    def _shadow(self, place: Ground, threads: int | None) -> Ground:
+        """Return the ground with the scene's shadow. Found once."""
+        if "_shaded" not in self.__dict__:
+            shares = (0.0, 0.0) if self.ground is None else self.ground.shares
+            object.__setattr__(self, "_shaded", cast_shadow(place, self.scene, shares, threads))
+        return self.__dict__["_shaded"]
+
+
+def _shaded(
+    behind: NDArray[np.float32] | BackgroundImage, kept: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Return an opaque background, the same along each row, in the light that is kept, in codes."""
+    height, width = kept.shape
+    table, codes = encode.encoding_table(), np.empty((height, width), np.uint32)
+    for first in range(0, height, ROWS_AT_ONCE):
+        rows = slice(first, min(first + ROWS_AT_ONCE, height))
+        light = np.ones((rows.stop - first, width, 4), np.float32)
+        if isinstance(behind, BackgroundImage):
+            light[..., :3] = decoding_table()[behind.image[rows, :1, :3]]
+        else:
+            light[..., :3] = behind[:3]
+        light[..., :3] *= kept[rows, :, None]
+        encode.encode_rows(light, table, codes[rows])
+    return codes.view(np.uint8).reshape(height, width, 4)
+
+
+def with_changes(scene: Scene, **changes: Any) -> Scene:
+    """Return a copy of a scene with other lights or effects."""
+    changed = copy.copy(scene)
+    for name, value in changes.items():
+        setattr(changed, name, value)
+    return changed
