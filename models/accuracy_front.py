@@ -20,6 +20,7 @@ from rasterjit.accuracy.report.plots import (
 )
 from rasterjit.accuracy.report.scales import number
 from rasterjit.accuracy.results import Study, front_trials
+from rasterjit.accuracy.sentences import factor_in_words
 from rasterjit.io.images import checked_path, replacing
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _key_lines(study: Study) -> list[KeyLine]:
         named = textwrap.wrap(trial.label, KEY_LETTERS, break_on_hyphens=False)
         for first, text in enumerate(named):
             lines.append(KeyLine("" if first else str(n), text, "ink"))
-        found = f"{number(trial.ratio)}× the time, RMSE {number(trial.errors.rmse)}"
+        found = f"{factor_in_words(trial)} the time, RMSE {number(trial.errors.rmse)}"
         lines.append(KeyLine("", found, "muted"))
     return lines
 
@@ -111,7 +112,7 @@ def _write_key(figure: Figure, study: Study, lines: Sequence[KeyLine]) -> None:
         write(left, y, line.text, line.color, fontsize=8.0)
         y += KEY_LINE
     for below, text in (
-        (40.0, "numbered: more accurate than all that is told to be faster"),
+        (40.0, "numbered: each is more accurate than all faster ones"),
         (28.0, "circles: all else; crosses: times not measured well enough"),
         (16.0, "bars: lower to upper quartile of the times"),
     ):

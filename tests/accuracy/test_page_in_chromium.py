@@ -330,6 +330,21 @@ def test_the_mouse_moves_the_divider(opened):
     assert 20 <= share_of(opened) <= 40
 
 
+def test_a_name_in_the_table_shows_its_picture_and_goes_there(tab, report):
+    tab.open(report.as_uri(), PHONE)
+    before = state(tab)
+    tab.evaluate("document.querySelector('.pick[data-name=\"samples=area\"]').scrollIntoView()")
+    x, y = centre(tab, '.pick[data-name="samples=area"]')
+    mouse(tab, "mousePressed", x, y)
+    mouse(tab, "mouseReleased", x, y)
+    check_level(tab, before)
+    top, bottom = tab.evaluate(
+        "(b => [b.top, b.bottom])(document.querySelector('.split').getBoundingClientRect())"
+    )
+    assert top >= -1
+    assert bottom <= 801
+
+
 def test_what_has_the_focus_is_seen(opened, tmp_path):
     place = opened.evaluate(
         "(b => [b.left, b.top])(document.querySelector('.points').getBoundingClientRect())"
@@ -378,6 +393,7 @@ def test_without_the_program_everything_is_still_there(tab, report, tmp_path):
     finally:
         tab.call("Emulation.setScriptExecutionDisabled", value=False)
     assert tab.evaluate("document.getElementById('viewer').hidden")
+    assert tab.evaluate("document.querySelectorAll('.pick:enabled').length") == 0
     assert tab.evaluate("document.querySelectorAll('.group img').length") > 30
 
 

@@ -57,6 +57,15 @@ for (const point of points) {
 }
 element("share").addEventListener("input", divide);
 
+// Points that lie on each other are chosen in the tables.
+for (const button of document.querySelectorAll(".pick")) {
+  button.disabled = false;
+  button.addEventListener("click", () => {
+    show(points.find((point) => point.dataset.name === button.dataset.name));
+    element("viewer").scrollIntoView({ block: "nearest" });
+  });
+}
+
 // What is folded is printed too, and folded again after.
 let opened = [];
 addEventListener("beforeprint", () => {

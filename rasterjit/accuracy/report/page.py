@@ -207,7 +207,8 @@ def _plot(study: Study, album: Album) -> str:
         '<section id="plot">\n<h2>Error against time</h2>\n<div class="beside">\n'
         '<figure class="chart">\n<div class="points" role="radiogroup" '
         f'aria-label="Qualities, from the fastest on">\n{plot.svg}\n{_points(study, album, plot)}'
-        "\n</div>\n<figcaption>"
+        "\n</div>\n<figcaption>Rest the mouse on a point, tap it or use the arrow keys to see its "
+        "picture. "
         '<span class="key">●</span> worth choosing, with the middle half of its times; '
         '<span class="key standard">◆</span> standard; <span class="key other">○</span> all '
         f'others; <span class="key other">×</span> {NOT_MEASURED}. Lower is more accurate, '
@@ -292,12 +293,11 @@ def front_table(study: Study) -> str:
     )  # fmt: skip
     rows = []
     for trial in shown:
-        mark = f'<span class="key">{front.index(trial) + 1}</span> ' if trial in front else ""
-        name = mark + _breakable(trial.label)
+        name = _button(trial, trial.label, front.index(trial) + 1 if trial in front else None)
         if "=" not in trial.label:
             name += f"<small>{_breakable(options_of(study, trial))}</small>"
         cells = [
-            html.escape(factor_in_words(trial)),
+            _factor(trial),
             "" if trial.setting == STANDARD else html.escape(error_against(trial, study.standard)),
             duration(trial.median),
             number(trial.errors.rmse),
@@ -307,7 +307,8 @@ def front_table(study: Study) -> str:
     columns = list(zip(("time", "error", "a frame", "RMSE"), units, strict=True))
     lead = (
         "<p>Each is more accurate than all faster ones, and their times can be told apart. "
-        "Where several take the same time, the most accurate stands for all. Ask for one with "
+        "Where several take the same time, the most accurate stands for all. Press a name to see "
+        "its picture; ask for it with "
         '<code class="word">--set NAME=LEVEL</code> for each change.</p>\n'
     )
     return lead + _table("quality", columns, rows)
@@ -321,12 +322,25 @@ def _breakable(text: str) -> str:
     return " ".join(f'<span class="word">{word}</span>' for word in words)
 
 
+def _factor(trial: Trial) -> str:
+    """Return a time over the standard's, and below it how far it is known, as HTML."""
+    factor, _, known = factor_in_words(trial).partition(" (")
+    return f"{factor}<small>{known[:-1]}</small>" if known else factor
+
+
+def _button(trial: Trial, name: str, place: int | None = None) -> str:
+    """Return the name of a trial as what shows its picture; plain text without the program."""
+    mark = "" if place is None else f'<span class="key">{place}</span> '
+    return (
+        f'<button type="button" class="pick" data-name="{html.escape(trial.label)}" disabled>'
+        f"{mark}{_breakable(name)}</button>"
+    )
+
+
 def _everything(study: Study) -> Section:
     """Return the table of all trials, and what was not tried."""
     count = len(study.trials)
-    groups = [
-        (setting, with_standard(study, setting)) for setting in settings_of(study)
-    ]  # fmt: skip
+    groups = [(setting, with_standard(study, setting)) for setting in settings_of(study)]
     if study.of(COMBINATIONS):
         groups.append((COMBINATIONS, [study.standard, *study.of(COMBINATIONS)]))
     body = results_table(study, groups) if groups else ""
@@ -415,10 +429,10 @@ def _variation(study: Study) -> str:
     return (
         f"The middle half of the times of a typical level spans {number(100.0 * typical)} % of "
         f"their median; {number(100.0 * most)} % for <code>{html.escape(trial.label)}</code>, "
-        "which varied most. Two times are told apart where they differ by more than is unknown of "
-        "both medians; a time is called a factor from three rounds on, if it is known to a quarter "
-        f"({unsure} of {len(study.trials)} are not). Rendering the reference took "
-        f"{duration(study.reference_seconds)}. {known}"
+        "which varied most. Two times count as different if they lie further apart than the "
+        "uncertainty of both. A factor is given from three rounds on, if its uncertainty is at "
+        f"most a quarter of it: not for {unsure} of {len(study.trials)} here. Rendering the "
+        f"reference took {duration(study.reference_seconds)}. {known}"
     )
 
 
@@ -433,13 +447,13 @@ def results_table(study: Study, groups: Iterable[tuple[str, Sequence[Trial]]]) -
         Settings, each with its levels, the standard among them: the dominated ones are grey and
         name what dominates them.
     """
-    groups = [
+    found = [
         (setting, [(trial, _results(trial)) for trial in trials]) for setting, trials in groups
     ]
-    cells = [row for _, rows in groups for _, row in rows]
+    cells = [row for _, rows in found for _, row in rows]
     shown = [n for n in range(len(RESULTS)) if any(row[n] != NOTHING for row in cells)]
     bodies = []
-    for setting, rows in groups:
+    for setting, rows in found:
         head = (
             f'<tr class="setting"><th scope="rowgroup" colspan="{len(shown) + 1}">'
             f"{html.escape(setting)}</th></tr>"
@@ -467,10 +481,10 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 def _row_name(study: Study, trial: Trial, setting: str) -> str:
     """Return the heading of a trial's row."""
-    name = _breakable(level_name(study, trial, setting))
     labels = [other.label for other in front_trials(study)]
-    if trial.label in labels and trial.setting != STANDARD:
-        name = f'<span class="key">{labels.index(trial.label) + 1}</span> {name}'
+    has_number = trial.label in labels and trial.setting != STANDARD
+    place = labels.index(trial.label) + 1 if has_number else None
+    name = _button(trial, level_name(study, trial, setting), place)
     if trial.dominated_by is not None:
         return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
     return name

@@ -105,7 +105,8 @@ def _group(
         pictures = crop.of(trial.color), crops.heat(error, top)
         color, heat = (crops.webp_uri(picture) for picture in pictures)
         alike.setdefault((color, heat), []).append(trial)
-    shots, names = [], {}
+    shots: list[Shot] = []
+    names: dict[str, str] = {}
     for number, ((color, heat), sharing) in enumerate(alike.items(), count + 1):
         labels = [_caption(trial) for trial in sharing]
         shots.append(Shot(f"shot-{number}", "; ".join(labels), color, heat))
