@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from rasterjit.rendering.preview import SIZE
 
 import rasterjit as rj
 from rasterjit.io.gltf.writing import lasting_units, rounded_units

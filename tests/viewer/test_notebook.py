@@ -15,7 +15,6 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from PIL import Image, ImageShow
-from rasterjit.rendering.preview import SIZE
 
 import rasterjit as rj
 from rasterjit.runtime import progress
