@@ -91,17 +91,21 @@ class Style:
     ground: GroundLight | None = None
     adds: Mapping[str, str] = field(default_factory=dict)
 
-    def render(self, *, size: tuple[int, int] = SIZE, **options: Any) -> Frame:
+    def render(
+        self, camera: Camera | None = None, *, size: tuple[int, int] = SIZE, **options: Any
+    ) -> Frame:
         """
         Render a frame in this style.
 
         Parameters
         ----------
+        camera : Camera, optional
+            Default: the style's. The lamp of `studio` stands beside the style's, whatever this is.
         size : (int, int)
             Width and height, pixels.
         **options
-            What else `rasterjit.render` takes; a ``camera``, ``quality`` or ``background`` goes
-            before the style's.
+            What else `rasterjit.render` takes; a ``quality`` or ``background`` goes before the
+            style's.
 
         Returns
         -------
@@ -112,17 +116,21 @@ class Style:
         ValueError
             As `rasterjit.render` does.
         """
+        options["camera"] = camera
         frame = render(self.scene, size=size, **self.options(size, **options))
         frame.plan = self.tell(frame.plan)
         return frame
 
-    def explain(self, *, size: tuple[int, int] = SIZE, **options: Any) -> RenderPlan:
+    def explain(
+        self, camera: Camera | None = None, *, size: tuple[int, int] = SIZE, **options: Any
+    ) -> RenderPlan:
         """
         Say what `render` would do, with the style as the reason of what it adds.
 
         Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table.
         """
         # The shadow is not drawn: the plan is the same before plain greys.
+        options["camera"] = camera
         plain = replace(self, ground=None)
         plan = explain(self.scene, size=size, **plain.options(size, **options))
         place = self._place()
