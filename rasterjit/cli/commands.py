@@ -141,7 +141,7 @@ def program(context: click.Context, version: bool) -> None:
 )  # fmt: skip
 @click.option(
     "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",
-    help="Write the depth as well, as .exr (float32), .png (16 bits), .npy or .npz.",
+    help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
 )  # fmt: skip
 @click.option(
     "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),

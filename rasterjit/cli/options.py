@@ -970,8 +970,8 @@ def look_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour, spelt as for --background; "
-                              "replaces their own colours and textures."),
+                         help="Draw all objects in this colour; replaces their own colours and "
+                              "textures. Spelt as for --background."),
             click.option("--scalars", metavar="NAME",
                          help="Show an attribute of the file in colours, such as the property "
                               "quality of a PLY; rasterjit info lists attributes."),
@@ -1212,7 +1212,7 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
             click.option("--outline", type=ColorType(is_opaque=True),
                          help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),
-                         help="Tone curve, from light to what a screen can show."),
+                         help="Tone curve: from light to what a screen can show."),
             click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),
                          help="Stops of exposure, doublings of the light before the curve."),
             click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
