@@ -13,6 +13,7 @@ from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import dot
 from rasterjit.survey.posing import posed_scene
@@ -113,12 +114,7 @@ def painted_by_normal(scene: Scene) -> Scene:
         turned = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
         if dot(matrix[0].tolist(), rows[0].tolist()) < 0.0:
             turned = -turned
-        lengths = np.sqrt(
-            (turned[:, 0] * turned[:, 0] + turned[:, 1] * turned[:, 1])
-            + turned[:, 2] * turned[:, 2]
-        )
-        turned /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
-        colors = np.clip(np.floor(turned * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
+        colors = np.clip(np.floor(unit_rows(turned) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
         return Mesh(
             positions, faces, colors=colors, on_invalid="drop", material=_as_seen(mesh, UNLIT)
         )
