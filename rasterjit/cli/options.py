@@ -1170,6 +1170,7 @@ def in_style(
     """
     from rasterjit import styles
     from rasterjit.scene.framing import fit_upright
+    from rasterjit.styles.style import SAMPLED
     from rasterjit.survey.lights import headlight
 
     if "headlight" in look.light and scene.nodes:
@@ -1177,7 +1178,8 @@ def in_style(
         scene.lights = headlight(seen_from)
     style = styles.STYLES[name](scene, camera)
     if any(map(is_given, OF_QUALITY)):
-        style = dataclasses.replace(style, quality=effects.quality())
+        adds = {row: text for row, text in style.adds.items() if row != SAMPLED}
+        style = dataclasses.replace(style, quality=effects.quality(), adds=adds)
     return style
 
 

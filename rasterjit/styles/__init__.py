@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -43,7 +43,7 @@ __all__ = [
     "technical", "wireframe", "xray",
 ]  # fmt: skip
 
-SAMPLES = 4
+SAMPLES: Final = 4
 
 KEY = (-0.62, 0.95, 0.62)
 """From the scene towards the key light: right, up, and towards the camera along the ground."""
@@ -82,7 +82,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
-    return Style("plain", as_scene(scene), camera)
+    return Style("plain", with_changes(as_scene(scene)), camera)
 
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:
