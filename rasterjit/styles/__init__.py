@@ -1,5 +1,5 @@
 """
-Styles: what a picture looks like where nobody says more than what is in it.
+Styles: finished looks, each of lights, a background, effects or materials.
 
 Each is a function of a scene that returns a `Style`: a copy of the scene with lights, effects or
 materials of its own, and what to render it with. The scene itself stays as it is.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -43,7 +43,7 @@ __all__ = [
     "technical", "wireframe", "xray",
 ]  # fmt: skip
 
-SAMPLES = 4
+SAMPLES: Final = 4
 
 KEY = (-0.62, 0.95, 0.62)
 """From the scene towards the key light: right, up, and towards the camera along the ground."""
@@ -78,11 +78,11 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
-    return Style("plain", as_scene(scene), camera)
+    return Style("plain", with_changes(as_scene(scene)), camera)
 
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:
@@ -100,7 +100,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
@@ -182,7 +182,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """

@@ -171,7 +171,9 @@ def test_a_missing_file_is_named(tmp_path, studies):
 
 
 def picture(tmp_path, *options):
-    result = run("render", CUBE, "-o", tmp_path / "out.npz", *SMALL, *options)
+    result = run(
+        "render", CUBE, "-o", tmp_path / "out.npz", "--style", "plain", *SMALL, *options
+    )  # fmt: skip
     assert (result.exit_code, result.output) == (0, "")
     return np.load(tmp_path / "out.npz")["color"]
 
