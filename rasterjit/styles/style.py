@@ -193,8 +193,11 @@ class Style:
     def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
         """Return a plan that prints the style as the reason of what it adds, options do not."""
         added = dict(self.adds)
-        if plan.quality != self.quality:
-            added.pop(SAMPLED, None)
+        if SAMPLED in added:
+            # A copy may have another quality than the style was made with.
+            samples = self.quality.samples
+            words = "areas" if samples == "area" else f"{samples} samples"
+            added[SAMPLED] = words if plan.quality == self.quality else ""
         behind = [] if options.get("background") is not None else [added.get(BEHIND, "")]
         behind += ["the shadow on the ground"] if has_shadow else []
         added[BEHIND] = ", with ".join(filter(None, behind))
