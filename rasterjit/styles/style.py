@@ -32,8 +32,21 @@ BEHIND = "background image"
 """Row of ``explain`` that the shadow on the ground belongs to."""
 
 
+def _bayer(levels: int) -> NDArray[np.int64]:
+    """Return Bayer's pattern of 2**levels rows: all numbers from 0 on, spread evenly."""
+    pattern = np.zeros((1, 1), np.int64)
+    for _ in range(levels):
+        pattern = 4 * pattern
+        pattern = np.block([[pattern, pattern + 2], [pattern + 3, pattern + 1]])
+    return pattern
+
+
+DITHER = _bayer(3)
+"""(8, 8): the order in which pixels of a block take the next code."""
+
+
 class Gradient(NamedTuple):
-    """A background of greys, even along each row, in steps of one sRGB code."""
+    """A background of greys from top to bottom, dithered: steps of one code make no bands."""
 
     top: int
     """Code of the first row, 0..255."""
@@ -44,11 +57,13 @@ class Gradient(NamedTuple):
         """Return it as a picture of (width, height) pixels."""
         width, height = size
         row, last = np.arange(height), max(height - 1, 1)
-        # Round half up, in whole numbers.
-        codes = (2 * (self.top * (last - row) + self.bottom * row) + last) // (2 * last)
-        image = np.empty((height, width, 3), np.uint8)
-        image[:] = codes.astype(np.uint8)[:, None, None]
-        return BackgroundImage(image)
+        # In whole numbers: how many thresholds of a row and column of the pattern a code is above.
+        exact = self.top * (last - row) + self.bottom * row
+        thresholds = last * (2 * DITHER[row % len(DITHER)] + 1)
+        codes = (2 * DITHER.size * exact[:, None] + thresholds) // (2 * DITHER.size * last)
+        repeats = -(-width // len(DITHER))
+        image = np.tile(codes.astype(np.uint8), (1, repeats))[:, :width, None]
+        return BackgroundImage(np.repeat(image, 3, axis=2))
 
 
 class GroundLight(NamedTuple):
@@ -212,14 +227,14 @@ class Style:
 def _shaded(
     behind: NDArray[np.float32] | BackgroundImage, kept: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
-    """Return an opaque background, the same along each row, in the light that is kept, in codes."""
+    """Return an opaque background, of greys or one colour, in the light that is kept, in codes."""
     height, width = kept.shape
     table, codes = encode.encoding_table(), np.empty((height, width), np.uint32)
     for first in range(0, height, ROWS_AT_ONCE):
         rows = slice(first, min(first + ROWS_AT_ONCE, height))
         light = np.ones((rows.stop - first, width, 4), np.float32)
         if isinstance(behind, BackgroundImage):
-            light[..., :3] = decoding_table()[behind.image[rows, :1, :3]]
+            light[..., :3] = decoding_table()[behind.image[rows, :, :1]]
         else:
             light[..., :3] = behind[:3]
         light[..., :3] *= kept[rows, :, None]

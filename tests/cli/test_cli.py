@@ -673,7 +673,7 @@ def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
     assert (result.exit_code, len(before)) == (1, option[0] == "--depth-scale")
     assert "--scale must take depth to codes in 1..65535" in result.stderr
     assert "--scale 1000" in result.stderr
-    assert result.stderr.endswith("; choose 0.0001, .exr or .npz\n")
+    assert result.stderr.endswith("; choose 0.001, .exr or .npz\n")
     assert list(tmp_path.iterdir()) == []
 
 
