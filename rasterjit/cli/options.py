@@ -1176,7 +1176,7 @@ def in_style(
         scene.lights = headlight(seen_from)
     style = styles.STYLES[name](scene, camera)
     if any(map(is_given, OF_QUALITY)):
-        style = dataclasses.replace(style, quality=effects.quality())
+        style = style.with_quality(effects.quality())
     return style
 
 

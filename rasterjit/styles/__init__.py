@@ -93,9 +93,9 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     Return a scene as a photographer would set it up.
 
     A large lamp over the left shoulder with a soft shadow, light from the sky, darker corners, 4
-    samples a pixel, greys behind, neutral tones. The scene stands on an invisible ground, which
-    shows its shadow and nothing else, unless it has a floor: faces at its bottom that look up, over
-    most of its ground plan.
+    samples a pixel, greys behind, neutral tones, sharp textures. The scene stands on an invisible
+    ground, which shows its shadow and nothing else, unless it has a floor: faces at its bottom that
+    look up, over most of its ground plan.
 
     A scene that has lights or an environment keeps them: it gets no lamp and no sky, and on the
     ground lies the shadow of the sky alone. An environment that is a background, effects and a

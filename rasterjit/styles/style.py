@@ -28,6 +28,9 @@ SIZE = (1280, 720)
 ROWS_AT_ONCE = 64
 """Of a background, shaded and encoded."""
 
+OF_QUALITY = {"anti-aliasing": "samples", "textures": "texture_filter", "wireframe": "lines"}
+"""Rows of ``explain`` that a setting of the quality decides, if it is another than the style's."""
+
 BEHIND = "background image"
 """Row of ``explain`` that the shadow on the ground belongs to."""
 
@@ -84,8 +87,8 @@ class Style:
     ----------
     name : str
     scene : Scene
-        A copy: the scene that the style was made of is as it was. Its meshes are the same, but for
-        styles that paint them.
+        A copy: the scene that the style was made of is as it was. Its meshes are the same, unless
+        the style paints them or sharpens their textures.
     camera : Camera or None
         None: the scene's own, or one that fits the scene.
     quality : Quality
@@ -178,10 +181,27 @@ class Style:
 
     def tell(self, plan: RenderPlan) -> RenderPlan:
         """Return a plan that prints the style as the reason of what it adds."""
-        added = {row: f"style {self.name}: {text}" for row, text in self.adds.items()}
+        adds = self.with_quality(plan.quality).adds
+        added = {row: f"style {self.name}: {text}" for row, text in adds.items()}
         if BEHIND in added and self.ground is not None:
             added[BEHIND] += ", with the shadow on the ground"
         return plan.with_(added=added) if added else plan
+
+    def with_quality(self, quality: Quality) -> Style:
+        """
+        Return the style with another quality; it is the reason of what it still decides.
+
+        Parameters
+        ----------
+        quality : Quality
+        """
+        adds = {
+            row: text
+            for row, text in self.adds.items()
+            if row not in OF_QUALITY
+            or getattr(quality, OF_QUALITY[row]) == getattr(self.quality, OF_QUALITY[row])
+        }
+        return replace(self, quality=quality, adds=adds)
 
     def _behind(
         self,

@@ -212,6 +212,10 @@ def test_textures_that_blur_aslant_are_sharpened():
     assert scene.nodes[0].mesh.material.base_color_texture.anisotropy == 1
     rows = str(rj.styles.studio(scene).explain(size=SIZE)).splitlines()
     assert any(row.startswith("textures ") and "style studio: sharp" in row for row in rows)
+    blurred = rj.Quality(samples=4, texture_filter="bilinear")
+    told = str(rj.styles.studio(scene).explain(size=SIZE, quality=blurred))
+    assert "style studio: sharp" not in told
+    assert "style studio: 4 samples" in told
 
 
 @pytest.mark.parametrize(
@@ -296,6 +300,8 @@ def test_options_go_before_the_style(teapot):
     assert (made["quality"], made["background"]) == (rj.Quality.draft(), "red")
     frame = style.render(size=SIZE, quality=rj.Quality.draft())
     assert frame.plan.quality == rj.Quality.draft()
+    assert "style studio: 4 samples" not in str(frame.plan)
+    assert "style studio: nothing is too bright to show" in str(frame.plan)
     drawn = rj.render(style.scene, size=SIZE, **style.options(SIZE))
     assert np.array_equal(drawn.color, style.render(size=SIZE).color)
 
@@ -344,6 +350,7 @@ def test_explicit_options_win(tmp_path):
     told = run("explain", file, "--samples", 8, "--tone-map", "aces", "--light", "headlight").output
     rows = {line.split("  ")[0]: line for line in told.splitlines()}
     assert "8 samples" in rows["anti-aliasing"]
+    assert "style" not in rows["anti-aliasing"]
     assert "aces" in rows["tone mapping"]
     assert "style" not in rows["tone mapping"] + rows["lights"]
     assert "out (" in rows["shadows"]
