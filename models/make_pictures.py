@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from gallery_parts import PLACE, ball, box, checks, dressed, model
 from numpy.typing import NDArray
+from PIL import Image
 from surfaces import grid_faces
 
 import rasterjit as rj
@@ -24,6 +25,11 @@ import rasterjit as rj
 MODELS = Path(__file__).parent
 PANEL = (400, 300)
 """Width and height of one picture of the strip, pixels."""
+STRIPS = (
+    "colour", "depth", "normals", "face IDs", "object IDs", "normalized object coordinates",
+    "motion", "normals of the second surface",
+)  # fmt: skip
+"""What the pictures of the strip show."""
 SMALL_PANEL = (256, 160)
 """The same of what mistaken cameras show."""
 
@@ -163,7 +169,7 @@ def color_motion(motion: NDArray[np.float32]) -> NDArray[np.uint8]:
     return (255.0 * colors).astype(np.uint8)
 
 
-def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
+def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> Image.Image:
     """
     Return ground truth side by side.
 
@@ -188,7 +194,7 @@ def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
         color_motion(frame.motion),
         color_normals(layers.normal[1]),
     ]
-    return np.vstack([np.hstack(above), np.hstack(below)])
+    return rj.grid([*above, *below], columns=4, gap=4, labels=STRIPS)
 
 
 def mistaken_cameras(camera: rj.PerspectiveCamera) -> dict[str, rj.MatrixCamera]:
@@ -242,9 +248,9 @@ def main(folder: Path) -> None:
     scene = four_shapes()
     smooth = rj.Quality(samples=16)
     rj.render(*still_life(), size=(1200, 560), quality=smooth).save(folder / "still_life.png")
+    strips(scene, camera).save(folder / "buffers.png")
     from rasterjit.io.images import save_image
 
-    save_image(folder / "buffers.png", strips(scene, camera))
     save_image(folder / "camera_mistakes.png", mistakes(four_shapes(), camera))
     teapot = rj.load(MODELS / "teapot.obj")
     rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")

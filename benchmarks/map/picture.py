@@ -76,10 +76,10 @@ def draw(
 
 
 SUMMARY_NOTE = (
-    "How many times as long the faster of two CPU renderers, llvmpipe and tinydisplay, takes for "
-    "the same picture.\nLarge: the median of nine scenes (three kinds of mesh, three materials); "
-    "small: the lowest. Framed: RasterJIT is slower.\nGrey: a peer takes under 1 ms; the number is "
-    "what a call of RasterJIT adds to drawing. Measured on "
+    "Speed-up over the faster of two CPU renderers, llvmpipe and tinydisplay, for the same image "
+    "(above 1: RasterJIT is faster).\nLarge: median of nine scenes (three kinds of mesh, three "
+    "materials), framed where RasterJIT is slower. Small: the worst scene.\nGrey: the other takes "
+    "under 1 ms; the number is RasterJIT's fixed cost per call. Measured on "
 )
 SUMMARY_INCHES = (11.0, 4.9)
 
@@ -113,7 +113,7 @@ def draw_summary(
         draw_panel(place, hues, found, sizes, counts, by_median=True)
         place.set_title(title, fontsize=13, fontweight="bold")
         place.tick_params(labelsize=9)
-        place.set_xlabel("pixels", fontsize=11)
+        place.set_xlabel("image size", fontsize=11)
     for place in axes.flat[1:]:
         place.set_ylabel("")
     figure.supxlabel(f"{SUMMARY_NOTE}{machine}.", fontsize=10)

@@ -7,8 +7,9 @@ Each cell is a process of its own, in the environment that ``--python`` names fo
 repeated; without it, this one), with no display: ``check.py`` runs the function that a peer's file
 has for the row. What the table calls "no GL or Vulkan library" is tried with those of the system
 replaced by empty files; windows open under ``xvfb-run``. A row says what is done: what is not
-built in counts as ``–``, also where one could build it. Prints the table in Markdown, then each
-cell without an answer and its reason; ``--results`` writes all that was found. About 8 minutes.
+built in counts as ``–``, also where one could build it. Prints the table in Markdown, a line with
+what all have, then each cell without an answer and its reason; ``--results`` writes all that was
+found. About 8 minutes.
 """
 
 from __future__ import annotations
@@ -38,26 +39,26 @@ PEERS = {
     "open3d": "Open3D", "moderngl": "moderngl", "f3d": "F3D",
 }  # fmt: skip
 ROWS = {
-    "headless": "Draws with no display",
-    "alone": "Draws with no GL or Vulkan library on the system",
-    "threads": "Same bits in each run, with 1 and 2 threads",
-    "depth": "Error of depth at 988 units, near plane at 0.1",
-    "face_id": "Face number of each pixel",
-    "masks": "Mask of each object",
+    "headless": "Renders without a display",
+    "alone": "Works without OpenGL and Vulkan libraries",
+    "threads": "Same bits in repeated runs, 1 and 2 threads",
+    "depth": "Relative depth error at 988 units (near plane 0.1)",
+    "face_id": "Face IDs",
+    "masks": "Object masks",
     "normals": "Normals as floats",
     "motion": "Motion vectors",
     "lens": "Lens distortion",
     "antialiasing": "Anti-aliasing",
     "shadows": "Shadows",
-    "transparency": "Crossing transparent faces, in any order",
-    "metallic": "Metallic-roughness of glTF files",
-    "animation": "Animated skins of glTF files",
+    "transparency": "Order-independent transparency",
+    "metallic": "glTF metallic-roughness materials",
+    "animation": "glTF skinned animation",
     "points": "Point clouds",
     "window": "Interactive window",
-    "gpu": "Draws on a GPU",
-    "rays": "Casts rays at a mesh",
-    "megabytes": "Installed with all it needs, MB",
-    "first": "From starting Python to a picture, s",
+    "gpu": "Uses a GPU",
+    "rays": "Ray casting",
+    "megabytes": "Installed with dependencies, MB",
+    "first": "Process start to first image, s",
 }
 """Keys of the rows, and their names in the table."""
 HIDDEN = (
@@ -203,15 +204,26 @@ def cell(row: str, found: dict[str, Any]) -> str:
     return YES if value else NO
 
 
+def had_by_all(results: dict[str, dict[str, Any]], rows: Sequence[str]) -> list[str]:
+    """Return the rows that every peer has."""
+    return [
+        row for row in rows
+        if all(cell(row, found.get(row, {})) == YES for found in results.values())
+    ]  # fmt: skip
+
+
 def table(results: dict[str, dict[str, Any]], rows: Sequence[str]) -> str:
-    """Return the table in Markdown."""
+    """Return the table in Markdown, of the rows that tell peers apart, and what all have."""
+    shared = had_by_all(results, rows)
     heads = [f"{PEERS[peer]} {version(found)}".strip() for peer, found in results.items()]
     lines = [["", *heads], ["---", *["---"] * len(heads)]]
     for row in rows:
         cells = [cell(row, found.get(row, {})) for found in results.values()]
-        if row in ROWS:
+        if row in ROWS and row not in shared:
             lines.append([ROWS[row], *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    text = "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    names = [ROWS[row][0].lower() + ROWS[row][1:] for row in shared if row in ROWS]
+    return text + (f"\nAll have: {'; '.join(names)}.\n" if names else "")
 
 
 def version(found: dict[str, Any]) -> str:

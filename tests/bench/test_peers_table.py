@@ -130,7 +130,7 @@ def test_the_table_of_a_file_of_results_names_versions_and_what_has_no_answer(
     )
     assert done.exit_code == 0, done.output
     assert "|  | F3D 1.2 |" in done.output
-    assert "| Mask of each object | – |" in done.output
+    assert "| Object masks | – |" in done.output
     assert "f3d, lens: broke" in done.output
 
 
@@ -140,7 +140,21 @@ def test_a_python_that_is_none_is_refused():
     assert "is not PEER=PATH of a Python" in done.output
 
 
+def test_what_all_have_is_a_line_below_the_table():
+    found = {
+        "f3d": {"lens": {"value": True}, "masks": {"value": True}},
+        "pyvista": {"lens": {"value": True}, "masks": {"value": "rays"}},
+    }
+    text = command.table(found, ["lens", "masks"])
+    assert "| Object masks | ✓ | rays |" in text
+    assert "| Lens" not in text
+    assert text.endswith("\nAll have: lens distortion.\n")
+
+
 def test_the_readme_has_the_rows_of_the_program():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shared,) = re.findall(r"All have: (.*?)\.\n", text.replace("\n", " ").replace(". ", ".\n"))
+    named = shared.split("; ")
     for name in command.ROWS.values():
-        assert text.count(f"| {name} |") == 1, name
+        in_table = text.count(f"| {name} |") == 1
+        assert in_table != (name[0].lower() + name[1:] in named), name
