@@ -129,7 +129,6 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.styles.preview import preview
 from rasterjit.survey.posing import posed_scene
 
 if TYPE_CHECKING:
@@ -144,11 +143,17 @@ def _show_frame(frame: Frame, color: Any, title: str) -> None:
     import_module("rasterjit.viewer.picture").show_picture(frame, color, title)
 
 
+def _preview(what: Scene | Mesh) -> Frame | None:
+    """Return a small picture; what draws it is loaded when it is first needed."""
+    picture: Frame | None = import_module("rasterjit.styles.preview").preview(what)
+    return picture
+
+
 set_hooks(
-    picture=preview, show=_show_frame, as_scene=as_scene, scene_of_others=scene_to_add,
+    picture=_preview, show=_show_frame, as_scene=as_scene, scene_of_others=scene_to_add,
     save=save_gltf, to_trimesh=to_trimesh, posed=posed_scene,
 )  # fmt: skip
-del as_scene, posed_scene, preview, save_gltf, scene_to_add, set_hooks, to_trimesh
+del as_scene, posed_scene, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 

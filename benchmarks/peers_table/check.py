@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import sys
 from importlib import import_module, metadata
@@ -75,8 +76,6 @@ def main() -> None:
     print("\n" + json.dumps(found), flush=True)
     sys.stdout.flush()
     # A driver may hang or crash while it is taken down.
-    import os
-
     os._exit(0)
 
 

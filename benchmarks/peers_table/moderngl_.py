@@ -43,8 +43,9 @@ def look(eye: Any, target: Any) -> NDArray[np.float64]:
 
 
 def draw(
-    shader: str, parts: list[Any], view: Any = None, dtype: str = "f1", samples: int = 0
-) -> tuple[NDArray[Any], NDArray[Any]]:
+    shader: str, parts: list[Any], view: Any = None, dtype: str = "f1", samples: int = 0,
+    are_points: bool = False,
+) -> tuple[NDArray[Any], NDArray[Any]]:  # fmt: skip
     """Draw vertices, normals and faces; return the colour and, without samples, the depth."""
     import moderngl
 
@@ -66,7 +67,9 @@ def draw(
         if "up" not in program:
             inputs = [(context.buffer(rows.tobytes()), "3f 12x", "place")]
         indices = context.buffer(np.asarray(faces, np.int32).tobytes())
-        context.vertex_array(program, inputs, index_buffer=indices).render()
+        context.vertex_array(program, inputs, index_buffer=indices).render(
+            moderngl.POINTS if are_points else moderngl.TRIANGLES
+        )
     if samples:
         plain = context.framebuffer([context.texture(size, 4, dtype=dtype)])
         context.copy_framebuffer(plain, target)
@@ -116,7 +119,10 @@ def masks(folder: Path) -> str:
 
 def normals(folder: Path) -> str:
     """Write normals by a shader."""
-    assert numbers(folder).dtype == np.float32
+    vertices, _, faces = facing(shapes.UPRIGHT)
+    found = draw(NUMBERS, [(vertices, np.tile([0.6, 0.0, 0.8], (4, 1)), faces)], dtype="f4")[0]
+    assert found.dtype == np.float32
+    assert {0.0, 0.6} == set(np.unique(found[..., 2].round(6).astype(float)).round(6))
     return "shader"
 
 
@@ -126,10 +132,10 @@ def antialiasing(folder: Path) -> bool:
 
 
 def points(folder: Path) -> bool:
-    """Find the mode that draws points."""
-    import moderngl
-
-    return isinstance(moderngl.POINTS, int)
+    """Draw points."""
+    places = np.load(folder / "points.npy")
+    parts = [(places, np.tile([0.0, 0, 1], (len(places), 1)), np.arange(len(places)))]
+    return bool((draw(COLOR, parts, are_points=True)[0][..., :3].max(axis=2) > 60).sum() > 500)
 
 
 def motion(folder: Path) -> bool:

@@ -4,6 +4,7 @@ Measure what each accuracy setting costs in time and what it buys in error.
 >>> import rasterjit as rj
 >>> found = rj.accuracy.study(rj.load("models/teapot.obj"), budget=30, output="report")
 >>> print(rj.accuracy.answer(found))
+On this scene standard is ... with error ...
 """
 
 from rasterjit.accuracy.calibration import calibrate

@@ -85,7 +85,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
-    return Style("plain", as_scene(scene), camera)
+    return Style("plain", with_changes(as_scene(scene)), camera)
 
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:

@@ -179,6 +179,11 @@ def cast_shadow(
     return ground._replace(shade=missing * _fading())
 
 
+def in_the_dark(ground: Ground) -> Ground:
+    """Return the ground without any light wherever a shadow may lie."""
+    return ground._replace(shade=_fading())
+
+
 def _slope_of(frame: Float64, key: Vector | None) -> tuple[float, float] | None:
     """Return how far the key light goes aside for each unit down; None if it is not above."""
     if key is None:
@@ -227,11 +232,11 @@ def _has_floor(scene: Scene, frame: Float64, bounds: list[tuple[float, float]]) 
         matrix, positions = node.world_matrix, node.mesh.vertices
         places = np.empty(positions.shape)
         columns = matrix[:3].T.tolist()
-        for k, axis in enumerate(frame.tolist()):
-            row = [dot(column, axis) for column in columns]
-            places[:, k] = (
-                positions[:, 0] * row[0] + positions[:, 1] * row[1] + positions[:, 2] * row[2]
-            ) + row[3]
+        # Vertices of no face may be infinite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, axis in enumerate(frame.tolist()):
+                x, y, z, w = (dot(column, axis) for column in columns)
+                places[:, k] = (positions[:, 0] * x + positions[:, 1] * y + positions[:, 2] * z) + w
         is_low = places[:, 2] <= most
         corners = places[node.mesh.faces[is_low[node.mesh.faces].all(axis=1)]]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -14,6 +14,7 @@ from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Anisotropy, Texture
 from rasterjit.scene.vectors import dot
@@ -21,7 +22,6 @@ from rasterjit.survey.posing import posed_scene
 
 NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None], 3, axis=1))
 """Greys of depths, the nearest first; the farthest is told apart from black."""
-
 
 UNLIT = Material(shading="unlit")
 
@@ -103,15 +103,17 @@ def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
 
 def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
     """Return a scene whose triangles show how far along the viewing axis they lie."""
-    row = camera.view_matrix()[2].tolist()
+    scene, row = posed_scene(scene), camera.view_matrix()[2].tolist()
     depths, low, high = {}, np.inf, -np.inf
-    for node in posed_scene(scene).nodes:
+    for node in scene.nodes:
         if type(node.mesh) is not Mesh:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
         x, y, z, w = (dot(row, column) for column in matrix[:3].T.tolist())
         w += row[3]
-        away = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
+        # Vertices of no face may be infinite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            away = -(((positions[:, 0] * x + positions[:, 1] * y) + positions[:, 2] * z) + w)
         depths[id(node)] = away
         ahead = away[(away > 0.0) & node.mesh.used_vertices()]
         if len(ahead):
@@ -120,8 +122,9 @@ def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
         low, high = 0.0, 1.0
 
     def paint(node: Node) -> Mesh:
-        away = np.clip(depths[id(node)], low, high)
-        mesh = node.mesh.with_scalars(away, NEAR_TO_FAR, range=(low, high))
+        # Shares, for scalars are float32: of distances that has too few digits, or no room.
+        shares = (np.clip(depths[id(node)], low, high) - low) / (high - low)
+        mesh = node.mesh.with_scalars(shares, NEAR_TO_FAR, range=(0.0, 1.0))
         mesh.material = _as_seen(node.mesh, UNLIT)
         return mesh
 
@@ -148,12 +151,7 @@ def painted_by_normal(scene: Scene) -> Scene:
         turned = np.stack([(x * r[0] + y * r[1]) + z * r[2] for r in rows], axis=1)
         if dot(matrix[0].tolist(), rows[0].tolist()) < 0.0:
             turned = -turned
-        lengths = np.sqrt(
-            (turned[:, 0] * turned[:, 0] + turned[:, 1] * turned[:, 1])
-            + turned[:, 2] * turned[:, 2]
-        )
-        turned /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
-        colors = np.clip(np.floor(turned * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
+        colors = np.clip(np.floor(unit_rows(turned) * 127.5 + 128.0), 0.0, 255.0).astype(np.uint8)
         return Mesh(
             positions, faces, colors=colors, on_invalid="drop", material=_as_seen(mesh, UNLIT)
         )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import check_outputs
 from rasterjit.pipeline import encode
 from rasterjit.rendering.renderer import explain, render
 from rasterjit.scene.background import Background, BackgroundImage, read_background
@@ -20,7 +21,14 @@ from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
-from rasterjit.styles.ground import Ground, Vector, cast_shadow, is_above, kept_light, place_ground
+from rasterjit.styles.ground import (
+    Ground,
+    Vector,
+    cast_shadow,
+    in_the_dark,
+    kept_light,
+    place_ground,
+)
 from rasterjit.survey.plan import RenderPlan
 
 SIZE = (1280, 720)
@@ -88,7 +96,8 @@ class Style:
     name : str
     scene : Scene
         A copy: the scene that the style was made of is as it was. Its meshes are the same, unless
-        the style paints them or sharpens their textures.
+        the style paints them or sharpens their textures. Make the style anew after a change: where
+        the ground lies and its shadow are found once.
     camera : Camera or None
         None: the scene's own, or one that fits the scene.
     quality : Quality
@@ -130,23 +139,21 @@ class Style:
         ValueError
             As `rasterjit.render` does.
         """
-        frame = render(self.scene, size=size, **self.options(size, **options))
-        frame.plan = self.tell(frame.plan)
+        made, has_shadow = self._made(size, options)
+        frame = render(self.scene, size=size, **made)
+        frame.plan = self._told(frame.plan, options, has_shadow)
         return frame
 
     def explain(self, *, size: tuple[int, int] = SIZE, **options: Any) -> RenderPlan:
         """
         Say what `render` would do, with the style as the reason of what it adds.
 
-        Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table.
+        Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table. It
+        counts on a shadow wherever the ground around the scene is in view.
         """
-        # The shadow is not drawn: the plan is the same before plain greys.
-        plain = replace(self, ground=None)
-        plan = explain(self.scene, size=size, **plain.options(size, **options))
-        place = self._place()
-        if place is None or options.get("lens") is not None:
-            return plain.tell(plan)
-        return (self if is_above(place, plan.camera, plan.size) else plain).tell(plan)
+        made, has_shadow = self._made(size, options, casts=False)
+        plan = explain(self.scene, size=size, **made)
+        return self._told(plan, options, has_shadow)
 
     def options(self, size: tuple[int, int], **options: Any) -> dict[str, Any]:
         """
@@ -167,25 +174,40 @@ class Style:
             With ``camera``, ``background`` and, unless the options choose another way to find it,
             ``quality``.
         """
+        return self._made(size, options)[0]
+
+    def _made(
+        self, size: tuple[int, int], options: Mapping[str, Any], casts: bool = True
+    ) -> tuple[dict[str, Any], bool]:
+        """
+        Return what to render with, and whether a shadow is in the background.
+
+        Without ``casts`` none is drawn: all of the ground in view is dark.
+        """
         made = {name: value for name, value in options.items() if value is not None}
-        camera = made.setdefault("camera", self.camera)
+        camera, has_shadow = made.setdefault("camera", self.camera), False
         if not {"max_error", "time_budget"} & set(made):
             made.setdefault("quality", self.quality)
-        outputs = made.get("outputs", ("color",))
-        if {"color", "linear"} & set(outputs):
+        if {"color", "linear"} & set(check_outputs(made.get("outputs", ("color",)))):
             size = image_size("size", size)
-            given = made.get("background", self.background)
-            has_lens = made.get("lens") is not None
-            made["background"] = self._behind(size, given, camera, has_lens, made.get("threads"))
-        return made
+            behind, place = self._behind(size, made, camera)
+            made["background"] = behind
+            if place is not None:
+                ground = self._shadow(place, made.get("threads")) if casts else in_the_dark(place)
+                seen_from = camera or self.scene.camera or fit_upright(self.scene, size)
+                kept = kept_light(ground, seen_from, size)
+                if kept is not None:
+                    made["background"], has_shadow = BackgroundImage(_shaded(behind, kept)), True
+        return made, has_shadow
 
-    def tell(self, plan: RenderPlan) -> RenderPlan:
-        """Return a plan that prints the style as the reason of what it adds."""
-        adds = self.with_quality(plan.quality).adds
-        added = {row: f"style {self.name}: {text}" for row, text in adds.items()}
-        if BEHIND in added and self.ground is not None:
-            added[BEHIND] += ", with the shadow on the ground"
-        return plan.with_(added=added) if added else plan
+    def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
+        """Return a plan that prints the style as the reason of what it adds, options do not."""
+        added = dict(self.with_quality(plan.quality).adds)
+        behind = [] if options.get("background") is not None else [added.get(BEHIND, "")]
+        behind += ["the shadow on the ground"] if has_shadow else []
+        added[BEHIND] = ", with ".join(filter(None, behind))
+        said = {row: f"style {self.name}: {text}" for row, text in added.items() if text}
+        return plan.with_(added=said) if said else plan
 
     def with_quality(self, quality: Quality) -> Style:
         """
@@ -204,30 +226,21 @@ class Style:
         return replace(self, quality=quality, adds=adds)
 
     def _behind(
-        self,
-        size: tuple[int, int],
-        given: Background | Gradient,
-        camera: Camera | None,
-        has_lens: bool,
-        threads: int | None,
-    ) -> Background:
-        """Return the background, with the shadow on the ground in it, if any is seen."""
+        self, size: tuple[int, int], made: Mapping[str, Any], camera: Camera | None
+    ) -> tuple[Any, Ground | None]:
+        """Return the background, in light, and the ground, if a shadow may be seen on it."""
+        given = made.get("background", self.background)
         if given is None:
-            return None
+            return None, None
+        is_gradient = isinstance(given, Gradient)
         behind = given.picture(size) if isinstance(given, Gradient) else read_background(given)
-        is_picture = isinstance(behind, BackgroundImage) and not isinstance(given, Gradient)
-        if self.ground is None or has_lens or is_picture:
-            return behind
-        if not isinstance(behind, BackgroundImage) and behind[3] < 1.0:
-            return behind
-        place = self._place()
-        camera = camera or self.scene.camera or fit_upright(self.scene, size)
-        if place is None or not is_above(place, camera, size):
-            return behind
-        kept = kept_light(self._shadow(place, threads), camera, size)
-        if kept is None:
-            return behind
-        return BackgroundImage(_shaded(behind, kept))
+        # Neither photographs nor what is seen through have a ground.
+        is_opaque = is_gradient or (
+            not isinstance(behind, BackgroundImage) and bool(behind[3] >= 1.0)
+        )
+        if self.ground is None or not is_opaque or made.get("lens") is not None:
+            return behind, None
+        return behind, self._place()
 
     def _place(self) -> Ground | None:
         """Return the ground without its shadow; None if there is none. Found once."""
@@ -263,8 +276,13 @@ def _shaded(
 
 
 def with_changes(scene: Scene, **changes: Any) -> Scene:
-    """Return a copy of a scene with other lights or effects."""
+    """Return a copy of a scene, with lists of its own, with other lights or effects."""
     changed = copy.copy(scene)
+    for name in ("nodes", "lights"):
+        listed = getattr(scene, name)
+        # What is wrong with others is said by who checks scenes.
+        if isinstance(listed, list | tuple):
+            setattr(changed, name, list(listed))
     for name, value in changes.items():
         setattr(changed, name, value)
     return changed

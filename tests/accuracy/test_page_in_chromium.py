@@ -158,6 +158,14 @@ def test_the_page_fits_its_window_and_loads_nothing(seen, width, zoom, scheme, c
     assert share(picture, colors["page"]) > 0.3
 
 
+def test_the_program_makes_nothing_global(tab, report):
+    tab.open(report.as_uri(), DESKTOP)
+    assert tab.evaluate("document.getElementById('viewer').hidden") is False
+    names = ("element", "word", "show", "divide", "opened")
+    kinds = tab.evaluate(f"[{', '.join(f'typeof {name}' for name in names)}]")
+    assert kinds == ["undefined"] * len(names)
+
+
 @WIDTHS
 def test_nothing_lies_on_something_else(seen, width, zoom):
     _, elements, _, _ = seen(width, "light")

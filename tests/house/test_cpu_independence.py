@@ -482,7 +482,9 @@ OFF_THE_PATH = {
     "accuracy/report/plots.py": "a page about pictures",
     "accuracy/report/page.py": "a page about pictures",
     "accuracy/report/scales.py": "a page about pictures",
+    "accuracy/report/shots.py": "a page about pictures",
     "accuracy/ranking.py": "compares times and errors",
+    "accuracy/sentences.py": "text about times and errors",
     "accuracy/timing.py": "times",
 }
 

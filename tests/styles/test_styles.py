@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -263,6 +265,74 @@ def test_the_style_is_the_reason_of_what_it_adds(teapot):
     assert "in  (" in told
 
 
+def reasons(plan):
+    """Return the rows of a plan that say why an effect is in or out, by their names."""
+    return {effect.name: line for effect in plan.effects for line in str(plan).splitlines()
+            if line.startswith(f"{effect.name}  ")}  # fmt: skip
+
+
+BELOW = rj.PerspectiveCamera((4.0, -2.0, 8.0), (0.0, 1.5, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "style studio: greys, with the shadow on the ground"),
+        ({"background": "white"}, "style studio: the shadow on the ground"),
+        ({"background": "transparent"}, "out ("),
+        ({"background": GREYS}, None),
+        ({"camera": BELOW}, "style studio: greys)"),
+        ({"lens": rj.PinholeDistortion(k1=0.1)}, "out ("),
+        ({"outputs": ("depth",)}, "out ("),
+        ({"outputs": "color"}, "style studio: greys, with the shadow on the ground"),
+        ({"quality": rj.Quality(samples=8)}, "style studio: greys, with the shadow on the ground"),
+    ],
+    ids=["as it is", "white", "transparent", "photograph", "below", "lens", "depth", "one", "8"],
+)
+def test_reasons_are_true_and_those_of_the_frame(teapot, options, said):
+    style = rj.styles.studio(teapot)
+    told = reasons(style.explain(size=SIZE, **options))
+    assert told == reasons(style.render(size=SIZE, **options).plan)
+    if said is None:
+        assert "style" not in told["background image"]
+    else:
+        assert said in told["background image"]
+    has_own = "quality" in options or options.get("outputs") == ("depth",)
+    assert ("style studio: 4 samples" in told["anti-aliasing"]) != has_own
+
+
+def test_a_shadow_that_is_out_of_view_is_not_told_of(teapot):
+    away = rj.PerspectiveCamera((4.0, 9.0, 8.0), (40.0, 90.0, 80.0))
+    style = rj.styles.studio(teapot, away)
+    with pytest.warns(rj.ViewWarning):
+        frame = style.render(size=SIZE)
+    assert "shadow on the ground" not in str(frame.plan)
+    assert "shadow on the ground" not in str(style.explain(size=SIZE))
+
+
+@pytest.mark.parametrize("name", rj.styles.STYLES)
+def test_a_style_has_lists_of_its_own(teapot, name):
+    scene = scene_of(box())
+    made = rj.styles.STYLES[name](scene).scene
+    made.add(box())
+    made.lights.append(rj.AmbientLight())
+    assert len(scene.nodes) == 1
+    assert scene.lights == []
+
+
+def test_tiles_and_pickles_have_the_same_bits(teapot, tmp_path):
+    from imageio.v3 import imread
+
+    style = rj.styles.studio(teapot)
+    # It looks at pixels of other tiles.
+    style.scene.ambient_occlusion = None
+    expected = style.render(size=SIZE).color
+    assert np.array_equal(pickle.loads(pickle.dumps(style)).render(size=SIZE).color, expected)
+    path = tmp_path / "tiles.tif"
+    rj.distributed.render_large(style.scene, size=SIZE, path=path, tile=64, **style.options(SIZE))
+    assert np.array_equal(imread(path), expected)
+
+
 @pytest.mark.parametrize("name", [name for name in rj.styles.STYLES if name != "plain"])
 def test_each_style_tells_of_rows_that_there_are(teapot, name):
     style = rj.styles.STYLES[name](teapot)
@@ -386,6 +456,19 @@ def test_anything_that_is_drawn_has_every_style(name):
         assert math.isfinite(frame.color.mean())
     with pytest.raises(ValueError, match="scene"):
         style(rj.Scene()).render(size=(32, 24))
+
+
+@pytest.mark.parametrize("name", rj.styles.STYLES)
+def test_stray_vertices_and_huge_scenes_have_every_style(name):
+    stray = np.vstack([box().vertices, [(math.nan, 0.0, 0.0), (math.inf, 1.0, 1e300)]])
+    with_stray = rj.Mesh(stray, box().faces, on_invalid="drop", material=box().material)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        style, clean = (rj.styles.STYLES[name](one) for one in (with_stray, box()))
+        assert np.array_equal(style.render(size=SIZE).color, clean.render(size=SIZE).color)
+        huge = rj.Mesh(box().vertices * 2.0**60, box().faces, material=box().material)
+        same = rj.styles.STYLES[name](huge).render(size=SIZE).color == clean.render(size=SIZE).color
+    assert same.all(axis=2).mean() > 0.9
 
 
 def test_shadows_that_are_asked_for_are_those_of_the_lamp():

@@ -1,5 +1,5 @@
 // Show the picture of the point under the mouse, the finger or the focus against the reference.
-"use strict";
+// A module: nothing in it is global.
 
 const element = (id) => document.getElementById(id);
 const points = [...document.querySelectorAll("input[name=point]")];

@@ -135,7 +135,7 @@ def page(study: Study, sentences: dict[str, str]) -> str:
         f"<style>\n{_style(album)}</style>\n</head>\n<body>\n"
         f"{_header(study, title)}\n<main>\n{_plot(study, album)}\n"
         + "\n".join(_as_html(section) for section in sections if section.body)
-        + f"\n</main>\n<script>\n{_file('page.js')}</script>\n</body>\n</html>\n"
+        + f'\n</main>\n<script type="module">\n{_file("page.js")}</script>\n</body>\n</html>\n'
     )
 
 
