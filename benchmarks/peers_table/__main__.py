@@ -66,7 +66,11 @@ HIDDEN = (
     "libGLESv2.so.2", "libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so", "libvulkan.so.1",
     "libEGL.so", "libGL.so", "libEGL_mesa.so.0", "libGLX_mesa.so.0", "libgbm.so.1",
 )  # fmt: skip
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "PYTHONPATH")
+UNSET = (
+    "DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE",
+)  # fmt: skip
+"""Variables that checks do not get. A clone without bytecode would be compiled by each of them."""
+
 THREADS = (
     {"LP_NUM_THREADS": "0", "PEER_THREADS": "1"},
     {"LP_NUM_THREADS": "2", "PEER_THREADS": "2"},
@@ -120,7 +124,7 @@ def ask(
     with_display: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Run one check; return ``value`` or ``reason``, and ``seconds`` from start to answer."""
-    environment = {name: value for name, value in os.environ.items() if name not in DISPLAYS}
+    environment = {name: value for name, value in os.environ.items() if name not in UNSET}
     environment |= {"LIBGL_ALWAYS_SOFTWARE": "true", **(more or {})}
     if peer == "rasterjit":
         environment["PYTHONPATH"] = str(ROOT)

@@ -234,7 +234,9 @@ def _option_meant(error: click.NoSuchOption) -> str:
     commands = getattr(program, "commands", {})
     having = [known for known, command in commands.items() if name in _options_of(command)]
     if having:
-        return f"; {' and '.join(having)} {'has' if len(having) == 1 else 'have'} it"
+        *others, last = having
+        names = f"{', '.join(others)} and {last}" if others else last
+        return f"; {names} {'have' if others else 'has'} it"
     near = _nearest(name, [one for one in own if one.startswith("--")])
     return f"; did you mean {' or '.join(near)}?" if near else ""
 

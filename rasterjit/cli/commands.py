@@ -115,12 +115,12 @@ def program(context: click.Context, version: bool) -> None:
                 type=click.Path(path_type=Path))  # fmt: skip
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
-    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
-    "file; a folder for several files or a folder of meshes; - for a PNG on standard output. "
+    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for all outputs in one "
+    "file; a folder for several FILEs or a folder of meshes; - for a PNG on standard output. "
     "Default: FILE's name with .png, in the current folder.",
 )  # fmt: skip
 @click.option("--force", is_flag=True,
-              help="Replace files whose names OUT does not spell out.")  # fmt: skip
+              help="Replace files that exist; one that OUT names is replaced anyway.")  # fmt: skip
 @size_option("1280x720")
 @view_options
 @moment_options
@@ -136,8 +136,8 @@ def program(context: click.Context, version: bool) -> None:
 )  # fmt: skip
 @click.option(
     "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
-    help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz; one "
-    "alone, but the colour, is a 16-bit .png where OUT is.",
+    help=OUTPUTS_HELP + " Beside a picture, other outputs go to OUT with the suffix .npz. A single "
+    "one that is not the colour becomes a 16-bit .png if OUT is a .png.",
 )  # fmt: skip
 @click.option(
     "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",
@@ -145,31 +145,31 @@ def program(context: click.Context, version: bool) -> None:
 )  # fmt: skip
 @click.option(
     "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
-    help="Scene units that a code of a 16-bit .png stands for, as the scale of Frame.save. "
-    f"Default: with --depth, {DEPTH_SCALE} if it fits and keeps {FEWEST_CODES} codes, or else the "
-    "smallest power of ten that fits; of other outputs, what fits the values best.",
+    help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. "
+    f"Default: for --depth, {DEPTH_SCALE} if that fits and keeps {FEWEST_CODES} codes, else the "
+    "smallest power of ten that fits; for other outputs, what fits the values best.",
 )  # fmt: skip
 @click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
     "--mask", "mask_file", type=PlaceType("mask"), metavar="FILE",
-    help="Write which pixels show an object: a .png, 255 where one covers the pixel and its share "
-    "where it covers a part of the --samples.",
+    help="Write a mask of the objects as .png: 255 where they cover the whole pixel, less where "
+    "they cover a part of its --samples.",
 )  # fmt: skip
 @click.option(
     "--mask-of", type=click.Choice(MASKS), default="coverage", show_default=True,
-    help="What --mask holds; numbers are one more than they are, in 16 bits, and 0 is nothing.",
+    help="What --mask holds; numbers are stored plus one, in 16 bits, and 0 is nothing.",
 )  # fmt: skip
 @click.option(
     "--colorbar",
     is_flag=True,
-    help="Put the colours of --scalars and their values to the right of the picture.",
+    help="Put a colour bar of --scalars to the right of the picture.",
 )
 @click.option(
     "--diagnose", is_flag=True,
-    help="Print what became of every face, exactly, and how precise the numbers are.",
+    help="Print exactly what happened to every face, and how precise the numbers are.",
 )  # fmt: skip
 @click.option("--stats", is_flag=True,
-              help="Print what became of the triangles, and where the time went.")  # fmt: skip
+              help="Print what happened to the triangles, and where the time went.")  # fmt: skip
 @threads_option
 @quiet_option
 @debug_option
@@ -183,15 +183,15 @@ def render(
     **rest: Any,
 ) -> None:
     """
-    Render FILE, any mesh file that trimesh reads, to a picture.
+    Render FILE, a mesh, a point cloud or a drawing, to a picture.
 
-    "rasterjit FILE" is short for "rasterjit render FILE". Without options for the camera it is the
-    file's own, or one that fits the whole scene into the picture. If FILE is a folder, all meshes
-    below it are drawn into the folder OUT, 256x256 pixels each if no --size is given; those that
-    cannot be are named, and the status is 1. OUT may be FILE itself: the picture of a.obj is
-    a.obj.png, and replaces a file of that name.
+    "rasterjit FILE" is short for "rasterjit render FILE". Without options for the camera, the
+    file's own is used, or one that fits the whole scene into the picture. If FILE is a folder,
+    each mesh below it becomes a picture in the folder OUT, of 256x256 pixels unless --size says
+    otherwise. Meshes that cannot be drawn are named, and the exit status is 1. OUT may be FILE
+    itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
 
-    The status is 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
+    Exit status: 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
@@ -219,7 +219,7 @@ def render(
         render_file(file, place, asked, *described)
 
 
-@program.command(short_help="Render a turn around FILE to an animation.")
+@program.command(short_help="Render an animation that goes once around FILE.")
 @file_argument
 @click.option(
     "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
@@ -227,16 +227,16 @@ def render(
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(1, 3600), metavar="COUNT",
-    help="Number of frames; default: 36, or as many as --animate needs for the animation.",
+    help="Number of frames; default: 36, or with --animate the length of the animation.",
 )  # fmt: skip
 @click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
               help="Frames a second.")  # fmt: skip
 @click.option("--turns", type=NumberType(), default=1.0, show_default=True, metavar="NUMBER",
-              help="How often the camera goes around; below 0 the other way, 0 not at "
-                   "all.")  # fmt: skip
+              help="How often the camera goes around; negative for the other way, 0 to "
+                   "keep it still.")  # fmt: skip
 @click.option("--animate", is_flag=True,
-              help="Play the file's animation meanwhile, again and again.")  # fmt: skip
-@click.option("--animation", metavar="NAME|NUMBER", help=f"{ANIMATION_HELP} Plays it.")
+              help="Play the file's animation while the camera turns.")  # fmt: skip
+@click.option("--animation", metavar="NAME|NUMBER", help=f"{ANIMATION_HELP} Implies --animate.")
 @size_option("640x480")
 @view_options(orbit=True)
 @background_option
@@ -262,10 +262,10 @@ def turntable(
     **rest: Any,
 ) -> None:
     """
-    Render FILE from a camera that goes around it, once, to an animation.
+    Render an animation in which the camera goes once around FILE.
 
-    With --animate what moves in FILE moves: the animation takes its time, and the camera goes
-    around in it; with --frames it begins again when it has ended.
+    With --animate the file's own animation plays, and the turn takes as long as it does. With
+    --frames as well, the turn has that many frames, and the animation starts again when it ends.
     """
     from rasterjit.animation import playing
     from rasterjit.animation.video import check_animation
@@ -306,12 +306,11 @@ def turntable(
 @debug_option
 def dataset(**options: Any) -> None:
     """
-    Render every mesh file below FOLDER from all sides, with the cameras as NeRF wants them.
+    Render every mesh file below FOLDER from all sides, with cameras as NeRF tools read them.
 
-    Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. What is
-    interrupted goes on where it stopped when it is run again; a mesh that was not finished begins
-    again. Files that cannot be read are left
-    out and listed in failures.json.
+    Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. After an
+    interruption, run the same command again: finished meshes stay, an unfinished one begins again.
+    Files that cannot be read are left out and listed in failures.json.
     """
     from rasterjit.cli.dataset import make_dataset
 
@@ -324,31 +323,31 @@ def show_options(command: Any) -> Any:
         [
             click.option("--backend", type=click.Choice(BACKENDS), default="auto",
                          show_default=True,
-                         help="Where it is shown; auto: a window if there is a display, else a "
-                         "page for the browser."),
+                         help="Where to show it; auto: a window if one opens, else a page for the "
+                         "browser, else the terminal."),
             click.option("--host", default="127.0.0.1", show_default=True,
-                         help="Where the page is served: by default where only this machine "
-                         "reaches it; 0.0.0.0: to all networks, unencrypted, for whoever has its "
+                         help="Network address of the page; by default only this machine reaches "
+                         "it. 0.0.0.0 serves all networks, unencrypted, whoever has the page's "
                          "address."),
             click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
-                         help="Of the page; 0 takes any that is free."),
+                         help="Port of the page; 0 takes any that is free."),
             click.option("--token", envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT",
-                         help="Of the page's address, 16 to 128 letters, digits, - and _; a random "
-                         "one unless given. Kept over restarts, at the same port, open pages come "
-                         "back by themselves. Others on this machine may read command lines: the "
-                         "variable hides it."),
+                         help="Token in the page's address, 16 to 128 letters, digits, - and _; "
+                         "default: a random one. With the same token and port, open pages come "
+                         "back when the viewer is started again. Others on this machine can read "
+                         "command lines, but not the variable."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
                          metavar="WxH", help="Size of the window, pixels."),
             click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.012,
                          show_default=True, metavar="SECONDS",
-                         help="For a picture while something moves: the best quality that is "
-                         "drawn in it, or the fastest; a draft until that is known."),
+                         help="Time for a picture while something moves; the best quality that "
+                         "fits is chosen, and a draft until that is known."),
         ],
         command,
     )  # fmt: skip
 
 
-@program.command(short_help="Show FILE to who moves the camera.")
+@program.command(short_help="Show FILE, and move the camera by hand.")
 @file_argument
 @show_options
 @view_options
@@ -361,23 +360,23 @@ def show_options(command: Any) -> Any:
 @quiet_option
 @debug_option
 def view(file: Path, **options: Any) -> None:
-    """Show FILE and let mouse and keys move the camera; H tells how."""
+    """Show FILE, and move the camera with mouse and keys; H lists the keys."""
     view_file(file, options)
 
 
 @program.command(short_help="Say what FILE holds.")
 @file_argument
 @click.option(
-    "--json", "as_json", is_flag=True, help="As JSON, with all nodes, materials and lights."
+    "--json", "as_json", is_flag=True, help="Print JSON, with all nodes, materials and lights."
 )
 @reading_options
 @debug_option
 def info(file: Path, as_json: bool, **reading: Any) -> None:
     """
-    Say what FILE holds: counts, bounds, nodes, materials, lights, camera, what is left out.
+    Say what FILE holds: counts, bounds, nodes, materials, lights, camera, and what is left out.
 
-    Nodes have the names that Scene.find takes, own attributes those that --outputs takes. It is
-    told of what is loaded: a vertex where faces meet at a crease counts for each side.
+    Names of nodes are those that Scene.find takes, attributes those that --outputs takes. Counts
+    are of what is loaded: a vertex at a crease counts once for each side.
     """
     from rasterjit.cli.info import tell
 
@@ -397,10 +396,10 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @click.option("--outputs", type=OutputsType(), default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
 @click.option("--pixel", type=PixelType(),
-              help="Say instead what happens at this column and row, step by step.")  # fmt: skip
+              help="Explain the pixel at this column and row instead, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
-              help="Render it, too, and say what each stage and each effect costs. Whatever is "
-              "tried is compiled first: half a minute, the first time.")  # fmt: skip
+              help="Render it, too, and say what each stage and each effect costs. All that is "
+              "tried is compiled first, which takes half a minute the first time.")  # fmt: skip
 @threads_option
 @debug_option
 def explain(
@@ -414,7 +413,7 @@ def explain(
     threads: int | None,
     **rest: Any,
 ) -> None:
-    """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
+    """Say what rendering FILE would do, and why; or explain one pixel."""
     view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
     view.check()
     look.check()
@@ -456,23 +455,23 @@ def explain(
         print_measurement(measured)
 
 
-@program.command(short_help="Measure what accuracy costs in time.")
+@program.command(short_help="Measure what accuracy costs and buys.")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
 @click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
-              help="Instead of FILE, a scene made for some of the settings: floor, wires, "
+              help="A scene made for some of the settings, in place of FILE: floor, wires, "
                    "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
                    "wireframe, gradients.")  # fmt: skip
 @click.option("--knobs", type=KnobsType(), metavar="NAMES",
               help="Settings to try, separated by commas; default: all: "
                    f"{', '.join(LEVELS)}.")  # fmt: skip
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
-              help="Time that it may take, about, default 100; what there is no time for is "
+              help="About how long it may take; default: 100. What there is no time for is "
                    "left out and named.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
-              help="Measure this machine once, for time_budget and max_error: a minute, or "
-                   "three where kernels have to be compiled.")  # fmt: skip
+              help="Measure this machine once, for time_budget and max_error; takes a minute, or "
+                   "three if kernels have to be compiled.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
-              help="Where the report is written; made if there is none.")  # fmt: skip
+              help="Folder of the report; made if it does not exist.")  # fmt: skip
 @click.option("--size", type=SizeType(), metavar="WxH",
               help="Size of the picture, pixels; default 640x480.")  # fmt: skip
 @view_options
@@ -561,14 +560,14 @@ def doctor() -> None:
         raise click.ClickException("the self-check failed; see the lines marked FAILED")
 
 
-@program.command(short_help="Print what completes commands in a shell.")
+@program.command(short_help="Print a script that completes commands in a shell.")
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """
-    Print what completes commands, options and files in SHELL.
+    Print a script that completes commands, options and files in SHELL.
 
-    In bash and zsh: eval "$(rasterjit completion bash)", in ~/.bashrc or ~/.zshrc with the name of
-    the shell. In fish: rasterjit completion fish | source.
+    In ~/.bashrc: eval "$(rasterjit completion bash)". In ~/.zshrc the same with zsh. In fish:
+    rasterjit completion fish | source.
     """
     from click.shell_completion import get_completion_class
 
@@ -580,7 +579,7 @@ def completion(shell: str) -> None:
 
 def view_file(file: Path, options: dict[str, Any]) -> None:
     """
-    Show a file to who moves the camera, until the window is closed.
+    Show a file until the window is closed.
 
     Parameters
     ----------

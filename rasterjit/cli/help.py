@@ -54,13 +54,13 @@ class Command(click.Command):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        if len(self.params) > MANY:
-            self.params.append(
-                click.Option(
-                    ["--help-all"], is_flag=True, is_eager=True, expose_value=False,
-                    callback=_show_all, help="Show all options and exit.",
-                )
-            )  # fmt: skip
+        self.params.append(
+            click.Option(
+                ["--help-all"], is_flag=True, is_eager=True, expose_value=False,
+                hidden=len(self.params) <= MANY, callback=_show_all,
+                help="Show all options and exit.",
+            )
+        )  # fmt: skip
 
     def format_help_text(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what the command does; in short its first paragraph."""
@@ -93,7 +93,8 @@ class Command(click.Command):
 
 def is_short(context: click.Context) -> bool:
     """Tell whether the help of a command shows the common options alone."""
-    has_more = any(one.name == "help_all" for one in context.command.params)
+    options = (one for one in context.command.params if isinstance(one, click.Option))
+    has_more = any(one.name == "help_all" and not one.hidden for one in options)
     return has_more and not context.meta.get(ALL, False)
 
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
 ANIMATION_HELP = (
-    "Which of the file's animations, by its name or number; default: 0, the first. rasterjit info "
-    "lists them."
+    "Name or number of one of the file's animations; default: 0, the first. rasterjit info lists "
+    "them."
 )
 
 
@@ -66,8 +66,8 @@ def moment_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--time", type=FiniteType(0.0), metavar="SECONDS",
-                         help="Show it at this time of its animation; after the end as at the "
-                              "end. Default: as the file itself poses it, or 0 with --animation."),
+                         help="Time of the animation that is shown; after its end, as at the end. "
+                              "Default: as the file poses itself, or 0 with --animation."),
             click.option("--animation", metavar="NAME|NUMBER", help=ANIMATION_HELP),
         ],
         command,

@@ -939,12 +939,13 @@ def add_options(options: list[Callable], command: Callable) -> Callable:
 
 on_damage_option = click.option(
     "--on-damage", type=click.Choice(["error", "warn"]), default="error", show_default=True,
-    help="Refuse an OBJ, PLY, STL or OFF file that is cut short or damaged, or draw what there is.",
+    help="Refuse a file that is cut short or damaged (OBJ, PLY, STL, OFF, PCD, LAS or rows of "
+    "points), or draw what there is.",
 )  # fmt: skip
 
 max_bytes_option = click.option(
     "--max-bytes", type=int, default=DEFAULT_MAX_BYTES,
-    help="Memory that a mesh file and all that it names may take; default: 8 GiB.",
+    help="Most memory that a mesh file and all that it names may take; default: 8 GiB.",
 )  # fmt: skip
 
 
@@ -957,8 +958,8 @@ def reading_options(command: Callable) -> Callable:
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
             on_damage_option,
             click.option("--resource-root", metavar="FOLDER",
-                         help="Let the file name textures and others in this folder, not in its "
-                              "own alone."),
+                         help="Folder that textures and other files may be read from; default: "
+                              "the folder of the mesh."),
             max_bytes_option,
         ],
         command,
@@ -971,33 +972,35 @@ def look_options(command: Callable) -> Callable:
     return add_options(
         [
             click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour; as --background has it, instead of "
-                              "their own and their textures."),
+                         help="Draw all objects in this colour; replaces their own colours and "
+                              "textures. Spelt as for --background."),
             click.option("--scalars", metavar="NAME",
-                         help="Show the numbers of this attribute by colours, such as those of the "
-                              "property quality of a PLY file; rasterjit info lists them."),
+                         help="Show an attribute of the file in colours, such as the property "
+                              "quality of a PLY; rasterjit info lists attributes."),
             click.option("--colormap", type=ColormapType(), metavar="NAME",
-                         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, or one with "
-                              f"{REVERSED} behind it, reversed; default: viridis."),
+                         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed "
+                              f"with {REVERSED} behind it; default: viridis."),
             click.option("--range", "scalar_range", type=RangeType(),
-                         help="What the first and the last colour stand for; default: the least "
-                              "and the greatest of the numbers."),
+                         help="Values of the first and the last colour; default: the least and the "
+                              "greatest value."),
             click.option("--contours", type=ContoursType(),
-                         help="Lines of equal --scalars: how many, or at which values, 0.5,1.5."),
+                         help="Draw lines of equal --scalars: how many, 10, or at which values, "
+                              "0.5,1.5."),
             click.option("--variant", metavar="NAME",
                          help="Show this variant of a glTF file's materials; rasterjit info lists "
                               "them."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
                          callback=check_lights,
-                         help="Light from far away that shines along X,Y,Z (0,-1,0: down); beside "
-                              "dim light from all around, instead of the scene's lights; or "
-                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
-                              "around in place of the dim). May be repeated, each light once."),
+                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), or "
+                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}; replaces the scene's "
+                              "lights. There is dim light from all around as well, bright with "
+                              "ambient. May be repeated, each light once."),
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
-                         help="Draw the edges over the faces, or alone."),
+                         help="Draw edges over the faces, or edges alone."),
             click.option("--wireframe-color", type=ColorType(is_opaque=True),
-                         help="As --background, opaque; black if not given. Alone, it overlays."),
+                         help="Colour of the edges, opaque; default: black. Without --wireframe "
+                              "they are drawn over the faces."),
         ],
         reading_options(command),
     )  # fmt: skip
@@ -1009,18 +1012,18 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         return lambda command: view_options(command, orbit=orbit)
     start = " of the first frame" if orbit else ""
     placing = [] if orbit else [
-        click.option("--position", type=VectorType(), help="Where the camera is."),
+        click.option("--position", type=VectorType(), help="Where the camera stands."),
         click.option("--target", type=VectorType(),
-                     help="What it looks at; default: the middle of the scene."),
+                     help="Point that it looks at; default: the middle of the scene."),
         click.option("--pose", type=PoseType(), metavar="FILE|NUMBERS",
-                     help="Where the camera is and how it is turned: the 4x4 or 3x4 matrix of a "
-                          ".npy, .json or text file, or its numbers, row by row."),
+                     help="Position and rotation of the camera: a 4x4 or 3x4 matrix in a .npy, "
+                          ".json or text file, or its numbers, row by row."),
         click.option("--convention", type=click.Choice(tuple(CONVENTIONS)),
                      help="What --pose means. "
                           f"{'. '.join(f'{name}: {text}' for name, text in CONVENTIONS.items())}."),
         click.option("--intrinsics", type=IntrinsicsType(), metavar="FX,FY,CX,CY|FILE",
-                     help="Focal lengths and principal point, or the matrix K, as OpenCV has them, "
-                          "of a picture of --size: pixels, the centre of the first at 0,0."),
+                     help="Focal lengths and principal point in pixels of --size, or a file with "
+                          "the matrix K; as in OpenCV, the first pixel's centre is 0,0."),
     ]  # fmt: skip
     fitting = [
         click.option("--azimuth", metavar="DEG", type=NumberType(),
@@ -1028,13 +1031,14 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
                      help="Degrees above the scene."),
         click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
-                     help="How many times bigger to show the scene" + ("." if orbit else
-                          "; alone, it is seen with the file's camera, if there is one.")),
+                     help="How many times larger to show the scene" + ("." if orbit else
+                          "; without other options of the camera, the file's own is used.")),
         click.option("--fov", metavar="DEG",
                      type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
                      help="Vertical field of view, degrees; default 28, "
                           "with --position or --pose 45."),
-        click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
+        click.option("--projection", type=click.Choice(["perspective", "orthographic"]),
+                     help="With perspective, or parallel; default: perspective."),
         click.option("--up", type=VectorType(),
                      help="Which way is up; default: what the file says, else 0,1,0."),
     ]  # fmt: skip
@@ -1140,9 +1144,9 @@ def style_option(command: Callable) -> Callable:
     return click.option(
         "--style", type=click.Choice(STYLES), default=STYLES[0], show_default=True, metavar="NAME",
         help=f"{', '.join(STYLES[:-1])} or {STYLES[-1]}. studio: a soft lamp, light from the sky, "
-             "a shadow on the ground, greys behind, 4 samples; plain: a headlight before white, as "
-             "rasterjit.render draws. Lights and cameras of FILE stay, and options go before the "
-             "style.",
+             "a shadow on the ground, grey behind, 4 samples; plain: a headlight, white behind, as "
+             "rasterjit.render draws. FILE keeps its own lights and camera, and other options win "
+             "over the style.",
     )(command)  # fmt: skip
 
 
@@ -1186,9 +1190,9 @@ def quality_options(command: Callable) -> Callable:
         click.option("--quality", "preset", type=click.Choice(tuple(PRESETS)), default="standard",
                      show_default=True, help="How accurately to render."),
         click.option("--set", "changes", type=SettingType(), multiple=True,
-                     help="Change one accuracy setting, as shadow_size=2048; may be repeated."),
+                     help="Change an accuracy setting, such as shadow_size=2048; may be repeated."),
         click.option("--samples", type=click.Choice(SAMPLES),
-                     help="Samples of each pixel against jagged edges; area is exact, slow. "
+                     help="Samples of each pixel, for smooth edges; area is exact and slow. "
                           "Short for --set samples=..."),
     ]  # fmt: skip
     return add_options(settings, command)
@@ -1201,25 +1205,25 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
     command = add_options(
         [
             click.option("--shadows", is_flag=True,
-                         help="Let the lights cast shadows; without lights, a sun."),
+                         help="Let the lights cast shadows; a scene without lights gets a sun."),
             click.option("--environment", metavar="FILE|sky",
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
             click.option("--eye-dome", metavar="STRENGTH", type=FiniteType(0.0, STRONGEST),
-                         help="Darken what lies behind its neighbours, so that depth is seen "
-                              "without light; 1 is usual."),
+                         help="Darken what lies behind its neighbours, which shows depth without "
+                              "light; 1 is usual."),
             click.option("--outline", type=ColorType(is_opaque=True),
                          help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),
-                         help="Curve from light to what the screen shows."),
+                         help="Tone curve: from light to what a screen can show."),
             click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),
-                         help="Doublings of the light before the curve."),
+                         help="Stops of exposure, doublings of the light before the curve."),
             click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
                          help="Darken the corners by this share of their light."),
             click.option("--section", metavar="PLANE", type=PlaneType(), multiple=True,
-                         help="Cut away what lies in front of a plane: x=0.5 all above 0.5 in x, "
-                              "-x=0.5 all below, or a point and a normal, X,Y,Z,NX,NY,NZ; may be "
-                              "repeated."),
+                         help="Cut away what lies in front of a plane: x=0.5 cuts away all x above "
+                              "0.5, -x=0.5 all below; or a point and a normal, X,Y,Z,NX,NY,NZ. "
+                              "May be repeated."),
             click.option("--section-lines", type=ColorType(is_opaque=True),
                          help="Draw the outline of the cut in this colour."),
         ],

@@ -191,21 +191,22 @@ debug_option = click.option(
 )  # fmt: skip
 quiet_option = click.option(
     "-q", "--quiet", is_flag=True,
-    help="Print nothing but errors, and which spellings are deprecated.",
+    help="Print only errors and deprecated spellings.",
 )  # fmt: skip
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
-    help="Number of threads; default: all processors. The picture is the same for any.",
+    help="Number of threads; default: all processors. Any number draws the same picture.",
 )  # fmt: skip
 color_behind_option = click.option(
     "--background", type=ColorType(),
-    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; default: the environment, or "
-    "white.",
+    help="A CSS colour name, #rrggbb, #rrggbbaa or transparent; default: the environment if there "
+    "is one, else white.",
 )  # fmt: skip
 background_option = click.option(
     "--background", type=BackgroundType(), metavar="COLOR|FILE",
-    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; or a picture, a name with a dot "
-    "or slash, whose size --size then is. Default: the environment, or white.",
+    help="A CSS colour name, #rrggbb, #rrggbbaa or transparent; or a picture file (a name with a "
+    "dot or slash), which sets the size. Default: the environment if there is one, else that of "
+    "the style, else white.",
 )  # fmt: skip
 cull_option = click.option(
     "--cull", type=click.Choice(CULL_MODES), default="none", show_default=True,

@@ -1,5 +1,5 @@
 """
-Styles: what a picture looks like where nobody says more than what is in it.
+Styles: finished looks, each of lights, a background, effects or materials.
 
 Each is a function of a scene that returns a `Style`: a copy of the scene with lights, effects or
 materials of its own, and what to render it with. The scene itself stays as it is.
@@ -81,7 +81,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
@@ -103,7 +103,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
@@ -189,7 +189,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
 
     Parameters
     ----------
-    scene : Scene, Mesh or what else `rasterjit.render` takes
+    scene : Scene, Mesh or anything else that `rasterjit.render` takes
     camera : Camera, optional
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """
