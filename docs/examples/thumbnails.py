@@ -46,6 +46,8 @@ def light(scene: rj.Scene) -> None:
 def draw(folder: Path, renderer: rj.Renderer) -> Iterator[Thumbnail]:
     """Yield a thumbnail for each mesh file below a folder, in the order of their names."""
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES):
+        if path.is_dir():
+            continue
         name = path.relative_to(folder).as_posix()
         try:
             with warnings.catch_warnings(record=True) as notices:
@@ -59,7 +61,10 @@ def draw(folder: Path, renderer: rj.Renderer) -> Iterator[Thumbnail]:
             yield Thumbnail(name, None, str(error).replace(f"{path} ", ""))
             continue
         faces = sum(len(node.mesh.faces) for node in scene.nodes if isinstance(node.mesh, rj.Mesh))
-        words = f"{faces:,} faces" + (f", {len(notices)} warnings" if notices else "")
+        is_cloud = all(isinstance(node.mesh, rj.Points) for node in scene.nodes)
+        words = f"{faces:,} {'points' if is_cloud else 'faces'}" + (
+            f", {len(notices)} warnings" if notices else ""
+        )
         yield Thumbnail(name, frame.color, words)
 
 

@@ -42,8 +42,8 @@ MEANT = {
     "--ortho": "--projection orthographic",
     "--orthographic": "--projection orthographic",
     "--perspective": "--projection perspective",
-    "--z-up": "--up 0,0,1",
-    "--y-up": "--up 0,1,0",
+    "--z-up": "--up z",
+    "--y-up": "--up y",
     "--extrinsics": "--pose FILE",
     "--camera-pose": "--pose FILE",
     "--camera-matrix": "--intrinsics FX,FY,CX,CY",
@@ -194,7 +194,9 @@ def with_advice(error: click.ClickException) -> str:
     command = _NO_COMMAND.search(message)
     if command is not None and isinstance(error, click.UsageError) and error.ctx is not None:
         known = list(getattr(error.ctx.command, "commands", ()))
-        return f"No such command {command[1]!r}" + question(command[1], known, COMMANDS_MEANT)
+        return f"No such command or file {command[1]!r}" + question(
+            command[1], known, COMMANDS_MEANT
+        )
     parameter = getattr(error, "param", None)
     if parameter is not None and isinstance(parameter.type, click.Choice):
         value = _NO_CHOICE.search(message)
@@ -233,6 +235,8 @@ def _option_meant(error: click.NoSuchOption) -> str:
     program = context.find_root().command
     commands = getattr(program, "commands", {})
     having = [known for known, command in commands.items() if name in _options_of(command)]
+    if having and context.command is program:
+        return " before the command or FILE: options stand behind it"
     if having:
         *others, last = having
         names = f"{', '.join(others)} and {last}" if others else last

@@ -202,21 +202,30 @@ def render(
 
         if output is None:
             raise click.UsageError("Missing option '-o' / '--output', a folder for the pictures.")
-        refuse_picture(files[0], output)
+        refuse_picture(f"the folder {files[0]}", output)
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
         options = {name: rest[name] for name in ("style", "background", "cull")}
         render_folder(files[0], output, size, threads, quiet, view, look, effects, **options)
         return
-    from rasterjit.cli.pictures import Picture, places_of, render_file, to_standard_output
+    from rasterjit.cli.pictures import (
+        Picture,
+        places_of,
+        render_file,
+        render_files,
+        to_standard_output,
+    )
 
     asked = gather(Picture, {**rest, "size": size, "threads": threads, "quiet": quiet})
     described = view, look, effects, moment
     if output is not None and str(output) == STANDARD_OUTPUT:
         to_standard_output(files, asked, *described)
         return
-    for file, place in places_of(files, output, force).items():
-        render_file(file, place, asked, *described)
+    places = places_of(files, output, force)
+    if len(places) == 1:
+        render_file(files[0], places[files[0]], asked, *described)
+        return
+    render_files(places, asked, *described)
 
 
 @program.command(short_help="Render an animation that goes once around FILE.")

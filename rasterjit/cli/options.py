@@ -213,6 +213,27 @@ class VectorType(click.ParamType):
         return x, y, z
 
 
+class UpType(VectorType):
+    """A direction as three numbers, or an axis: ``0,0,1``, ``z``, ``-x``."""
+
+    name = "X,Y,Z|AXIS"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Vector:
+        """Return the three numbers, or raise click's usage error."""
+        text = value.replace(" ", "").lower() if isinstance(value, str) else ""
+        axis = re.fullmatch(r"([+-]?)([xyz])", text)
+        if axis is not None:
+            length = -1.0 if axis[1] == "-" else 1.0
+            x, y, z = (length if axis[2] == name else 0.0 for name in "xyz")
+            return x, y, z
+        if isinstance(value, str) and "," not in value:
+            self.fail(f"{value!r} is neither an axis, such as z or -y, nor X,Y,Z", parameter,
+                      context)  # fmt: skip
+        return super().convert(value, parameter, context)
+
+
 class PlaneType(click.ParamType):
     """A plane that cuts: ``x=0.5``, ``-x=0.5``, or a point and a normal, ``X,Y,Z,NX,NY,NZ``."""
 
@@ -533,13 +554,18 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
     return PlaceType(kind).convert(str(place), option, context)
 
 
-def refuse_picture(folder: Path, output: Path) -> None:
-    """Raise click's usage error if a folder's pictures are to go where a file's name is."""
-    if output.suffix.lower() in _formats("image") and not output.is_dir():
+def is_picture(file: Path) -> bool:
+    """Tell whether a name is one of pictures, or of buffers."""
+    return file.suffix.lower() in _formats("image")
+
+
+def refuse_picture(what: str, output: Path) -> None:
+    """Raise click's usage error if several pictures are to go where a file's name is."""
+    if is_picture(output) and not output.is_dir():
         raise click.BadOptionUsage(
             "--output",
-            f"--output: {output} is the name of a file, and the pictures of the folder {folder} go "
-            f"into a folder, such as {output.with_suffix('')}",
+            f"--output: {output} is the name of a file, and the pictures of {what} go into a "
+            f"folder, such as {output.with_suffix('')}",
         )
 
 
@@ -1039,8 +1065,8 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                           "with --position or --pose 45."),
         click.option("--projection", type=click.Choice(["perspective", "orthographic"]),
                      help="With perspective, or parallel; default: perspective."),
-        click.option("--up", type=VectorType(),
-                     help="Which way is up; default: what the file says, else 0,1,0."),
+        click.option("--up", type=UpType(),
+                     help="Which way is up, such as z; default: what the file says, else y."),
     ]  # fmt: skip
     return add_options(placing + fitting, command)
 

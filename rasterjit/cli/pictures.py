@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.moments import Moment
 from rasterjit.cli.options import (
     Effects,
@@ -18,14 +19,18 @@ from rasterjit.cli.options import (
     View,
     checked_place,
     in_style,
+    is_picture,
     refuse_idle,
+    refuse_picture,
     refuse_without_color,
 )
 from rasterjit.cli.program import (
     is_opaque,
     load_scene,
     plan_files,
+    reason,
     size_behind,
+    told_codes,
     units_per_code,
     warn,
     write_files,
@@ -71,19 +76,27 @@ def places_of(files: tuple[Path, ...], output: Path | None, force: bool) -> dict
     ----------
     files : tuple of Path
     output : Path or None
-        Of one file the name of the picture, of several a folder, which is made.
+        Of one file the name of the picture or a folder, of several a folder, which is made.
     force : bool
         Whether pictures whose names are not given replace files.
     """
     folders = [file for file in files if file.is_dir()]
     if folders:
         raise click.UsageError(f"{folders[0]} is a folder: give it alone")
-    if len(files) == 1 and output is not None:
+    pictures = [file for file in files if is_picture(file)]
+    if pictures:
+        raise click.UsageError(
+            f"{pictures[0]} is the name of a picture, not of a mesh file: -o {pictures[0]} names "
+            "what is written"
+        )
+    if len(files) == 1 and output is not None and not output.is_dir():
         return {files[0]: checked_place("output", output, "image")}
     if output is not None and output.exists() and not output.is_dir():
         raise click.BadOptionUsage(
             "--output", f"--output: {output} is a file, and the pictures of several go to a folder"
         )
+    if output is not None:
+        refuse_picture("several files", output)
     folder = Path() if output is None else output
     places = {file: folder / file.with_suffix(SUFFIX).name for file in files}
     by_place: dict[Path, Path] = {}
@@ -121,6 +134,29 @@ def to_standard_output(
         content = place.read_bytes()
     sys.stdout.buffer.write(content)
     sys.stdout.buffer.flush()
+
+
+def render_files(
+    places: dict[Path, Path],
+    asked: Picture,
+    view: View,
+    look: Look,
+    effects: Effects,
+    moment: Moment,
+) -> None:
+    """Draw several files; those that fail are named, and at the end the command."""
+    failed = 0
+    for file, place in places.items():
+        try:
+            render_file(file, place, asked, view, look, effects, moment)
+        except (click.UsageError, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            raise_if_interrupted()
+            failed += 1
+            warn(f"left out {file}: {reason(error)}", asked.quiet)
+    if failed:
+        raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
 
 
 def render_file(
@@ -177,6 +213,6 @@ def render_file(
     if asked.diagnose:
         print_diagnostics(frame.diagnostics)
     for number, place in enumerate(places):
-        told = f": --scale {chosen[place]:g}, units a code" if place in chosen else ""
-        told += told_frame(frame, saved - start) if number == 0 else ""
+        told = told_frame(frame, saved - start) if number == 0 else ""
+        told += told_codes(place, places[place], chosen.get(place))
         click.echo(f"wrote {place}{told}")

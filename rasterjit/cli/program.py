@@ -88,7 +88,8 @@ class Program(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is named, or the one that renders the file that is."""
         first = args[0]
-        if first not in self.commands and (Path(first).suffix or Path(first).exists()):
+        if first not in self.commands and (Path(first).name != first or Path(first).suffix
+                                           or Path(first).exists()):  # fmt: skip
             return super().resolve_command(context, [RENDER, *args])
         return super().resolve_command(context, args)
 
@@ -173,6 +174,11 @@ def describe(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return f"not enough memory: {error}" if str(error) else "not enough memory"
     return f"{type(error).__name__}: {error} (--debug shows where)"
+
+
+def reason(error: Exception) -> str:
+    """Return why a file could not be drawn, in words."""
+    return error.format_message() if isinstance(error, click.ClickException) else describe(error)
 
 
 def _say_error(message: str) -> None:
@@ -435,6 +441,17 @@ def _write_file(
         images.save_image(place, shares.astype(np.uint8))
     else:
         frame.save(place, content, scale=scale)
+
+
+def told_codes(place: Path, content: tuple[str, ...] | str, scale: float | None) -> str:
+    """Return what a line says of a file of 16-bit codes, ``scale`` the one that was chosen."""
+    if scale is not None:
+        return f"  16 bits, a code is {scale:g} units (--scale {scale:g}), 0 is nothing"
+    names = (content,) if isinstance(content, str) else content
+    is_numbers = content != "picture" and all(row_of(name).dtype == "int32" for name in names)
+    if place.suffix.lower() == ".png" and is_numbers:
+        return "  16 bits, numbers plus one, 0 is nothing"
+    return ""
 
 
 def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:

@@ -77,7 +77,7 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
 @contextmanager
 def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
     """
-    Show how far something is: a bar on a terminal, else one line at the start.
+    Show how far something is: a bar on a terminal, else nothing.
 
     Yields
     ------
@@ -88,20 +88,12 @@ def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    is_hidden = not console.is_terminal
-
-    def show(done: int, total: int) -> None:
-        if not is_hidden:
-            progress.update(bar, completed=done, total=total)
-        elif done == 0 and total > 0:
-            click.echo(f"{text} ({total} to do)", err=True)
-
-    if quiet:
+    if quiet or not console.is_terminal:
         yield lambda done, total: None
         return
-    with Progress(console=console, disable=is_hidden, transient=True) as progress:
+    with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(text)
-        yield show
+        yield lambda done, total: progress.update(bar, completed=done, total=total)
 
 
 def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:
@@ -117,7 +109,7 @@ def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> 
 def told_frame(frame: Frame, total: float) -> str:
     """Return what a line says of a picture: its size, what it is of, and the seconds it took."""
     width, height = frame.plan.size
-    return f"  {width}x{height}  {frame.stats.triangles_in:,} triangles  {total:.2f} s"
+    return f"  {width}x{height}  {frame.counted}  {total:.2f} s"
 
 
 def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
@@ -139,7 +131,7 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     table = Table(show_header=False)
     table.add_column()
     table.add_column(justify="right")
-    table.add_row("triangles in", f"{stats.triangles_in:,}")
+    table.add_row(f"{frame.counted.partition(' ')[2]} in", f"{stats.triangles_in:,}")
     for label, count in (
         ("outside the view", stats.outside),
         ("turned away", stats.culled),

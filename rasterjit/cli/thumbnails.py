@@ -11,7 +11,7 @@ import click
 
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
-from rasterjit.cli.program import describe, load_scene, size_behind, warn
+from rasterjit.cli.program import load_scene, reason, size_behind, warn
 from rasterjit.cli.report import progress_bar, progress_notice
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def render_folder(
             except Exception as error:
                 raise_if_interrupted()
                 failed += 1
-                warn(f"left out {name}: {_reason(error)}", quiet)
+                warn(f"left out {name}: {reason(error)}", quiet)
             show(done, len(names))
     if not quiet:
         seconds = time.perf_counter() - start
@@ -117,8 +117,3 @@ def _draw(
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
     return list(notices_of(frame.plan, frame.stats).values())
-
-
-def _reason(error: Exception) -> str:
-    """Return why a file could not be drawn, in words."""
-    return error.format_message() if isinstance(error, click.ClickException) else describe(error)

@@ -214,7 +214,8 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, str | None]]]:
 def _folder(name: str, value: Any) -> Path:
     """Return the full path of an existing folder, or raise ``ValueError``."""
     if not isinstance(value, (str, os.PathLike)) or not Path(value).is_dir():
-        raise ValueError(f"{name} must be an existing folder, got {in_short(value)}")
+        told = repr(str(value)) if isinstance(value, os.PathLike) else in_short(value)
+        raise ValueError(f"{name} must be an existing folder, got {told}")
     return Path(value).resolve()
 
 

@@ -241,7 +241,8 @@ def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Pat
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
     if not isinstance(folder, (str, os.PathLike)) or not Path(folder).is_dir():
-        raise ValueError(f"folder must be an existing folder, got {in_short(folder)}")
+        told = repr(str(folder)) if isinstance(folder, os.PathLike) else in_short(folder)
+        raise ValueError(f"folder must be an existing folder, got {told}")
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
     if not isinstance(name, str):

@@ -513,7 +513,17 @@ class Frame:
         width, height = self.plan.size
         took = sum(time for name, time in self.stats.seconds.items() if name != "compile")
         duration = f"{took:.1f} s" if took >= 1.0 else f"{1e3 * took:.0f} ms"
-        return f"{width} × {height}, {self.stats.triangles_in:,} triangles, {duration}"
+        return f"{width} × {height}, {self.counted}, {duration}"
+
+    @property
+    def counted(self) -> str:
+        """What was drawn, in words: ``7,656 triangles``, ``90 triangles and points``."""
+        contents, count = self.plan.facts.contents, self.stats.triangles_in
+        kinds = {"segments": contents.lines, "points": contents.points}
+        others = contents.objects - sum(kinds.values())
+        kinds = {"triangles": others if any(kinds.values()) else 1} | kinds
+        names = [name.removesuffix("s" if count == 1 else "") for name, has in kinds.items() if has]
+        return f"{count:,} {' and '.join(', '.join(names).rsplit(', ', 1))}"
 
     def colorbar(self, title: str = "", *, node: int | None = None) -> NDArray[np.uint8]:
         """

@@ -71,6 +71,8 @@ def grid(
     """
     from PIL import Image, ImageDraw, ImageFont
 
+    if isinstance(pictures, (Frame, Image.Image)):
+        raise ValueError(f"pictures must be a sequence of pictures, got one, {in_short(pictures)}")
     images = [_image(picture, number) for number, picture in enumerate(pictures)]
     if not images:
         raise ValueError("pictures must hold at least one, got none")

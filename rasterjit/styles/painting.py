@@ -11,10 +11,12 @@ import numpy as np
 
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.colormap import Colormap
+from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
+from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Anisotropy, Texture
 from rasterjit.scene.vectors import dot
@@ -25,24 +27,29 @@ NEAR_TO_FAR = Colormap(np.repeat(np.arange(246, 51, -1, dtype=np.uint8)[:, None]
 
 UNLIT = Material(shading="unlit")
 
+ALL_KINDS = (Mesh, Points, Lines)
+
 SMOOTH = ("phong", "gouraud", "pbr")
 """Shadings by normals of vertices."""
 
 
-def repainted(scene: Scene, paint: Callable[[Node], Mesh]) -> Scene:
+def repainted(
+    scene: Scene, paint: Callable[[Node], Mesh], kinds: tuple[type[Mesh], ...] = (Mesh,)
+) -> Scene:
     """
-    Return a scene, posed, with other meshes; labels and points and lines stay.
+    Return a scene, posed, with other meshes; labels stay, and points and lines unless named.
 
     Parameters
     ----------
     scene : Scene
     paint : callable
-        Returns the mesh that is drawn for a node of triangles.
+        Returns the mesh that is drawn for a node of these kinds.
+    kinds : tuple of type
     """
     scene = posed_scene(scene)
     changed = copy.copy(scene)
     changed.nodes = [
-        Node(paint(node), node.world_matrix, node.name) if type(node.mesh) is Mesh else node
+        Node(paint(node), node.world_matrix, node.name) if type(node.mesh) in kinds else node
         for node in scene.nodes
     ]
     return changed
@@ -102,11 +109,11 @@ def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
 
 
 def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
-    """Return a scene whose triangles show how far along the viewing axis they lie."""
+    """Return a scene whose objects show how far along the viewing axis they lie."""
     scene, row = posed_scene(scene), camera.view_matrix()[2].tolist()
     depths, low, high = {}, np.inf, -np.inf
     for node in scene.nodes:
-        if type(node.mesh) is not Mesh:
+        if type(node.mesh) not in ALL_KINDS:
             continue
         matrix, positions = node.world_matrix, node.mesh.vertices
         x, y, z, w = (dot(row, column) for column in matrix[:3].T.tolist())
@@ -128,7 +135,7 @@ def painted_by_depth(scene: Scene, camera: Camera) -> Scene:
         mesh.material = _as_seen(node.mesh, UNLIT)
         return mesh
 
-    return repainted(scene, paint)
+    return repainted(scene, paint, ALL_KINDS)
 
 
 def painted_by_normal(scene: Scene) -> Scene:

@@ -118,17 +118,21 @@ class Style:
     ground: GroundLight | None = None
     adds: Mapping[str, str] = field(default_factory=dict)
 
-    def render(self, *, size: tuple[int, int] = SIZE, **options: Any) -> Frame:
+    def render(
+        self, camera: Camera | None = None, *, size: tuple[int, int] = SIZE, **options: Any
+    ) -> Frame:
         """
         Render a frame in this style.
 
         Parameters
         ----------
+        camera : Camera, optional
+            Default: the style's. The lamp of `studio` stands beside the style's, whatever this is.
         size : (int, int)
             Width and height, pixels.
         **options
-            What else `rasterjit.render` takes; a ``camera``, ``quality`` or ``background`` goes
-            before the style's.
+            What else `rasterjit.render` takes; a ``quality`` or ``background`` goes before the
+            style's.
 
         Returns
         -------
@@ -139,18 +143,22 @@ class Style:
         ValueError
             As `rasterjit.render` does.
         """
+        options["camera"] = camera
         made, has_shadow = self._made(size, options)
         frame = render(self.scene, size=size, **made)
         frame.plan = self._told(frame.plan, options, has_shadow)
         return frame
 
-    def explain(self, *, size: tuple[int, int] = SIZE, **options: Any) -> RenderPlan:
+    def explain(
+        self, camera: Camera | None = None, *, size: tuple[int, int] = SIZE, **options: Any
+    ) -> RenderPlan:
         """
         Say what `render` would do, with the style as the reason of what it adds.
 
         Takes what `rasterjit.explain` takes, but for the scene. The plan prints as a table. It
         counts on a shadow wherever the ground around the scene is in view.
         """
+        options["camera"] = camera
         made, has_shadow = self._made(size, options, casts=False)
         plan = explain(self.scene, size=size, **made)
         return self._told(plan, options, has_shadow)

@@ -76,6 +76,9 @@ def test_a_file_in_place_of_a_command_is_rendered_here_and_replaces_nothing(tmp_
     assert (tmp_path / "cube.png").read_bytes() != before
     assert "does not exist" in run("nothing.obj").stderr
     assert "did you mean render" in run("rendr", CUBE).stderr
+    assert "No such command or file 'cube'" in run("cube").stderr
+    assert "'folder/cube' does not exist" in run("folder/cube", "--force").stderr
+    assert "options stand behind it" in run(*SIZE, CUBE).stderr
 
 
 def test_several_files_go_to_a_folder(tmp_path, monkeypatch):
@@ -88,8 +91,60 @@ def test_several_files_go_to_a_folder(tmp_path, monkeypatch):
     assert "--force" in run("render", CUBE, other, "-o", "out", *SIZE).stderr
     assert "would both be" in run("render", CUBE, "cube.obj").stderr
     assert "is a file" in run("render", CUBE, other, "-o", "out/cube.png").stderr
+    assert "is the name of a file" in run("render", CUBE, other, "-o", "both.png").stderr
+    assert "-o new.png names what is written" in run("render", CUBE, "new.png").stderr
+    assert not (tmp_path / "both.png").exists()
     assert "is a folder: give it alone" in run("render", CUBE, "out").stderr
     assert "a folder for the pictures" in run("render", "out").stderr
+
+
+def test_a_broken_one_of_several_files_stops_no_other(tmp_path):
+    (tmp_path / "broken.obj").write_text("v 0 0 0\nf 1 2 3\n")
+    shutil.copy(CUBE, tmp_path / "last.ply")
+    files = tmp_path / "broken.obj", CUBE, tmp_path / "nothing.obj", tmp_path / "last.ply"
+    result = run("render", *files, "-o", tmp_path / "out", *SIZE)
+    assert (result.exit_code, len(result.stderr.splitlines())) == (1, 3)
+    assert f"warning: left out {tmp_path / 'broken.obj'}: " in result.stderr
+    assert "2 of 4 files could not be drawn" in result.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["cube.png", "last.png"]
+
+
+def test_one_file_goes_into_a_folder_that_there_is(tmp_path):
+    assert run("render", CUBE, "-o", tmp_path, *SIZE).exit_code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["cube.png"]
+    assert "--force" in run("render", CUBE, "-o", tmp_path, *SIZE).stderr
+    assert "must end in one of" in run("render", CUBE, "-o", tmp_path / "none").stderr
+
+
+@pytest.mark.parametrize(
+    ("axis", "vector"), [("z", "0,0,1"), ("-Y", "0,-1,0"), ("+x", "1,0,0"), ("y", "0,1,0")]
+)
+def test_up_is_an_axis_or_a_vector(tmp_path, axis, vector):
+    for name, up in (("axis.png", axis), ("vector.png", vector)):
+        arguments = ("-o", tmp_path / name, *SIZE, "--style", "plain", "--up", up)
+        assert run("render", CUBE, *arguments).exit_code == 0
+    assert (tmp_path / "axis.png").read_bytes() == (tmp_path / "vector.png").read_bytes()
+    assert "neither an axis, such as z" in run("render", CUBE, "--up", "north").stderr
+    assert "is not X,Y,Z" in run("render", CUBE, "--up", "0,1").stderr
+
+
+def test_points_are_told_of_as_points(tmp_path):
+    cloud = tmp_path / "cloud.ply"
+    cloud.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n0 0 0\n1 1 0\n"
+    )
+    result = run("render", cloud, "-o", tmp_path / "cloud.png", *SIZE, "--stats")
+    assert "  32x24  2 points  " in result.stdout
+    assert "points in" in result.stdout
+
+
+def test_a_mask_of_numbers_says_what_its_codes_are(tmp_path):
+    arguments = ("--mask", tmp_path / "mask.png", "--mask-of", "object_id")
+    result = run("render", CUBE, "-o", tmp_path / "cube.png", *SIZE, *arguments)
+    assert f"{tmp_path / 'mask.png'}  16 bits, numbers plus one, 0 is nothing" in result.stdout
+    ids = run("render", CUBE, "-o", tmp_path / "ids.png", *SIZE, "--outputs", "face_id")
+    assert ids.stdout.endswith("16 bits, numbers plus one, 0 is nothing\n")
 
 
 def test_a_dash_writes_the_picture_to_standard_output(tmp_path):

@@ -56,6 +56,7 @@ def test_sheet_is_nearly_square(count, columns):
     ("given", "told"),
     [
         (dict(pictures=[]), "pictures must hold at least one"),
+        (dict(pictures=Image.new("RGB", (4, 3))), "pictures must be a sequence of pictures, got"),
         (dict(pictures=["a.png"]), r"pictures\[0\] must be a frame"),
         (dict(pictures=[RED, RED / 255.0]), r"pictures\[1\] must be a frame"),
         (dict(pictures=[RED], labels=["a", "b"]), "labels must be 1, one a picture, got 2"),

@@ -386,6 +386,30 @@ def test_depth_is_the_nearest_white_and_even(teapot):
     assert greys[order[0]] > greys[order[-1]]
 
 
+def test_depth_is_that_of_points_and_lines_too():
+    points = rj.Points([(-1, 0, 0), (1, 0, -4)], colors=np.eye(3)[:2], size=9)
+    lines = rj.Lines([(-1, 1, -1), (1, 1, -3)], width=5)
+    style = rj.styles.depth(scene_of(points, lines))
+    camera = rj.PerspectiveCamera(eye=(0, 0, 6), target=(0, 0, 0), near=0.1)
+    outputs = ("color", "depth", "coverage")
+    frame = style.render(camera, size=SIZE, outputs=outputs)
+    assert frame.plan.camera is camera
+    inside = (frame.coverage == 1.0) & np.isfinite(frame.depth)
+    colors, depth = frame.color[inside], frame.depth[inside]
+    assert (colors[:, 0] == colors[:, 1]).all()
+    assert np.ptp(depth) > 3.5
+    assert np.corrcoef(colors[:, 0].astype(float), depth)[0, 1] < -0.9
+
+
+def test_a_camera_goes_before_the_style_s(teapot):
+    camera = rj.fit_camera(teapot, rj.orbit_direction(70, 10))
+    style = rj.styles.plain(teapot)
+    by_place = style.render(camera, size=SIZE)
+    assert np.array_equal(by_place.color, style.render(size=SIZE, camera=camera).color)
+    assert not np.array_equal(by_place.color, style.render(size=SIZE).color)
+    assert style.explain(camera, size=SIZE).camera is camera
+
+
 def test_normals_are_codes_of_directions():
     scene = scene_of(box())
     frame = rj.styles.normals(scene).render(size=SIZE, outputs=("color", "normal", "coverage"))
