@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -43,7 +43,7 @@ __all__ = [
     "technical", "wireframe", "xray",
 ]  # fmt: skip
 
-SAMPLES = 4
+SAMPLES: Final = 4
 
 ANISOTROPY = 8
 """Of textures, which are blurred at necks and rims of pots without it."""
