@@ -36,7 +36,10 @@ SIZE = (1280, 720)
 ROWS_AT_ONCE = 64
 """Of a background, shaded and encoded."""
 
-OF_QUALITY = {"anti-aliasing": "samples", "textures": "texture_filter", "wireframe": "lines"}
+SAMPLED = "anti-aliasing"
+"""Row of ``explain`` that samples belong to."""
+
+OF_QUALITY = {SAMPLED: "samples", "textures": "texture_filter", "wireframe": "lines"}
 """Rows of ``explain`` that a setting of the quality decides, if it is another than the style's."""
 
 BEHIND = "background image"
@@ -211,6 +214,10 @@ class Style:
     def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
         """Return a plan that prints the style as the reason of what it adds, options do not."""
         added = dict(self.with_quality(plan.quality).adds)
+        if SAMPLED in added:
+            # A copy may have another quality than the style was made with.
+            samples = self.quality.samples
+            added[SAMPLED] = "areas" if samples == "area" else f"{samples} samples"
         behind = [] if options.get("background") is not None else [added.get(BEHIND, "")]
         behind += ["the shadow on the ground"] if has_shadow else []
         added[BEHIND] = ", with ".join(filter(None, behind))

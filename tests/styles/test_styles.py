@@ -301,6 +301,11 @@ def test_reasons_are_true_and_those_of_the_frame(teapot, options, said):
     assert ("style studio: 4 samples" in told["anti-aliasing"]) != has_own
 
 
+def test_a_copy_with_another_quality_tells_of_its_own_samples(teapot):
+    style = dataclasses.replace(rj.styles.studio(teapot), quality=rj.Quality(samples=8))
+    assert "style studio: 8 samples" in reasons(style.explain(size=SIZE))["anti-aliasing"]
+
+
 def test_a_shadow_that_is_out_of_view_is_not_told_of(teapot):
     away = rj.PerspectiveCamera((4.0, 9.0, 8.0), (40.0, 90.0, 80.0))
     style = rj.styles.studio(teapot, away)
