@@ -116,7 +116,7 @@ def program(context: click.Context, version: bool) -> None:
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="OUT",
     help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for all outputs in one "
-    "file; a folder for several FILEs or a folder of meshes; - for a PNG on standard output. "
+    "file; a folder, for several FILEs or a folder of meshes; - for a PNG on standard output. "
     "Default: FILE's name with .png, in the current folder.",
 )  # fmt: skip
 @click.option("--force", is_flag=True,
@@ -545,7 +545,7 @@ def warmup(quiet: bool) -> None:
     if folder is None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
     started = time.perf_counter()
-    with progress_bar("Compiling kernels", quiet) as tell:
+    with progress_bar("Compiling kernels", quiet, is_told=True) as tell:
         compile_all(tell)
     if not quiet:
         count = store.contents(folder).entries

@@ -75,9 +75,19 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
 
 
 @contextmanager
-def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(
+    text: str, quiet: bool, is_told: bool = False
+) -> Iterator[Callable[[int, int], None]]:
     """
-    Show how far something is: a bar on a terminal, else nothing.
+    Show how far something is: a bar on a terminal, else nothing, or one line at the start.
+
+    Parameters
+    ----------
+    text : str
+    quiet : bool
+        Say nothing.
+    is_told : bool
+        Whether that line is printed, for what a log would be silent about for minutes.
 
     Yields
     ------
@@ -88,8 +98,13 @@ def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]
     from rich.progress import Progress
 
     console = Console(stderr=True)
+
+    def say(done: int, total: int) -> None:
+        if is_told and not quiet and done == 0 and total > 0:
+            click.echo(f"{text} ({total} to do)", err=True)
+
     if quiet or not console.is_terminal:
-        yield lambda done, total: None
+        yield say
         return
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(text)

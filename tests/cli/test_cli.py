@@ -1642,13 +1642,13 @@ def test_python_m_rasterjit_is_the_command_line():
 
 
 @needs_store
-def test_warmup_is_silent_without_a_terminal_and_names_the_folder(monkeypatch):
+def test_warmup_shows_progress_and_names_the_folder(monkeypatch):
     told = []
     monkeypatch.setattr(warmup, "compile_all", lambda tell: told.extend([tell(0, 2), tell(1, 2)]))
     result = run("warmup")
     assert result.exit_code == 0, result.output
     assert told == [None, None]
-    assert result.stderr == ""
+    assert result.stderr == "Compiling kernels (2 to do)\n"
     assert f"entries in {store.folder()}" in result.stdout
     assert run("warmup", "--quiet").output == ""
 
