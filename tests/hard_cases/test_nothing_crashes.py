@@ -707,6 +707,8 @@ ELSEWHERE = {
     "render_batch": "it renders as render does; tests/rendering/test_batch.py refuses bad input",
     "Batch": "what render_batch returns",
     "show": "it opens windows; the viewer's tests refuse its bad input",
+    "grid": "it lays pictures out; tests/outputs/test_grid.py refuses its bad input",
+    "styles": "a module; what it makes goes to render; tests/styles refuses its bad input",
 }
 """Public names that no test here calls, with the reason."""
 
