@@ -24,7 +24,14 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.framing import Projection, bounded, fit_camera, frame_of, orbit_direction
+from rasterjit.scene.framing import (
+    FIELD_OF_VIEW,
+    Projection,
+    bounded,
+    fit_camera,
+    frame_of,
+    orbit_direction,
+)
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.mesh import Mesh, with_face_values, with_field_of
 from rasterjit.scene.scene import Scene
@@ -328,9 +335,9 @@ def turntable(
     scene: Bounded,
     *,
     seconds: float = 1.0,
-    azimuth: float = 31.0,
-    elevation: float = 23.0,
-    fov_y: float = 45.0,
+    azimuth: float = -22.0,
+    elevation: float = 29.0,
+    fov_y: float = FIELD_OF_VIEW,
     up: ArrayLike = (0.0, 1.0, 0.0),
     zoom: float = 1.0,
     projection: Projection = "perspective",

@@ -48,11 +48,12 @@ OUTPUTS_HELP = (
     f"{', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}, attribute:NAME."
 )
 
-DEFAULT_DIRECTION = (0.6, 0.5, 1.0)
+DEFAULT_DIRECTION = (-0.4, 0.6, 1.0)
 """From the scene towards the camera, for y up: that of ``fit_camera``."""
-DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 31.0, 23.0
+DEFAULT_AZIMUTH, DEFAULT_ELEVATION = -22.0, 29.0
 """The same in whole degrees, for when one of the two is given."""
-DEFAULT_FOV = 45.0
+DEFAULT_FOV, PLACED_FOV = 28.0, 45.0
+"""Degrees: of cameras that fit the scene, and of those whose position or pose is given."""
 
 SAMPLES = tuple(str(level) for level in LEVELS["samples"])
 """Choices of ``Quality.samples``."""
@@ -823,7 +824,7 @@ class View(NamedTuple):
         if self.pose is not None:
             pose = pose_from_world(self.pose, str(self.convention))
             if intrinsics is None:
-                intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
+                intrinsics = intrinsics_of(PLACED_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
             return camera_of(intrinsics, pose, size, scene)
         if scene.camera is not None and not self._is_placed():
@@ -870,8 +871,9 @@ class View(NamedTuple):
 
     def _fitting(self, scene: Scene, size: tuple[int, int]) -> dict[str, Any]:
         """Return what cameras that fit the scene have in common."""
+        usual = DEFAULT_FOV if self.position is None else PLACED_FOV
         return {
-            "fov_y": DEFAULT_FOV if self.fov is None else self.fov,
+            "fov_y": usual if self.fov is None else self.fov,
             "up": self.up or scene.up or (0.0, 1.0, 0.0),
             "zoom": 1.0 if self.zoom is None else self.zoom,
             "projection": self.projection or "perspective",
@@ -1068,7 +1070,8 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                           "; without other options of the camera, the file's own is used.")),
         click.option("--fov", metavar="DEG",
                      type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
-                     help="Vertical field of view, degrees; default 45."),
+                     help="Vertical field of view, degrees; default 28, "
+                          "with --position or --pose 45."),
         click.option("--projection", type=click.Choice(["perspective", "orthographic"]),
                      help="With perspective, or parallel; default: perspective."),
         click.option("--up", type=UpType(),
@@ -1205,7 +1208,6 @@ def in_style(
     """
     from rasterjit import styles
     from rasterjit.scene.framing import fit_upright
-    from rasterjit.styles.style import SAMPLED
     from rasterjit.survey.lights import headlight
 
     if "headlight" in look.light and scene.nodes:
@@ -1213,8 +1215,7 @@ def in_style(
         scene.lights = headlight(seen_from)
     style = styles.STYLES[name](scene, camera)
     if any(map(is_given, OF_QUALITY)):
-        adds = {row: text for row, text in style.adds.items() if row != SAMPLED}
-        style = dataclasses.replace(style, quality=effects.quality(), adds=adds)
+        style = style.with_quality(effects.quality())
     return style
 
 

@@ -50,8 +50,15 @@ Projection: TypeAlias = Literal["perspective", "orthographic"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
 """Which camera is made."""
 
-DIRECTION: Vector = (0.6, 0.5, 1.0)
-"""From the scene towards the camera that fits it, for y up."""
+DIRECTION: Vector = (-0.4, 0.6, 1.0)
+"""
+From the scene towards the camera that fits it, for y up: from the left, and from above.
+
+High enough to see into open boxes. Handles, spouts and flanks stand clear of the rest.
+"""
+
+FIELD_OF_VIEW = 28.0
+"""Vertical, degrees, of the perspective of such a camera: a long lens, which distorts little."""
 
 COORDINATE_SHARE = 2.0**-30
 """Least distance as a share of the largest coordinate: float64 still tells eye from target."""
@@ -255,7 +262,7 @@ def orbit_direction(
 def fit_camera(
     scene: Bounded | Mesh | trimesh.Trimesh | trimesh.Scene,
     direction: ArrayLike = DIRECTION,
-    fov_y: float = 45.0,
+    fov_y: float = FIELD_OF_VIEW,
     *,
     up: ArrayLike = (0.0, 1.0, 0.0),
     margin: float = 1.06,

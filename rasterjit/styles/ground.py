@@ -155,23 +155,27 @@ def cast_shadow(
     for node in casters.nodes:
         faces += len(node.mesh.faces)
     most = max(FEWEST, FACES_DRAWN // max(faces, 1) // 2)
-    missing = np.zeros((SIDE, SIDE), np.float32)
     sky = sky_slopes(min(SKY_DIRECTIONS, most))
-    parts = [
-        (
-            shares[1] / len(BLURS),
-            sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)],
-            blur,
-        )
-        for n, blur in enumerate(BLURS)
+    rings = [
+        sky[n * len(sky) // len(BLURS) : (n + 1) * len(sky) // len(BLURS)]
+        for n in range(len(BLURS))
     ]
-    if slope is not None:
-        parts.append((shares[0], key_slopes(slope, min(KEY_DIRECTIONS, most)), BLURS[0]))
-    for share, slopes, blur in parts:
+
+    def hidden(slopes: list[tuple[float, float]], blur: int, share: float) -> NDArray[np.float32]:
+        """Return the share of light of some slopes that is kept off, times a factor."""
         count = np.zeros((SIDE, SIDE), np.int64)
         for one in slopes:
             count += look(one)
-        missing += _blurred(count, blur, np.float32(share / len(slopes)))
+        return _blurred(count, blur, np.float32(share / len(slopes)))
+
+    missing = np.zeros((SIDE, SIDE), np.float32)
+    for ring, blur in zip(rings, BLURS, strict=True):
+        missing += hidden(ring, blur, 1.0 / len(BLURS))
+    # Where little sky is left, what is near takes most of it: contacts are dark.
+    missing *= np.float32(2.0) - missing
+    missing *= np.float32(shares[1])
+    if slope is not None:
+        missing += hidden(key_slopes(slope, min(KEY_DIRECTIONS, most)), BLURS[0], shares[0])
     return ground._replace(shade=missing * _fading())
 
 

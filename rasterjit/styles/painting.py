@@ -5,18 +5,20 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.colormap import Colormap
 from rasterjit.scene.lines import Lines
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.texture import Anisotropy, Texture
 from rasterjit.scene.vectors import dot
 from rasterjit.survey.posing import posed_scene
 
@@ -69,6 +71,41 @@ def covered(scene: Scene, material: Material) -> Scene:
 def _as_seen(mesh: Mesh, material: Material) -> Material:
     """Return a material whose back faces are drawn where those of a mesh are."""
     return replace(material, double_sided=mesh.material.double_sided)
+
+
+def sharpened(scene: Scene, anisotropy: Anisotropy) -> Scene:
+    """
+    Return a scene whose trilinear textures stay sharp aslant; itself where there are none.
+
+    Textures of other filters and of an anisotropy of their own stay as they are.
+    """
+    meshes: dict[int, Mesh] = {}
+    textures: dict[Texture, Texture] = {}
+    for node in scene.nodes:
+        mesh = node.mesh
+        if type(mesh) is not Mesh or id(mesh) in meshes:
+            continue
+        changes: dict[str, Any] = {}
+        for name in TEXTURE_FIELDS:
+            texture = getattr(mesh.material, name)
+            if texture is None or texture.filter != "trilinear" or texture.anisotropy > 1:
+                continue
+            if texture not in textures:
+                textures[texture] = texture.with_filter("trilinear", anisotropy)
+            changes[name] = textures[texture]
+        if changes:
+            sharp = meshes[id(mesh)] = copy.copy(mesh)
+            sharp.material = replace(mesh.material, **changes)
+    if not meshes:
+        return scene
+    changed = copy.copy(scene)
+    changed.nodes = [
+        Node(meshes[id(node.mesh)], node.world_matrix, node.name)
+        if id(node.mesh) in meshes
+        else node
+        for node in scene.nodes
+    ]
+    return changed
 
 
 def painted_by_depth(scene: Scene, camera: Camera) -> Scene:

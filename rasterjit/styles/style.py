@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,12 +36,31 @@ SIZE = (1280, 720)
 ROWS_AT_ONCE = 64
 """Of a background, shaded and encoded."""
 
-BEHIND, SAMPLED = "background image", "anti-aliasing"
-"""Rows of ``explain``: the shadow on the ground belongs to the first, samples to the second."""
+SAMPLED = "anti-aliasing"
+"""Row of ``explain`` that samples belong to."""
+
+OF_QUALITY = {SAMPLED: "samples", "textures": "texture_filter", "wireframe": "lines"}
+"""Rows of ``explain`` that a setting of the quality decides, if it is another than the style's."""
+
+BEHIND = "background image"
+"""Row of ``explain`` that the shadow on the ground belongs to."""
+
+
+def _bayer(levels: int) -> NDArray[np.int64]:
+    """Return Bayer's pattern of 2**levels rows: all numbers from 0 on, spread evenly."""
+    pattern = np.zeros((1, 1), np.int64)
+    for _ in range(levels):
+        pattern = 4 * pattern
+        pattern = np.block([[pattern, pattern + 2], [pattern + 3, pattern + 1]])
+    return pattern
+
+
+DITHER = _bayer(3)
+"""(8, 8): the order in which pixels of a block take the next code."""
 
 
 class Gradient(NamedTuple):
-    """A background of greys, even along each row, in steps of one sRGB code."""
+    """A background of greys from top to bottom, dithered: steps of one code make no bands."""
 
     top: int
     """Code of the first row, 0..255."""
@@ -52,11 +71,13 @@ class Gradient(NamedTuple):
         """Return it as a picture of (width, height) pixels."""
         width, height = size
         row, last = np.arange(height), max(height - 1, 1)
-        # Round half up, in whole numbers.
-        codes = (2 * (self.top * (last - row) + self.bottom * row) + last) // (2 * last)
-        image = np.empty((height, width, 3), np.uint8)
-        image[:] = codes.astype(np.uint8)[:, None, None]
-        return BackgroundImage(image)
+        # In whole numbers: how many thresholds of a row and column of the pattern a code is above.
+        exact = self.top * (last - row) + self.bottom * row
+        thresholds = last * (2 * DITHER[row % len(DITHER)] + 1)
+        codes = (2 * DITHER.size * exact[:, None] + thresholds) // (2 * DITHER.size * last)
+        repeats = -(-width // len(DITHER))
+        image = np.tile(codes.astype(np.uint8), (1, repeats))[:, :width, None]
+        return BackgroundImage(np.repeat(image, 3, axis=2))
 
 
 class GroundLight(NamedTuple):
@@ -77,9 +98,9 @@ class Style:
     ----------
     name : str
     scene : Scene
-        A copy: the scene that the style was made of is as it was. Its meshes are the same, but for
-        styles that paint them. Make the style anew after a change: where the ground lies and its
-        shadow are found once.
+        A copy: the scene that the style was made of is as it was. Its meshes are the same, unless
+        the style paints them or sharpens their textures. Make the style anew after a change: where
+        the ground lies and its shadow are found once.
     camera : Camera or None
         None: the scene's own, or one that fits the scene.
     quality : Quality
@@ -192,17 +213,32 @@ class Style:
 
     def _told(self, plan: RenderPlan, options: Mapping[str, Any], has_shadow: bool) -> RenderPlan:
         """Return a plan that prints the style as the reason of what it adds, options do not."""
-        added = dict(self.adds)
+        added = dict(self.with_quality(plan.quality).adds)
         if SAMPLED in added:
             # A copy may have another quality than the style was made with.
             samples = self.quality.samples
-            words = "areas" if samples == "area" else f"{samples} samples"
-            added[SAMPLED] = words if plan.quality == self.quality else ""
+            added[SAMPLED] = "areas" if samples == "area" else f"{samples} samples"
         behind = [] if options.get("background") is not None else [added.get(BEHIND, "")]
         behind += ["the shadow on the ground"] if has_shadow else []
         added[BEHIND] = ", with ".join(filter(None, behind))
         said = {row: f"style {self.name}: {text}" for row, text in added.items() if text}
         return plan.with_(added=said) if said else plan
+
+    def with_quality(self, quality: Quality) -> Style:
+        """
+        Return the style with another quality; it is the reason of what it still decides.
+
+        Parameters
+        ----------
+        quality : Quality
+        """
+        adds = {
+            row: text
+            for row, text in self.adds.items()
+            if row not in OF_QUALITY
+            or getattr(quality, OF_QUALITY[row]) == getattr(self.quality, OF_QUALITY[row])
+        }
+        return replace(self, quality=quality, adds=adds)
 
     def _behind(
         self, size: tuple[int, int], made: Mapping[str, Any], camera: Camera | None
@@ -239,14 +275,14 @@ class Style:
 def _shaded(
     behind: NDArray[np.float32] | BackgroundImage, kept: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
-    """Return an opaque background, the same along each row, in the light that is kept, in codes."""
+    """Return an opaque background, of greys or one colour, in the light that is kept, in codes."""
     height, width = kept.shape
     table, codes = encode.encoding_table(), np.empty((height, width), np.uint32)
     for first in range(0, height, ROWS_AT_ONCE):
         rows = slice(first, min(first + ROWS_AT_ONCE, height))
         light = np.ones((rows.stop - first, width, 4), np.float32)
         if isinstance(behind, BackgroundImage):
-            light[..., :3] = decoding_table()[behind.image[rows, :1, :3]]
+            light[..., :3] = decoding_table()[behind.image[rows, :, :1]]
         else:
             light[..., :3] = behind[:3]
         light[..., :3] *= kept[rows, :, None]

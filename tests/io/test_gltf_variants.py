@@ -283,7 +283,7 @@ def test_the_command_line_shows_and_lists_variants(tmp_path):
     said = run(program, ["info", str(file)])
     assert "variants         'Midnight', 'Beach', 'Street'" in said.output
     assert json.loads(run(program, ["info", "--json", str(file)]).output)["variants"] == [*NAMES]
-    options = ["render", str(file), "-o", str(picture), "--size", "40x20"]
+    options = ["render", str(file), "-o", str(picture), "--size", "40x20", "--style", "plain"]
     assert run(program, [*options, "--variant", "Beach"]).exit_code == 0
     pixels = rj.Texture.from_file(picture).image
     assert (pixels == [1, 0, 0, 1]).all(axis=-1).any()

@@ -86,6 +86,23 @@ def test_the_ground_is_the_background_but_for_a_shadow(teapot):
     assert np.array_equal(frame.color[border], GREYS[border])
 
 
+@pytest.mark.parametrize("size", [(96, 72), (13, 1), (5, 300)])
+def test_greys_are_dithered_evenly(size):
+    width, height = size
+    codes = rj.styles.Gradient(10, 23).picture((width, height)).image
+    assert codes.shape == (height, width, 4)
+    assert (codes[..., :3] == codes[..., :1]).all()
+    exact = 10 + 13 * np.arange(height)[:, None] / max(height - 1, 1)
+    assert np.abs(codes[..., 0] - exact).max() < 1.0
+    if min(size) >= 8:
+        blocks = (codes[..., 0] - exact)[: height // 8 * 8, : width // 8 * 8]
+        means = blocks.reshape(height // 8, 8, width // 8, 8).mean(axis=(1, 3))
+        assert np.abs(means).max() < 0.1
+        assert len(np.unique(codes[height // 2, :, 0])) == 2
+    even = rj.styles.Gradient(77, 77).picture(size).image[..., :3]
+    assert (even == 77).all()
+
+
 @pytest.mark.parametrize("background", ["white", "#204060", (0.1, 0.2, 0.3)])
 def test_a_colour_behind_keeps_its_bits_beside_the_shadow(teapot, background):
     camera = rj.fit_camera(teapot, zoom=0.3, aspect=SIZE[0] / SIZE[1])
@@ -156,6 +173,7 @@ def test_a_white_and_a_black_object_stand_out():
         frame = rj.styles.studio(scene).render(size=SIZE, outputs=("color", "face_id", "coverage"))
         shown[color] = np.where(frame.coverage == 1.0, frame.color[..., 0].astype(int), -1)
         assert shown[color].max() < 254
+    assert shown["white"].max() < 245
     for color, sign in (("white", 1), ("black", -1)):
         inside = shown[color] >= 0
         # The lit sides of the box, and of the black one all.
@@ -175,6 +193,53 @@ def test_lights_of_a_file_are_kept(teapot):
     seen = rj.styles.studio(with_sky)
     assert seen.background is None
     assert seen.scene.lights == []
+
+
+def textured(**settings):
+    """A square with a texture that has stripes."""
+    stripes = np.zeros((64, 64, 3), np.uint8)
+    stripes[::4] = 255
+    return rj.Mesh(
+        [[-1, 0, -9], [-1, 0, 9], [1, 0, 9], [1, 0, -9]], [[0, 1, 2], [0, 2, 3]],
+        uv=[[0, 0], [0, 1], [1, 1], [1, 0]],
+        material=rj.Material(base_color_texture=rj.Texture(stripes, **settings)),
+    )  # fmt: skip
+
+
+def test_textures_that_blur_aslant_are_sharpened():
+    scene = scene_of(textured(), box())
+    for style in (rj.styles.studio(scene), rj.styles.studio(scene, rj.fit_camera(scene))):
+        assert style.scene.nodes[0].mesh.material.base_color_texture.anisotropy == 8
+        assert style.scene.nodes[1] is scene.nodes[1]
+    assert scene.nodes[0].mesh.material.base_color_texture.anisotropy == 1
+    rows = str(rj.styles.studio(scene).explain(size=SIZE)).splitlines()
+    assert any(row.startswith("textures ") and "style studio: sharp" in row for row in rows)
+    blurred = rj.Quality(samples=4, texture_filter="bilinear")
+    told = str(rj.styles.studio(scene).explain(size=SIZE, quality=blurred))
+    assert "style studio: sharp" not in told
+    assert "style studio: 4 samples" in told
+
+
+@pytest.mark.parametrize(
+    "settings", [{"filter": "nearest"}, {"filter": "bilinear"}, {"anisotropy": 2}]
+)
+def test_textures_keep_a_filter_of_their_own(settings):
+    scene = scene_of(textured(**settings))
+    style = rj.styles.studio(scene)
+    assert style.scene.nodes == scene.nodes
+    assert "textures" not in style.adds
+
+
+def test_all_pictures_are_seen_from_one_place(teapot):
+    camera = rj.fit_camera(teapot, aspect=SIZE[0] / SIZE[1])
+    assert rj.render(teapot, size=SIZE).plan.camera == camera
+    assert rj.styles.studio(teapot).explain(size=SIZE).camera == camera
+    framing = rj.animation.turntable(teapot)(0.0)
+    assert framing.fov_y == camera.fov_y == cli_options.DEFAULT_FOV
+    turned = rj.orbit_direction(cli_options.DEFAULT_AZIMUTH, cli_options.DEFAULT_ELEVATION)
+    for seen in (camera, framing):
+        towards = seen.view_matrix()[2, :3]
+        assert towards @ np.array(turned) > math.cos(math.radians(0.5))
 
 
 def test_effects_of_a_scene_are_kept(teapot):
@@ -310,6 +375,8 @@ def test_options_go_before_the_style(teapot):
     assert (made["quality"], made["background"]) == (rj.Quality.draft(), "red")
     frame = style.render(size=SIZE, quality=rj.Quality.draft())
     assert frame.plan.quality == rj.Quality.draft()
+    assert "style studio: 4 samples" not in str(frame.plan)
+    assert "style studio: nothing is too bright to show" in str(frame.plan)
     drawn = rj.render(style.scene, size=SIZE, **style.options(SIZE))
     assert np.array_equal(drawn.color, style.render(size=SIZE).color)
 
@@ -328,7 +395,7 @@ def test_depth_is_that_of_points_and_lines_too():
     points = rj.Points([(-1, 0, 0), (1, 0, -4)], colors=np.eye(3)[:2], size=9)
     lines = rj.Lines([(-1, 1, -1), (1, 1, -3)], width=5)
     style = rj.styles.depth(scene_of(points, lines))
-    camera = rj.PerspectiveCamera(eye=(0, 0, 6), target=(0, 0, 0))
+    camera = rj.PerspectiveCamera(eye=(0, 0, 6), target=(0, 0, 0), near=0.1)
     outputs = ("color", "depth", "coverage")
     frame = style.render(camera, size=SIZE, outputs=outputs)
     assert frame.plan.camera.eye == camera.eye

@@ -24,7 +24,7 @@ keys = st.sets(st.sampled_from(["w", "a", "s", "d", "q", "e", "Shift", "ArrowUp"
 scene = Ball((1.0, -2.0, 3.0), 2.5)
 
 
-def orbit(azimuth=30.0, elevation=20.0, up=(0.0, 1.0, 0.0)):
+def orbit(azimuth=30.0, elevation=10.0, up=(0.0, 1.0, 0.0)):
     start = Orbit.from_camera(rj.fit_camera(scene, aspect=4 / 3), scene, up)
     return start.turn(azimuth, elevation).settled()
 
