@@ -756,9 +756,18 @@ class View(NamedTuple):
             raise click.UsageError("--up must not be 0,0,0")
 
     def camera(self, scene: Scene, size: tuple[int, int]) -> AnyCamera | None:
-        """Return the camera; ``None``, for the renderer to choose, if no option was given."""
+        """
+        Return the camera; ``None``, for the renderer to choose, if no option was given.
+
+        The scene gets ``--up``, so that the ground and the sky of a style follow it.
+        """
         if all(option is None for option in self):
             return None
+        if self.up is not None and any(self.up):
+            from rasterjit.scene.transforms import unit_vector
+
+            x, y, z = unit_vector("up", self.up).tolist()
+            scene.up = (x, y, z)
         if self.intrinsics is None and scene.camera is not None and not self._is_placed():
             return self._magnified(scene.camera)
         if self.pose is not None or self.intrinsics is not None:

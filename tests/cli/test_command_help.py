@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.cli import help as helping
 
@@ -126,6 +127,14 @@ def test_up_is_an_axis_or_a_vector(tmp_path, axis, vector):
     assert (tmp_path / "axis.png").read_bytes() == (tmp_path / "vector.png").read_bytes()
     assert "neither an axis, such as z" in run("render", CUBE, "--up", "north").stderr
     assert "is not X,Y,Z" in run("render", CUBE, "--up", "0,1").stderr
+
+
+def test_the_ground_of_a_style_follows_up(tmp_path):
+    y, z = (rj.load(CUBE) for _ in range(2))
+    view = commands.View(*(None for _ in commands.View._fields))
+    view._replace(up=(0.0, 0.0, 2.0)).camera(z, (32, 24))
+    view.camera(y, (32, 24))
+    assert (z.up, y.up) == ((0.0, 0.0, 1.0), None)
 
 
 def test_points_are_told_of_as_points(tmp_path):
