@@ -236,5 +236,5 @@ def test_the_help_names_all_scenes_and_settings():
     told = CliRunner().invoke(commands.program, ["accuracy", "--help-all"]).output
     # Lines end within names, too.
     told = "".join(told.split())
-    assert f"someofthesettings:{','.join(rj.accuracy.SCENES)}." in told
+    assert f"inplaceofFILE:{','.join(rj.accuracy.SCENES)}." in told
     assert f"default:all:{','.join(LEVELS)}." in told
