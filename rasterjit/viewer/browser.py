@@ -207,13 +207,13 @@ def serve(
                 stop()
 
         first.add_done_callback(stop_without_picture)
-        for line in announcement(host, listening.getsockname()[1], own):
-            announce(line)
-        if on_start is not None:
-            on_start(stop)
         try:
             # Who interrupts it wants nothing else.
             with contextlib.suppress(KeyboardInterrupt), told_besides(notice.tell):
+                for line in announcement(host, listening.getsockname()[1], own):
+                    announce(line)
+                if on_start is not None:
+                    on_start(stop)
                 server.run(sockets=[listening])
         finally:
             # One that is still drawn is told that nobody wants it.

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from contextlib import contextmanager
 
 import chromium
@@ -764,7 +765,10 @@ def test_ctrl_c_ends_a_viewer_without_a_thread_and_the_program_goes_on(tmp_path)
     blocks = PROGRAM.replace("run_in_thread=True", "run_in_thread=False")
     nowhere = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "XDG_CACHE_HOME": str(tmp_path)}
     with started(blocks, **nowhere) as process:
-        line_with(process, "http://")
+        address = re.search(r"http://\S+", line_with(process, "http://"))[0]
+        # It listens before the server runs, which answers nobody until then.
+        with urllib.request.urlopen(address, timeout=PATIENCE) as answer:
+            assert answer.status == 200
         process.send_signal(2)
         said, error = process.communicate(timeout=PATIENCE)
     assert (process.returncode, said.splitlines()[-1], error) == (0, "goes on", "")

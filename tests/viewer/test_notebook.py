@@ -35,7 +35,7 @@ def pixels(png):
 def test_mesh_and_scene_show_themselves_fitted(cube):
     scene = rj.Scene()
     scene.add(cube)
-    frame = rj.render(cube, size=SIZE)
+    frame = rj.styles.studio(cube).render(size=SIZE)
     for thing in (cube, scene):
         np.testing.assert_array_equal(pixels(thing._repr_png_()), frame.color)
     np.testing.assert_array_equal(pixels(frame._repr_png_()), frame.color)
@@ -207,9 +207,9 @@ def shown(cell):
 
 
 def test_notebook_shows_frames_scenes_and_meshes(book, mesh):
-    for number, size in ((1, (8, 6)), (2, SIZE), (3, SIZE)):
+    preview = rj.styles.studio(mesh).render(size=SIZE).color
+    for number, expected in ((1, rj.render(mesh, size=(8, 6)).color), (2, preview), (3, preview)):
         (output,) = shown(book.cells[number])
-        expected = rj.render(mesh, size=size).color
         data = output.data["image/png"]
         np.testing.assert_array_equal(pixels(base64.b64decode(data)), expected)
         assert output.data["text/html"].startswith("<img")

@@ -143,9 +143,9 @@ def test_page_shows_what_the_controls_foretell(page, server, model):
     turned = reference(scene, mine.camera, size)
     assert (turned != first).any(axis=2).mean() > 0.1
     wait_for(page, turned)
-    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=80, y=300, deltaX=0, deltaY=-400)
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=80, y=60, deltaX=0, deltaY=-400)
     mine.draw()
-    mine.handle({"event_type": "wheel", "x": 80, "y": 300, "dx": 0, "dy": -400})
+    mine.handle({"event_type": "wheel", "x": 80, "y": 60, "dx": 0, "dy": -400})
     settle(mine)
     wait_for(page, reference(scene, mine.camera, size))
     # Keys work though nothing was clicked but the picture.

@@ -365,7 +365,7 @@ def test_view_is_copied_as_code_and_as_an_address(page, server, model):
     code = page.evaluate("navigator.clipboard.readText()")
     assert code == page.evaluate("code.value")
     assert re.fullmatch(
-        r"rj\.PerspectiveCamera\(eye=\(.*\), target=\(.*\), up=\(.*\), fov_y=45\)", code
+        r"rj\.PerspectiveCamera\(eye=\(.*\), target=\(.*\), up=\(.*\), fov_y=28\)", code
     )
     camera = eval(code, {"rj": rj})
     picture = rj.render(
