@@ -248,11 +248,18 @@ def test_one_finger_turns_and_a_double_tap_fits(phone, model):
 
 def places_of(model, viewer):
     """Return what a picture shows where, without light: numbers of objects, and positions."""
-    outputs = ("object_id", "position")
-    frame = rj.render(rj.load(model), viewer.camera, size=viewer.size, outputs=outputs)
+    scene, outputs = rj.load(model), ("object_id", "position")
+    frame = rj.render(scene, viewer.camera, size=viewer.size, outputs=outputs)
     found = []
-    for number in range(2):
-        rows, columns = np.nonzero(frame.object_id == number)
+    for number, node in enumerate(list(scene.nodes)):
+        # Where nothing lies behind it.
+        others = rj.Scene()
+        for other in scene.nodes:
+            if other is not node:
+                others.add(other.mesh, other.world_from_model)
+        free = rj.render(others, viewer.camera, size=viewer.size, outputs="coverage",
+                         quality=rj.Quality(samples=16)).coverage == 0.0  # fmt: skip
+        rows, columns = np.nonzero((frame.object_id == number) & free)
         middle = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
         row, column = rows[middle], columns[middle]
         found.append(((int(column), int(row)), frame.position[row, column]))
