@@ -104,14 +104,13 @@ def camera_in(page):
 
 
 def wait_for_view(page, wanted):
-    """Wait until the page looks from where a camera stands."""
+    """Wait until the page looks from where a camera stands, whatever it will turn around."""
     limit = time.monotonic() + PATIENCE
     while True:
         found = camera_in(page)
-        far = max(
-            math.dist(getattr(found, name), getattr(wanted, name)) for name in ("eye", "target")
-        )
-        if far < 1e-6:
+        ahead = [np.subtract(one.target, one.eye) for one in (found, wanted)]
+        turned = math.dist(*(one / np.linalg.norm(one) for one in ahead))
+        if max(math.dist(found.eye, wanted.eye), turned) < 1e-6:
             return
         assert time.monotonic() < limit, (found, wanted)
         time.sleep(0.1)
