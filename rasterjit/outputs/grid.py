@@ -77,7 +77,6 @@ def grid(
     if not images:
         raise ValueError("pictures must hold at least one, got none")
     if labels is not None:
-        labels = list(labels)
         if isinstance(labels, str) or not all(isinstance(one, str) for one in labels):
             raise ValueError(f"labels must be texts, got {in_short(labels)}")
         if len(labels) != len(images):

@@ -15,6 +15,7 @@ They are short: to make your own, copy one and change it. ``rasterjit render`` d
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -142,7 +143,7 @@ def clay(scene: Any, camera: Camera | None = None) -> Style:
     """
     material = Material(base_color=CLAY, specular=0.0)
     made = studio(painting.covered(as_scene(scene), material), camera)
-    return _renamed(made, "clay", {"shading": "one material"})
+    return replace(made, name="clay", adds={**made.adds, "shading": "one material"})
 
 
 def technical(scene: Any, camera: Camera | None = None) -> Style:
@@ -238,14 +239,6 @@ STYLES: Mapping[str, Callable[..., Style]] = MappingProxyType(
 
 PAINTED = ("clay", "technical", "xray", "depth", "normals", "wireframe")
 """Styles with colours of their own."""
-
-
-def _renamed(style: Style, name: str, adds: Mapping[str, str]) -> Style:
-    """Return a style that adds to another one, by a name of its own."""
-    return Style(
-        name, style.scene, style.camera, style.quality, style.background, style.ground,
-        {**style.adds, **adds},
-    )  # fmt: skip
 
 
 def _seen_from(scene: Scene, camera: Camera | None) -> Camera:

@@ -61,6 +61,7 @@ def test_sheet_is_nearly_square(count, columns):
         (dict(pictures=[RED, RED / 255.0]), r"pictures\[1\] must be a frame"),
         (dict(pictures=[RED], labels=["a", "b"]), "labels must be 1, one a picture, got 2"),
         (dict(pictures=[RED], labels=[3]), "labels must be texts"),
+        (dict(pictures=[RED, RED], labels="ab"), "labels must be texts, got 'ab'"),
         (dict(pictures=[RED], columns=0), "columns must be at least 1, got 0"),
         (dict(pictures=[RED], gap=-1), "gap must be a whole number"),
         (dict(pictures=[RED], background="greenish"), "background"),
