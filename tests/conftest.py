@@ -40,8 +40,9 @@ def _share_store(config):
     os.environ[store.FOLDER_VARIABLE] = str(place)
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    """Begin with what compiles most kernels, for the others; skip what takes long."""
+    """Begin with what compiles most kernels, also in random order; skip what takes long."""
     items.sort(key=lambda item: item.get_closest_marker("compiles_first") is None)
     if not os.environ.get("EVERY_TEST"):
         skip = pytest.mark.skip(reason="takes long: set EVERY_TEST=true to run it")

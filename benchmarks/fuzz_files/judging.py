@@ -70,15 +70,16 @@ def judge_files(sample: str, files: Files, folder: Path, on_damage: str) -> dict
     -------
     dict
         ``outcome``: ``"loaded"``, ``"warned"`` or ``"refused"``; ``said``: what the warning or the
-        error says; ``faults``: what must not be, in words; ``seconds`` of the processor; ``peak``
-        bytes.
+        error says; ``faults``: what must not be, in words; ``seconds`` of the processor;
+        ``peak``: bytes by which the process grew beyond its peak.
     """
     for name, content in files.items():
         (folder / name).write_bytes(content)
     path = folder / opened(files)
     faults: list[str] = []
+    # Above the peak so far: where it cannot start again, this call pays for no other.
     reset_peak()
-    before, start = resident("VmRSS"), time.process_time()
+    before, start = resident("VmHWM"), time.process_time()
     scene, outcome, said = _read(path, sample, on_damage, faults)
     seconds, peak = time.process_time() - start, resident("VmHWM") - before
     if peak > 2 * MAX_BYTES + SLACK:

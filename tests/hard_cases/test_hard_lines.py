@@ -197,9 +197,9 @@ def test_time_is_bounded_by_what_is_seen():
     ends = np.array(huge * (count // len(huge)))
     framebuffer = blank(SMALL)
     framebuffer.draw_lines(ends[:1], WHITE)
-    start = time.perf_counter()
+    start = time.thread_time()
     framebuffer.draw_lines(ends, WHITE)
-    assert time.perf_counter() - start < bound_s
+    assert time.thread_time() - start < bound_s
 
 
 @pytest.mark.case("L16")

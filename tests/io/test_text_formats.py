@@ -576,13 +576,13 @@ def test_many_groups_and_many_blanks_are_read_soon(tmp_path):
         lines += [f"g part {number}", f"usemtl m{number}", "f 1 2 3"]
     path = write(tmp_path, "obj", "\n".join(lines))
     (tmp_path / "a.mtl").write_text(f"newmtl{' ' * 40_000}m0\nKd{' ' * 40_000}1 0 0\n")
-    before = time.process_time()
+    before = time.thread_time()
     left_out = LeftOut()
     parts = read_obj(path, Resources(path), Damage(path, "error", left_out), left_out)
     assert len({part.name for part in parts}) == 20_000
     blanks = write(tmp_path, "obj", f"{SQUARE}usemtl{' ' * 40_000}x\nf 1 2 3\n" + " " * 40_000)
     assert len(loaded(blanks).nodes) == 1
-    assert time.process_time() - before < 20.0
+    assert time.thread_time() - before < 20.0
 
 
 def test_trimesh_is_not_imported_for_these_files(tmp_path):
@@ -609,9 +609,9 @@ def test_names_that_are_given_again_get_the_next_free_number():
     given = [names.unique(name) for name in ("a", "a_1", "a", "a", "a_1", "", "", "b_7", "b_7")]
     assert given == ["a", "a_1", "a_2", "a_3", "a_4", "geometry_1", "geometry_2", "b_7", "b_8"]
     again = [f"c_{number}" for number in range(20_000)]
-    before = time.process_time()
+    before = time.thread_time()
     assert len({names.unique(name) for name in again + again}) == 40_000
-    assert time.process_time() - before < 10.0
+    assert time.thread_time() - before < 10.0
 
 
 def test_rows_are_joined_by_their_numbers():
