@@ -3,7 +3,6 @@
 import errno
 import json
 import shutil
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import trimesh
 from batches import in_groups
 from click.testing import CliRunner
 from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
+from own_threads import own_threads
 from PIL import Image
 
 import rasterjit as rj
@@ -360,7 +360,7 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
     with pytest.raises(mesh.Stopped):
         mesh.render_views(two_boxes("ab"), tmp_path, recipe, check=check)
     assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(7)}
-    assert not [one for one in threading.enumerate() if one.name.startswith("rasterjit-turns")]
+    assert not own_threads("rasterjit-turns")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import time
 
 import numpy as np
 import pytest
+from own_threads import own_threads
 
 import rasterjit as rj
 from rasterjit.rendering import stream
@@ -41,10 +42,6 @@ def are_same(frames, wanted):
     )
 
 
-def own_threads():
-    return [one for one in threading.enumerate() if one.name.startswith("rasterjit-many")]
-
-
 @pytest.mark.parametrize(
     ("threads", "workers"), [(1, None), (2, None), (4, 2), (2, 1), (None, 3), (3, 3), (5, 3)]
 )
@@ -54,7 +51,7 @@ def test_frames_are_those_of_render_in_order(cube, threads, workers):
         cube, cameras(7), size=SIZE, outputs=outputs, threads=threads, workers=workers
     )
     assert are_same(list(frames), one_by_one(cube, 7, outputs=outputs))
-    assert not own_threads()
+    assert not own_threads("rasterjit-many")
 
 
 @pytest.mark.parametrize("prefetch", [1, 3])
@@ -96,19 +93,19 @@ def test_frames_without_end_can_be_taken(cube):
 
     frames = rj.render_many(cube, forever(), size=SIZE, threads=2)
     taken = [next(frames) for _ in range(6)]
-    assert own_threads()
+    assert own_threads("rasterjit-many")
     frames.close()
-    assert not own_threads()
+    assert not own_threads("rasterjit-many")
     assert are_same(taken, one_by_one(cube, 3) * 2)
 
 
 def test_forgetting_the_frames_ends_the_threads(cube):
     frames = rj.render_many(cube, cameras(9), size=SIZE, threads=2)
     next(frames)
-    assert own_threads()
+    assert own_threads("rasterjit-many")
     del frames
     gc.collect()
-    assert not own_threads()
+    assert not own_threads("rasterjit-many")
 
 
 def test_no_cameras_make_no_frames(cube):
@@ -121,7 +118,7 @@ def test_what_is_wrong_with_a_camera_comes_after_the_frames_before_it(cube):
     assert are_same([next(frames) for _ in range(3)], one_by_one(cube, 3))
     with pytest.raises(ValueError, match=r"cameras\[3\] must be a PerspectiveCamera.*got str"):
         next(frames)
-    assert not own_threads()
+    assert not own_threads("rasterjit-many")
 
 
 def test_error_of_the_cameras_comes_through(cube):
@@ -134,7 +131,7 @@ def test_error_of_the_cameras_comes_through(cube):
     next(frames)
     with pytest.raises(OSError, match="no more"):
         next(frames)
-    assert not own_threads()
+    assert not own_threads("rasterjit-many")
 
 
 def test_frames_of_several_sizes_are_refused(cube):

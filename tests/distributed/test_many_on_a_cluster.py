@@ -189,6 +189,8 @@ def test_lost_scheduler_is_a_clear_error(cube, tmp_path, monkeypatch):
 
     monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 3.0)
 
+    logger = logging.getLogger("distributed")
+    level = logger.level
     place = tmp_path / "scheduler.json"
     run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--port", "0"]
     work = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
@@ -208,7 +210,7 @@ def test_lost_scheduler_is_a_clear_error(cube, tmp_path, monkeypatch):
                     address = client.scheduler.address
                     scheduler.kill()
                     scheduler.wait(PATIENCE)
-                    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+                    logger.setLevel(logging.CRITICAL)
                     began = time.monotonic()
                     with pytest.raises(ConnectionError, match=f"scheduler at {address} is lost"):
                         next(frames)
@@ -217,7 +219,7 @@ def test_lost_scheduler_is_a_clear_error(cube, tmp_path, monkeypatch):
                     worker.kill()
         finally:
             scheduler.kill()
-            logging.getLogger("distributed").setLevel(logging.NOTSET)
+            logger.setLevel(level)
 
 
 def test_two_threads_share_a_client(cube, client):

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from own_threads import own_threads
 from small_kernels import count_up, note_scratch
 
 from rasterjit.runtime import jit
@@ -114,13 +115,14 @@ def test_no_more_threads_are_woken_than_there_are_calls(monkeypatch):
 def test_who_waits_for_calls_is_free_for_tasks(monkeypatch):
     monkeypatch.setattr(sharing, "available_processors", lambda: 2)
     monkeypatch.setattr(sharing, "PATIENCE", SECONDS)
+    before = own_threads()
     workers, met = Workers(2), threading.Barrier(2)
     workers.call(count_up, [(np.zeros(1, np.int64), 0)] * 2)
     workers.run(lambda: met.wait(SECONDS / 2), [(), ()])
     workers.call(count_up, [(np.zeros(1, np.int64), 0)] * 2)
     begun = time.monotonic()
     workers.close()
-    wait_until(lambda: not any(t.name.startswith("rasterjit") for t in threading.enumerate()))
+    wait_until(lambda: own_threads() <= before)
     assert time.monotonic() - begun < SECONDS / 2
 
 

@@ -7,12 +7,12 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
 import pytest
 from batches import ALL, CAMERA, MODELS, SIZE, around, check, in_groups, mixed_scene
+from own_threads import own_threads
 
 import rasterjit as rj
 from rasterjit.rendering.batch import _new_array, in_threads, views_per_group
@@ -243,7 +243,7 @@ def test_what_is_not_in_view_is_told_once(scene):
 
 def test_threads_end_with_the_call(scene):
     rj.render_batch(scene, around(9), size=SIZE, threads=3)
-    assert not [one for one in threading.enumerate() if one.name.startswith("rasterjit-batch")]
+    assert not own_threads("rasterjit-batch")
 
 
 PROGRAM = """

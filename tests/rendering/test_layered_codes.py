@@ -188,26 +188,20 @@ def test_environment_behind_everything_is_mixed_in_codes():
             pictures[shown] = frame.color
         sky, codes = pictures["alone"], [naive_codes.coded(c) for c in colors.tolist()]
         picture = np.empty_like(sky)
+        where = [naive_layers.CENTRE] if samples == 1 else places(samples)
+        surfaces = [naive_layers.rounded_surfaces(triangles, SIZE, place) for place in where]
         for row, column in np.ndindex(*SIZE[::-1]):
-            picture[row, column] = twin_of_pixel(
-                triangles, codes, is_blended, samples, tuple(sky[row, column].tolist()),
-                (column, row),
-            )  # fmt: skip
+            shown = [each.get((column, row), []) for each in surfaces]
+            background = tuple(sky[row, column].tolist())
+            picture[row, column] = twin_of_pixel(shown, codes, is_blended, background)
         np.testing.assert_array_equal(pictures["with"], picture)
 
 
-_SURFACES = {}
-
-
-def twin_of_pixel(triangles, codes, is_blended, samples, background, pixel):
-    """Return the codes that the twin gives to one pixel."""
-    key = id(triangles), samples
-    if key not in _SURFACES:
-        where = [naive_layers.CENTRE] if samples == 1 else places(samples)
-        _SURFACES[key] = [naive_layers.rounded_surfaces(triangles, SIZE, place) for place in where]
+def twin_of_pixel(surfaces, codes, is_blended, background):
+    """Return the codes that the twin gives to a pixel, of the surfaces at each of its samples."""
     shown = []
-    for surfaces in _SURFACES[key]:
-        faces = naive_layers.seen_faces(surfaces.get(pixel, []), is_blended)
+    for each in surfaces:
+        faces = naive_layers.seen_faces(each, is_blended)
         own = [codes[f] if is_blended[f] else (*codes[f][:3], 255) for f in faces]
         shown.append(naive_codes.laid(own, background))
     return shown[0] if len(set(shown)) == 1 else naive_codes.mean(shown)

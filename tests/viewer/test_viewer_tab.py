@@ -12,6 +12,7 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
+from own_threads import own_threads
 from PIL import Image
 
 import rasterjit as rj
@@ -333,17 +334,14 @@ def test_viewer_that_changes_by_itself_is_looked_at(pair):
 
 
 def test_closed_page_lets_its_threads_go(pair):
-    before = threading.active_count()
+    before = own_threads()
     page = Page(Viewer(pair, size=(8, 6)))
     page.tab.take(RESIZE)
     page.settle()
     page.tab.close()
     page.tab._thread.join(PATIENCE)
     assert not page.tab._thread.is_alive()
-    limit = time.monotonic() + PATIENCE
-    while threading.active_count() > before and time.monotonic() < limit:
-        time.sleep(0.01)
-    assert threading.active_count() <= before
+    page.wait(lambda page: own_threads() <= before)
 
 
 def test_of_too_many_events_the_latest_are_kept():
@@ -353,13 +351,14 @@ def test_of_too_many_events_the_latest_are_kept():
     assert [event["key"] for event in waiting] == ["c", "d", "e"]
 
 
-def drag(page, seconds):
-    """Move a pointer to and fro on a page that takes a while to show each picture."""
+def drag(page, is_enough):
+    """Move a pointer to and fro, until it is enough, on a page that shows each picture late."""
     place = {"button": 1, "buttons": [1], "modifiers": [], "y": 30.0}
     page.say("pointer_down", x=10.0, **place)
-    limit = time.monotonic() + seconds
+    limit = time.monotonic() + PATIENCE
     number = 0
-    while time.monotonic() < limit:
+    while not is_enough(page):
+        assert time.monotonic() < limit
         number += 1
         page.say("pointer_move", x=10.0 + number % 60, **place)
         page.say("shown", number=min(number, page.tab.sent))
@@ -375,8 +374,7 @@ def test_slow_page_gets_smaller_pictures_while_something_moves(pair, monkeypatch
     monkeypatch.setattr(tab, "SMALL_FOR", 1000.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
-    drag(page, 2.0)
-    assert (40, 30) in sides_of(page.pictures)
+    drag(page, lambda page: (40, 30) in sides_of(page.pictures))
     page.shows = True
     page.say("shown", number=page.tab.sent)
     page.settle()
@@ -388,7 +386,7 @@ def test_page_is_tried_with_larger_pictures_again(pair, monkeypatch):
     monkeypatch.setattr(tab, "SMALL_FOR", 0.0)
     page = Page(Viewer(pair, size=(8, 6), time_budget=1000.0), shows=False)
     page.tab.take(RESIZE)
-    drag(page, 1.0)
+    drag(page, lambda page: len(page.pictures) > 4 * tab.MOST_SLOW)
     assert sides_of(page.pictures) == {(80, 60)}
     page.tab.close()
 

@@ -123,6 +123,28 @@ def test_no_display_is_said(cube, monkeypatch):
     assert show.choose_backend("auto") == "browser"
 
 
+def forgotten(*missing):
+    """Return the modules that are there and would not be without some libraries."""
+    # The widget is defined where anywidget was found.
+    roots = {*missing, "rendercanvas"}
+    return [
+        name
+        for name in sys.modules
+        if name.split(".")[0] in roots or name == "rasterjit.viewer.widget"
+    ]
+
+
+@pytest.fixture
+def own_modules():
+    """Let the modules of a toolkit be those of before, and no mixture with what a test imports."""
+    before = {name: sys.modules[name] for name in forgotten()}
+    yield
+    for name in forgotten():
+        del sys.modules[name]
+    sys.modules.update(before)
+
+
+@pytest.mark.usefixtures("own_modules")
 @pytest.mark.parametrize(
     ("backend", "missing", "extra"),
     [
@@ -138,10 +160,8 @@ def test_missing_extra_is_named(cube, monkeypatch, backend, missing, extra):
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name in missing else find(name)
     )
-    for name in list(sys.modules):
-        # The widget is defined where anywidget was found.
-        if name.split(".")[0] in (*missing, "rendercanvas") or name == "rasterjit.viewer.widget":
-            monkeypatch.delitem(sys.modules, name)
+    for name in forgotten(*missing):
+        monkeypatch.delitem(sys.modules, name)
     for name in missing:
         monkeypatch.setitem(sys.modules, name, None)
 
