@@ -5,10 +5,11 @@ Of every triangle that reaches a pixel, the part inside the pixel's square is a 
 another triangle hides of it is convex as well: the part of the other where it is nearer, for depth
 is linear on the screen and two planes meet in a line. So what is seen of a triangle is a convex
 polygon minus convex polygons, which a few cuts along straight lines leave as convex pieces.
-Vertices are those on the sub-pixel grid; everything after is float64.
+Vertices are those on the sub-pixel grid; everything after is float64, until areas become
+shares: whole numbers of parts, as those of samples are, of which there are 2**24 in a pixel.
 
-Of triangles whose depths differ by less than a float32 tells apart, anywhere in the pixel, the
-lower face is nearer, as it is for samples.
+Of triangles whose depths differ by less than a float32 tells apart, all over the pixel, the lower
+face is nearer, as it is for samples.
 
 References
 ----------
@@ -36,8 +37,17 @@ MOST_CORNERS = 40
 MOST_PIECES = 512
 """Pieces that what is seen of a triangle in a pixel may fall into."""
 
+CORNERS = 3
+"""Polygons with fewer corners have no area."""
+
 LEAST_AREA = 2.0**-46
 """Pieces with a smaller share of a pixel are left out: they are what rounding made."""
+
+PARTS = 1 << 24
+"""
+Parts of a pixel. A share is a whole number of them: a float32 that is 1 if, and only if, no other
+face and no background shows, and 0 if nothing does.
+"""
 
 DEPTH_STEP = 2.0**-24
 """Depths are told apart by more than this, of themselves: half a step of float32."""
@@ -142,15 +152,24 @@ def is_tied(line, size):
 
 
 @helper
-def cut_to_nearer(one, other, column, row, polygon, count, target):
-    """Write the part of ``one``, a polygon in a pixel, where it hides the other triangle."""
-    line, size = depth_line(one, other, column, row)
-    if is_tied(line, size):
-        if one[FACE] > other[FACE]:
-            return np.int64(0)
-        copy_polygon(polygon, count, target)
-        return count
-    return cut(polygon, count, line, target)
+def find_levels(count, candidates, triangles, column, row, levels):
+    """
+    Write whose depths count for each candidate: those of the first that it is tied with, or its
+    own.
+
+    A tie with one and another does not tie these. Compared by their own depths, three faces might
+    hide each other in a ring, and none would be seen.
+    """
+    for n in range(count):
+        levels[n] = n
+        for k in range(n):
+            if levels[k] == k:
+                line, size = depth_line(
+                    triangles[candidates[n]], triangles[candidates[k]], column, row
+                )
+                if is_tied(line, size):
+                    levels[n] = k
+                    break
 
 
 @helper
@@ -172,6 +191,8 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
         for k in range(hiding_size):
             inside = cut(spare[side], inside, edge_line(hiding, hiding_size, k), spare[1 - side])
             side = 1 - side
+            if inside < CORNERS:
+                break
         if area_of(spare[side], inside) <= LEAST_AREA:
             if left == MOST_PIECES:
                 return np.int64(-1)
@@ -196,21 +217,27 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
 
 
 @helper
-def seen_area(n, candidates, count, triangles, column, row, polygons, corners, work):
+def seen_area(n, candidates, count, triangles, column, row, polygons, corners, levels, work):
     """Return the area that is seen of a candidate in a pixel; -1 if it falls into too many."""
     pieces, sizes, spare = work
-    own = triangles[candidates[n]]
+    face, level = triangles[candidates[n], FACE], triangles[candidates[levels[n]]]
     copy_polygon(polygons[n], corners[n], pieces[0, 0])
     sizes[0, 0] = corners[n]
     left, source = np.int64(1), 0
     for k in range(count):
-        other = triangles[candidates[k]]
-        if other[FACE] == own[FACE]:
+        other = triangles[candidates[k], FACE]
+        is_level = levels[k] == levels[n]
+        if (other == face) | (is_level & (other > face)):
             continue
-        size = cut_to_nearer(other, own, column, row, polygons[k], corners[k], spare[2])
-        if area_of(spare[2], size) <= LEAST_AREA:
+        hiding, size = polygons[k], corners[k]
+        if not is_level:
+            # Where the other is nearer.
+            line, _ = depth_line(triangles[candidates[levels[k]]], level, column, row)
+            size = cut(polygons[k], corners[k], line, spare[2])
+            hiding = spare[2]
+        if area_of(hiding, size) <= LEAST_AREA:
             continue
-        left = subtract(pieces, sizes, left, spare[2], size, spare, (source, 1 - source))
+        left = subtract(pieces, sizes, left, hiding, size, spare, (source, 1 - source))
         source = 1 - source
         if left <= 0:
             break
@@ -302,15 +329,16 @@ def find_candidates(
 
 
 @helper
-def share_pixel(count, candidates, triangles, column, row, polygons, corners, work, areas):
-    """Write the area of each candidate, those of one face added to its first; -1 if it can not."""
-    total = 0.0
+def share_pixel(count, candidates, triangles, column, row, polygons, corners, levels, work, areas):
+    """Write the areas of candidates, those of a face added to its first; return if that went."""
+    find_levels(count, candidates, triangles, column, row, levels)
     for n in range(count):
-        area = seen_area(n, candidates, count, triangles, column, row, polygons, corners, work)
+        area = seen_area(
+            n, candidates, count, triangles, column, row, polygons, corners, levels, work
+        )
         if area < 0.0:
-            return -1.0
+            return False
         areas[n] = area
-        total += area
         face = triangles[candidates[n], FACE]
         # Pieces of one face follow each other.
         if n > 0 and triangles[candidates[n - 1], FACE] == face:
@@ -319,26 +347,23 @@ def share_pixel(count, candidates, triangles, column, row, polygons, corners, wo
                 first -= 1
             areas[first] += area
             areas[n] = 0.0
-    return total
+    return True
 
 
 @helper
-def write_pixel(count, candidates, triangles, areas, total, shown, shares, rest, row, i):
+def write_pixel(count, candidates, triangles, areas, shown, shares, rest, row, i):
     """Write the faces of a pixel and their shares, as far as there is room; return how many."""
-    faces = np.int64(0)
+    faces, before, total = np.int64(0), np.int64(0), 0.0
     for n in range(count):
-        if areas[n] > LEAST_AREA:
+        # Sums are rounded, not shares: then shares and what is left are the whole pixel.
+        total += areas[n]
+        upto = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
+        if upto > before:
             if faces < shown.shape[0]:
                 shown[faces, row, i] = np.int32(triangles[candidates[n], FACE])
-                shares[faces, row, i] = np.float32(areas[n])
-            faces += 1
-    empty = np.float32(1.0 - total)
-    # What is left by rounding is nothing.
-    rest[row, i] = empty if empty > np.float32(DEPTH_STEP) else np.float32(0.0)
-    if faces == 0:
-        rest[row, i] = np.float32(1.0)
-    elif faces == 1 and rest[row, i] == np.float32(0.0):
-        shares[0, row, i] = np.float32(1.0)
+                shares[faces, row, i] = np.float32((upto - before) / PARTS)
+            faces, before = faces + 1, upto
+    rest[row, i] = np.float32((PARTS - before) / PARTS)
     return faces
 
 
@@ -350,6 +375,7 @@ def scratch_memory(most: int) -> tuple[Any, ...]:
         np.empty(most, np.int64),
         np.empty((most + 1, MOST_CORNERS, 2), np.float64),
         np.empty(most + 1, np.int64),
+        np.empty(most, np.int64),
         np.empty(most, np.float64),
         np.empty((2, MOST_PIECES, MOST_CORNERS, 2), np.float64),
         np.empty((2, MOST_PIECES), np.int64),
@@ -358,8 +384,8 @@ def scratch_memory(most: int) -> tuple[Any, ...]:
 
 
 SCRATCH = (
-    float64[:, ::1], int64[::1], int64[::1], float64[:, :, ::1], int64[::1], float64[::1],
-    float64[:, :, :, ::1], int64[:, ::1], float64[:, :, ::1],
+    float64[:, ::1], int64[::1], int64[::1], float64[:, :, ::1], int64[::1], int64[::1],
+    float64[::1], float64[:, :, :, ::1], int64[:, ::1], float64[:, :, ::1],
 )  # fmt: skip
 """The types of `scratch_memory`."""
 
@@ -395,8 +421,8 @@ def find_areas(
     question : Question
         Of an ``alpha_test.AlphaTest``. A face has one alpha in a pixel: at its centre.
     """
-    triangles, in_row, candidates, polygons, corners, areas = scratch[:6]
-    work, parts = scratch[6:9], (faces.faces, faces.pieces, faces.piece_faces)
+    triangles, in_row, candidates, polygons, corners, levels, areas = scratch[:7]
+    work, parts = scratch[7:10], (faces.faces, faces.pieces, faces.piece_faces)
     columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
     most = np.int64(0), np.int64(0), np.int64(0)
     for row in range(rows[1] - rows[0]):
@@ -418,14 +444,13 @@ def find_areas(
                 count = find_candidates(
                     in_row, many, triangles, x, y, candidates, polygons, corners, work, question
                 )
-                total = share_pixel(
-                    count, candidates, triangles, x, y, polygons, corners, work, areas
-                )
-                if total < 0.0:
+                if not share_pixel(
+                    count, candidates, triangles, x, y, polygons, corners, levels, work, areas
+                ):
                     deepest[0], deepest[1], deepest[2] = -1, column, rows[0] + row
                     return
                 found = write_pixel(
-                    count, candidates, triangles, areas, total, shown, shares, rest, row, column
+                    count, candidates, triangles, areas, shown, shares, rest, row, column
                 )
                 if found > most[0]:
                     most = found, np.int64(column), np.int64(rows[0] + row)
