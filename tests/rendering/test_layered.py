@@ -567,3 +567,22 @@ def test_plan_says_how_many_layers_are_seen(cube, camera):
 def test_bad_number_of_layers_is_refused(most):
     with pytest.raises(ValueError, match=r"transparency_layers.*1, 2, 4, 8"):
         rj.Quality(transparency_layers=most)
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+@pytest.mark.parametrize("alpha", [1e-7, 3.1e-8, 2.9e-8, 1e-9])
+def test_bright_layer_is_seen_however_small_its_alpha(samples, alpha):
+    # 1 - alpha is 1 in float32 below 3e-8; what shines is not: its light is a million.
+    glass = mesh_of(FULL, [0.5] * 3, SIZE, base_color=(0, 0, 0, alpha), alpha_mode="blend")
+    glass.material = rj.Material(
+        "pbr", (0, 0, 0, alpha), alpha_mode="blend", emissive=(1e6, 5e5, 0), roughness=1.0
+    )
+    edge = mesh_of([(10, 10), (90, 13), (40, 60)], [0.6] * 3, SIZE, base_color="black")
+    options = {"background": "black", "quality": rj.Quality(samples=samples)}
+    scene = scene_of([glass, edge])
+    frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",), threads=1, **options)
+    want = np.float32(alpha) * np.array([1e6, 5e5, 0.0])
+    shown = frame.linear[..., :3]
+    np.testing.assert_allclose(shown, want + 0 * shown, rtol=1e-5, atol=2e-7)
+    batch = rj.render_batch(scene, [CAMERA], size=SIZE, outputs=("linear",), **options)
+    assert batch.linear[0].tobytes() == frame.linear.tobytes()

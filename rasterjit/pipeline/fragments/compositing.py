@@ -26,6 +26,15 @@ from rasterjit.runtime.state import float32, int32
 THROUGH = 3
 """Column of a sum: the share of light that comes through from behind."""
 
+MOST_THROUGH = np.float32(1.0 - 2.0**-24)
+"""What comes through a layer that is seen, at most: less than 1, which says that none is."""
+
+
+@helper
+def passed(through, alpha):
+    """Return what of some light comes through a layer whose alpha is not 0."""
+    return min(through * (np.float32(1.0) - alpha), MOST_THROUGH)
+
 
 @kernel
 def start_sums(sums: float32[:, :, ::1]):
@@ -61,7 +70,7 @@ def lay_under(
     sums : (R, W, 4) float32
         Changed: premultiplied colour, and the share of light that comes through.
     """
-    one, none = np.float32(1.0), np.float32(0.0)
+    none = np.float32(0.0)
     for row in range(faces.shape[0]):
         for i in range(faces.shape[1]):
             through = sums[row, i, THROUGH]
@@ -72,7 +81,7 @@ def lay_under(
                 if share > none:
                     for k in range(3):
                         sums[row, i, k] += share * colors[row, i, k]
-                    through *= one - alpha
+                    through = passed(through, alpha)
                     sums[row, i, THROUGH] = through
             if through == none:
                 behind[row, i] = NOTHING
@@ -214,7 +223,7 @@ def sample_color(sample, opaque, transparent, colors, behind, row, i):
             red += share * colors[layer, row, i, 0]
             green += share * colors[layer, row, i, 1]
             blue += share * colors[layer, row, i, 2]
-            through *= one - alpha
+            through = passed(through, alpha)
     layer = opaque[sample, row, i]
     if layer >= 0:
         own = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
