@@ -57,7 +57,7 @@ class Golden:
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self.folder = request.path.parent / FOLDER / request.path.stem
-        self._test = re.sub(r"[^\w.-]+", "-", request.node.name).strip("-")
+        self._test = _file_name(request.node)
         self._node, self._config = request.node, request.config
         self._names: set[str] = set()
 
@@ -77,7 +77,8 @@ class Golden:
         Raises
         ------
         ValueError
-            If it is no picture, or the test has used the name before.
+            If it is no picture, the test has used the name before, or pictures of another test
+            have the same files.
         """
         array = picture.color if isinstance(picture, Frame) else np.ascontiguousarray(picture)
         if array.dtype.hasobject or array.size == 0:
@@ -94,17 +95,29 @@ class Golden:
 
     def _named(self, name: str | None) -> str:
         """Return the name of a picture's file, without its end."""
+        self._refuse_collision()
         if name is None:
             count = len(self._names) + 1
-            name = self._test if count == 1 else f"{self._test}-{count}"
+            name = self._test if count == 1 else f"{self._test}--{count}"
         elif re.fullmatch(r"[\w.-]+", name):
-            name = f"{self._test}-{name}"
+            name = f"{self._test}--{name}"
         else:
             raise ValueError(f"name must be letters, digits, '_', '-' and '.', got {name!r}")
         if name in self._names:
             raise ValueError(f"name must be used once in a test, got {name!r} again")
         self._names.add(name)
         return name
+
+    def _refuse_collision(self) -> None:
+        """Raise ValueError if another collected test has the same file name."""
+        for item in self._node.session.items:
+            same_file = item.path == self._node.path and _file_name(item) == self._test
+            if same_file and item.nodeid != self._node.nodeid:
+                raise ValueError(
+                    f"each test must have a file name of its own, but {item.nodeid} and "
+                    f"{self._node.nodeid} both have {self._test}: name one of them by "
+                    "pytest.param(..., id=...)"
+                )
 
     def _record(self, place: Path, array: NDArray[Any]) -> None:
         """Write a picture, if it is another than the recorded one."""
@@ -135,6 +148,12 @@ class Golden:
             lines.append(f"recorded, drawn and where they differ: {beside}")
         lines.append("if the new picture is right, record it: pytest --golden-update")
         pytest.fail("\n".join(lines), False)
+
+
+def _file_name(item: pytest.Item) -> str:
+    """Return a test's name as a file's: its class, too, and no two dashes in a row."""
+    name = item.nodeid.split("::", 1)[-1]
+    return re.sub(r"[^\w.]+", "-", name).strip("-")
 
 
 def _is_picture(array: NDArray[Any]) -> bool:

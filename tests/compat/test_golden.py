@@ -35,7 +35,7 @@ def test_sides(golden, side):
 
 def test_names(golden):
     golden(np.zeros((2, 2), np.uint8), "twice")
-    with pytest.raises(ValueError, match="once in a test, got 'test_names-twice' again"):
+    with pytest.raises(ValueError, match="once in a test, got 'test_names--twice' again"):
         golden(np.zeros((2, 2), np.uint8), "twice")
     with pytest.raises(ValueError, match="name must be letters"):
         golden(np.zeros((2, 2), np.uint8), "../up")
@@ -66,7 +66,7 @@ def test_pictures_are_recorded_compared_and_shown_where_they_differ(tmp_path):
     folder = tmp_path / "golden" / "test_one"
     names = sorted(path.name for path in folder.iterdir())
     assert names == [
-        "test_face-3.npy", "test_face-depth.npy", "test_face.png", "test_names-twice.png",
+        "test_face--3.npy", "test_face--depth.npy", "test_face.png", "test_names--twice.png",
         "test_sides-a-b.png", "test_sides-c-d.png",
     ]  # fmt: skip
     assert all(f"golden: recorded {folder / name}" in said for name in names)
@@ -77,7 +77,7 @@ def test_pictures_are_recorded_compared_and_shown_where_they_differ(tmp_path):
         pixels = np.array(image)
     pixels[3, 4, 1] ^= 1
     Image.fromarray(pixels).save(folder / "test_face.png")
-    depth = np.load(folder / "test_face-depth.npy")
+    depth = np.load(folder / "test_face--depth.npy")
     assert not np.isfinite(depth).all()
     (tmp_path / "test_one.py").write_text(TEST.replace("{level}", "8"))
     said, status = run(tmp_path)
@@ -94,6 +94,37 @@ def test_pictures_are_recorded_compared_and_shown_where_they_differ(tmp_path):
     assert status == 0
     assert said.count("golden: recorded") == 3
     assert run(tmp_path)[1] == 0
+
+
+COLLIDING = """
+import numpy as np
+import pytest
+
+@pytest.mark.parametrize("name", ["a b", "a-b", "c"])
+def test_cell(golden, name):
+    golden(np.full((4, 4, 3), len(name), np.uint8))
+
+class TestOne:
+    def test_cell(self, golden):
+        golden(np.zeros((4, 4, 3), np.uint8))
+
+class TestTwo:
+    def test_cell(self, golden):
+        golden(np.ones((4, 4, 3), np.uint8))
+"""
+
+
+@pytest.mark.parametrize("workers", ["0", "2"])
+def test_two_tests_never_share_a_file(tmp_path, workers):
+    (tmp_path / "conftest.py").write_text(CONFTEST)
+    (tmp_path / "test_one.py").write_text(COLLIDING)
+    said, status = run(tmp_path, "--golden-update", "-n", workers)
+    assert status == 1
+    assert "2 failed, 3 passed" in said
+    assert "test_cell[a b]" in said
+    assert "both have test_cell-a-b: name one of them by pytest.param(..., id=...)" in said
+    recorded = sorted(path.name for path in (tmp_path / "golden" / "test_one").iterdir())
+    assert recorded == ["TestOne-test_cell.png", "TestTwo-test_cell.png", "test_cell-c.png"]
 
 
 def test_differences_of_other_sizes_and_of_floats_are_shown():
