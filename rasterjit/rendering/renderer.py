@@ -451,6 +451,13 @@ def _set_or_none(name: str, value: Any) -> set[str] | None:
     return value
 
 
+def _renderer_of(
+    kind: type[Renderer], size: tuple[int, int], quality: Quality, threads: int | None
+) -> Renderer:
+    """Return a new renderer of some settings."""
+    return kind(size, quality=quality, threads=threads)
+
+
 class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
@@ -495,6 +502,7 @@ class Renderer(Guarded):
     ) -> None:
         self.size = size
         self.quality = check_quality(quality)
+        self._threads = threads
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
@@ -503,6 +511,16 @@ class Renderer(Guarded):
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Be copied and pickled by its settings: the copy keeps nothing between frames yet."""
+        told = None if self.told is None else set(self.told)
+        state = {"before_picture": self.before_picture, "told": told}
+        return _renderer_of, (type(self), self.size, self.quality, self._threads), state
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"Renderer({width} x {height}, {self.quality}, {self._workers.threads} threads)"
 
     @classmethod
     def of_many(

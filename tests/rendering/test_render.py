@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -502,3 +504,17 @@ def test_a_scene_without_a_finite_face_shows_the_background(camera, count):
     with pytest.warns(rj.ViewWarning):
         batch = rj.render_batch(scene, [camera], size=SIZE, background=(1.0, 0.0, 0.0))
     assert (batch.color == frame.color).all()
+
+
+def pickled(what):
+    return pickle.loads(pickle.dumps(what))
+
+
+@pytest.mark.parametrize("clone", [copy.copy, copy.deepcopy, pickled])
+def test_a_copied_renderer_has_the_settings_and_draws_alone(cube, camera, clone):
+    with rj.Renderer(SIZE, quality=rj.Quality(samples=4), threads=1) as renderer:
+        first = renderer.render(cube, camera)
+        with clone(renderer) as other:
+            assert (other.size, other.quality) == (renderer.size, renderer.quality)
+            assert np.array_equal(other.render(cube, camera).color, first.color)
+        assert np.array_equal(renderer.render(cube, camera).color, first.color)
