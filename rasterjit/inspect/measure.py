@@ -18,6 +18,7 @@ from rasterjit.rendering.renderer import Renderer, choose_camera
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
@@ -40,8 +41,8 @@ class Change(NamedTuple):
     """By how much it is slower than the frame as it is; below 0 if it is faster."""
 
 
-@dataclass(frozen=True)
-class Measurement:
+@dataclass(frozen=True, repr=False)
+class Measurement(Printed):
     """
     What a frame consists of and what that costs; prints as a table.
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.preview import Printed
+
 if TYPE_CHECKING:
     from fractions import Fraction
 
@@ -209,8 +211,8 @@ class ColorPart:
     """(3,), linear red, green, blue: its colour times the share."""
 
 
-@dataclass(frozen=True, eq=False)
-class PixelExplanation:
+@dataclass(frozen=True, eq=False, repr=False)
+class PixelExplanation(Printed):
     """What happened at one pixel, stage by stage; prints as tables."""
 
     x: int

@@ -15,14 +15,15 @@ from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility import nearest as visibility
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.preview import Printed
 from rasterjit.survey.depth_format import DepthFormat
 
 STORING = 2.0**-24
 """Largest relative error of rounding a value to float32."""
 
 
-@dataclass(frozen=True)
-class Diagnostics:
+@dataclass(frozen=True, repr=False)
+class Diagnostics(Printed):
     """
     What became of every face, exactly, and how precise a frame's numbers are; prints as a table.
 

@@ -96,8 +96,8 @@ class Stats:
         return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
 
 
-@dataclass(frozen=True)
-class Choice:
+@dataclass(frozen=True, repr=False)
+class Choice(preview.Printed):
     """
     Which quality was chosen for a frame, and what was expected of it.
 
@@ -116,6 +116,14 @@ class Choice:
     predicted_seconds: float | None
     seconds: float
     predicted_error: float | None = None
+
+    def __str__(self) -> str:
+        told = [f"{self.quality} in {1e3 * self.seconds:.3g} ms"]
+        if self.predicted_seconds is not None:
+            told.append(f"{1e3 * self.predicted_seconds:.3g} ms expected")
+        if self.predicted_error is not None:
+            told.append(f"error {self.predicted_error:.2g} expected")
+        return f"Choice({', '.join(told)})"
 
 
 class Pick(NamedTuple):

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.texture import read_picture
 from rasterjit.scene.validation import existing_file, unmasked_array
@@ -40,6 +41,10 @@ class BackgroundImage:
     """
 
     image: NDArray[Any]
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        return f"BackgroundImage({width} x {height} {self.image.dtype})"
 
     def __post_init__(self) -> None:
         given = unmasked_array("background", self.image)
@@ -76,7 +81,7 @@ class BackgroundImage:
         """Width and height, pixels."""
         return self.image.shape[1], self.image.shape[0]
 
-    @functools.cached_property
+    @cached_property
     def is_opaque(self) -> bool:
         """Whether nothing is seen through it."""
         return bool(self.image[..., 3].min() == (255 if self.image.dtype == np.uint8 else 1.0))

@@ -65,6 +65,11 @@ class Field:
     """(4,), read-only, linear RGBA: the colour of faces with a corner that is NaN."""
     contours: Contours | None = None
 
+    def __repr__(self) -> str:
+        low, high = self.range
+        what = "faces" if self.of_faces else "vertices"
+        return f"Field({len(self.values)} {what}, {low:g} to {high:g}, {self.colormap!r})"
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         for name, value in state.items():

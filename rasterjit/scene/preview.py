@@ -1,4 +1,4 @@
-"""How notebooks show a picture: as such, and with a text for who does not see it."""
+"""How prompts and notebooks show things: pictures with an alternative text, reports as text."""
 
 from __future__ import annotations
 
@@ -10,6 +10,17 @@ from rasterjit.scene.hooks import HOOKS
 
 Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 """Data and metadata, each by media type, as ``_repr_mimebundle_`` returns them."""
+
+
+class Printed:
+    """Shows itself by its text, `str`, in prompts and notebooks."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def _repr_html_(self) -> str:
+        """Return the text with its columns."""
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 class Previewed:

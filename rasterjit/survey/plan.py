@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.camera_view import CameraView
@@ -32,8 +33,8 @@ FOLLOWING = (
 """What plans of whole frames say by their effects and facts alone."""
 
 
-@dataclass(frozen=True)
-class RenderPlan:
+@dataclass(frozen=True, repr=False)
+class RenderPlan(Printed):
     """
     What one frame consists of; prints as a table.
 

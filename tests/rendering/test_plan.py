@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+
 import numpy as np
 import pytest
 
@@ -153,6 +155,22 @@ def test_plan_prints_as_a_table(cube, camera):
         for line, name in zip(text.splitlines(), names, strict=True)
     }
     assert len(starts) == 1
+
+
+def test_reports_show_themselves_as_their_text(cube, camera):
+    scene = rj.Scene()
+    scene.add(cube)
+    frame = rj.render(scene, camera, size=(8, 8), max_error=0.5, diagnose=True)
+    reports = [
+        frame.plan, frame.diagnostics, frame.choice,
+        rj.measure(scene, camera, size=(8, 8), rounds=1),
+        rj.explain_pixel(scene, camera, (8, 8), 4, 4),
+    ]  # fmt: skip
+    for report in reports:
+        assert repr(report) == str(report)
+        assert html.unescape(report._repr_html_()) == f"<pre>{report}</pre>"
+    assert len(repr(frame.choice)) < 200
+    assert repr(scene) == "Scene(1 objects, 12 faces, 0 lights)"
 
 
 def test_plan_tells_what_the_frame_did(cube, camera):
