@@ -19,7 +19,6 @@ import json
 import math
 import platform
 import statistics
-import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +28,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit import forks
 from rasterjit.io.whole import replacing
 from rasterjit.outputs.frame import Choice, Frame
 from rasterjit.runtime.store import cache_folder, cpu_features
@@ -125,7 +125,7 @@ class Times:
 
     def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
         self.ladder = tuple(ladder)
-        self.lock = threading.Lock()
+        self.lock = forks.lock()
         """Held by `draw_in_time` while it calibrates: other threads' frames would be timed too."""
         self.is_calibrated = False
         """Whether `calibrate` came to its end."""
@@ -402,7 +402,7 @@ def times_of(what: Any, circumstances: Any) -> Times:
     return times
 
 
-_LOCK = threading.Lock()
+_LOCK = forks.lock()
 _TIMES: dict[Any, Times] = {}
 """What is known of scenes, by their address and the circumstances."""
 

@@ -9,10 +9,10 @@ room (`MOST_KEPT`). It is used again as far as a plan that is made anew says tha
 from __future__ import annotations
 
 import operator
-import threading
 import weakref
 from typing import Any
 
+from rasterjit import forks
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.plan import RenderPlan
@@ -48,7 +48,7 @@ class Kept:
         self._desks: dict[tuple, list[tuple[int, Any]]] = {}
         """The size and the memory of those that nobody draws in, by what their plans follow from;
         those used last are last."""
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         self.bytes = 0
         """Of all desks, those in use included."""
 
@@ -138,7 +138,7 @@ class Shelf:
 
     def __init__(self) -> None:
         self._kept: dict[int, tuple[weakref.ref, Kept]] = {}
-        self._lock = threading.RLock()
+        self._lock = forks.reentrant_lock()
 
     def take(self, what: Any) -> Kept | None:
         """Return what is kept of a scene, which nobody else has then."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.outputs import fill
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw

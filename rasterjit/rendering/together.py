@@ -12,13 +12,13 @@ need not look at the picture; see `can_share`. The others are for the caller to 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit import forks
 from rasterjit.outputs.table import is_attribute
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
@@ -164,7 +164,7 @@ class Together:
         self.is_colored = not {"color", "linear"}.isdisjoint(options.outputs)
         self.has_headlight = not scene.lights and scene.environment is None
         self._plans: dict[tuple, RenderPlan | None] = {}
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
         self._whole = boxes_around(boxes, places[np.newaxis])
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
+from rasterjit import forks
 from rasterjit.runtime import jit, numba_alone, store
 from rasterjit.runtime.progress import Progress
 from rasterjit.runtime.threads import available_processors
@@ -182,7 +183,7 @@ def do_all(
     for task in tasks:
         waiting.put(task)
     failed: list[Task] = []
-    telling = threading.Lock()
+    telling = forks.lock()
 
     def follow(process: subprocess.Popen[str]) -> None:
         # One that has ended does no more: what waits is for the others.
@@ -237,7 +238,7 @@ class _Beside:
     """The process that compiles beside this one; it ends when nothing was asked of it for long."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         self._process: subprocess.Popen[str] | None = None
 
     def take(self, tasks: Sequence[Task], least: int) -> None:
@@ -272,7 +273,7 @@ class _Beside:
     def forget(self) -> None:
         """Leave the process to the one that this was forked from."""
         process, self._process = self._process, None
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         if process is not None:
             # Who holds its input keeps it waiting for more.
             with suppress(OSError):
@@ -323,7 +324,7 @@ class _Asking:
         self, list_tasks: Callable[[], Sequence[Task]], threads: int | None, at_once: bool
     ) -> None:
         self._list_tasks, self._threads, self._at_once = list_tasks, threads, at_once
-        self._asking = threading.Lock()
+        self._asking = forks.lock()
         self._progress: Progress | None = None
 
     def __enter__(self) -> None:

@@ -27,6 +27,7 @@ from llvmlite import binding, ir
 from numba import types
 from numba.extending import intrinsic, typeof_impl
 
+from rasterjit import forks
 from rasterjit.runtime import instructions, plain_arrays
 from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
 from rasterjit.runtime.plain_arrays import PlainArray
@@ -49,7 +50,7 @@ ALLOWED = {
 }  # fmt: skip
 """Functions that object code may call: exact, with the same bits in every C library."""
 
-_COMPILING = threading.RLock()
+_COMPILING = forks.hold_over_forks(threading.RLock())
 
 STOCK = None
 """In place of a target: stock Numba compiles the helpers, for this machine's CPU."""

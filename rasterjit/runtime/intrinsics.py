@@ -9,11 +9,11 @@ in Python; ``instructions`` has the machine's.
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import numpy as np
 
+from rasterjit import forks
 from rasterjit.runtime.jit import MACHINE, helper, intrinsic, raise_failed
 
 LANES = 8
@@ -42,7 +42,7 @@ Elements to spare: w of the first vertex over that of the others; squared length
 points below which these are doubtful; -1 where the back of the face is seen, else 1.
 """
 
-_ADDING = threading.Lock()
+_ADDING = forks.lock()
 
 
 @intrinsic

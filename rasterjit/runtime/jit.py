@@ -41,6 +41,8 @@ from typing import Any
 
 import numpy as np
 
+from rasterjit import forks
+from rasterjit.forks import cached_property
 from rasterjit.runtime import numba_alone
 from rasterjit.runtime.state import (
     WORD,
@@ -85,7 +87,7 @@ class CompileClock:
     """Wall-clock seconds that this process spent on something, in any thread."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         self._active = 0
         self._since = 0.0
         self._seconds = 0.0
@@ -172,9 +174,9 @@ class Kernel:
         self.__module__, self.__doc__ = function.__module__, function.__doc__
         self.forms: list[Form] = []
         """The forms that this process has used."""
-        self._lock = threading.RLock()
+        self._lock = forks.reentrant_lock()
 
-    @functools.cached_property
+    @cached_property
     def declared(self) -> list[RecordType]:
         """The types of its arguments, if annotations tell them: one for each form."""
         names = inspect.signature(self.function).parameters
@@ -291,7 +293,7 @@ class _OfOneForm:
         self.function = function
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__doc__ = function.__doc__
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
         self._code: Any = None
 
     @property
@@ -338,19 +340,19 @@ class Stage(_OfOneForm):
         super().__init__(function)
         self._checked: Any = None
 
-    @functools.cached_property
+    @cached_property
     def kind(self) -> RecordType:
         """The types of the block and of the further arguments."""
         named = inspect.get_annotations(self.function, eval_str=True)
         given = [name for name in inspect.signature(self.function).parameters if name != "count"]
         return RecordType(tuple, tuple(type_named(named[name]) for name in given))
 
-    @functools.cached_property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The names of its further parameters: what it reads."""
         return tuple(inspect.signature(self.function).parameters)[2:]
 
-    @functools.cached_property
+    @cached_property
     def _own(self) -> tuple[RecordType, Any, Any, int]:
         from rasterjit.runtime.packing import plan_of
 

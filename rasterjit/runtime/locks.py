@@ -11,9 +11,13 @@ import functools
 import hashlib
 import os
 import platform
+import threading
+import weakref
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
+
+from rasterjit import forks
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")
 """Where Linux names the run of the system, the same in all containers."""
@@ -22,9 +26,16 @@ FAR = 1 << 30
 """The byte that is locked where locks are for bytes: none that anyone reads."""
 
 
+_OPENING = forks.hold_over_forks(threading.Lock())
+
+_OPEN: weakref.WeakSet[Lock] = weakref.WeakSet()
+
+
 class Lock:
     """
     A file or folder that is open, and locked until it is closed or the process ends.
+
+    It stays with the process that locked it: a forked child closes its copy.
 
     Attributes
     ----------
@@ -35,6 +46,7 @@ class Lock:
     def __init__(self, descriptor: int, is_sure: bool) -> None:
         self._descriptor: int | None = descriptor
         self.is_sure = is_sure
+        _OPEN.add(self)
 
     def __enter__(self) -> Lock:
         return self
@@ -116,16 +128,27 @@ def lock(path: Path) -> Lock | None:
     flags = os.O_RDONLY if is_folder else os.O_RDWR
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"):
         flags |= getattr(os, name, 0)
-    descriptor = os.open(path, flags)
-    try:
-        is_sure = _lock(descriptor)
-    except BaseException:
-        os.close(descriptor)
-        raise
-    if is_sure is None:
-        os.close(descriptor)
-        return None
-    return Lock(descriptor, is_sure)
+    with _OPENING:
+        descriptor = os.open(path, flags)
+        try:
+            is_sure = _lock(descriptor)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        if is_sure is None:
+            os.close(descriptor)
+            return None
+        return Lock(descriptor, is_sure)
+
+
+def _close_all() -> None:
+    """Leave locks to the process that this one was forked from."""
+    for held in list(_OPEN):
+        held.close()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_close_all)
 
 
 def _lock(descriptor: int) -> bool | None:

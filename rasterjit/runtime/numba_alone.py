@@ -18,6 +18,7 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import CodeType, ModuleType
 from typing import Any
 
+from rasterjit import forks
 from rasterjit.runtime.versions import too_new
 
 COMPILER = "rasterjit.runtime.compiler"
@@ -29,7 +30,7 @@ SETTINGS_FILE = ".numba_config.yaml"
 NO_FILE = ""
 """A name that no file has."""
 
-_IMPORTING = threading.RLock()
+_IMPORTING = forks.hold_over_forks(threading.RLock())
 
 
 class _Loader(SourceFileLoader):

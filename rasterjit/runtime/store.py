@@ -32,6 +32,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rasterjit import forks
 from rasterjit.runtime import numba_alone, shipped
 from rasterjit.runtime.jit import COMPILER_CLOCK
 from rasterjit.runtime.locks import Lock, lock
@@ -122,7 +123,7 @@ BEFORE_COMPILING: list[Callable[[], None]] = []
 SAID: set[str] = set()
 """What this process has told: ``damage``, ``kept``, ``shipped``."""
 
-_SAYING = threading.Lock()
+_SAYING = forks.lock()
 
 
 def say_once(subject: str, message: str) -> None:
@@ -609,7 +610,7 @@ def header_of(kernel: Any, kind: RecordType, returns: str, target: Target) -> He
     )  # fmt: skip
 
 
-_LINKING = threading.Lock()
+_LINKING = forks.hold_over_forks(threading.Lock())
 
 
 @functools.cache

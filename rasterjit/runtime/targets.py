@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from rasterjit import forks
+
 
 class Target(NamedTuple):
     """What machine code is for."""
@@ -77,6 +79,16 @@ CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """Environment variables that ask for another CPU than this machine's."""
 
 
+def _hold_llvm_over_forks() -> None:
+    """Let forks wait for calls of LLVM in other threads."""
+    from llvmlite.binding import ffi
+
+    # llvmlite has no public name for its lock.
+    held = getattr(getattr(ffi.lib, "_lock", None), "_lock", None)
+    if held is not None:
+        forks.hold_over_forks(held)
+
+
 @functools.cache
 def host() -> Target:
     """
@@ -87,6 +99,7 @@ def host() -> Target:
     """
     from llvmlite import binding
 
+    _hold_llvm_over_forks()
     triple = binding.get_process_triple()
     chosen, features = (os.environ.get(name) for name in CHOICES)
     level = _level_named(triple, chosen)
@@ -137,6 +150,7 @@ def shipped_target() -> Target | None:
     """Return the target of the wheel's code that this process runs; None if that is for others."""
     from llvmlite import binding
 
+    _hold_llvm_over_forks()
     triple = binding.get_process_triple()
     chosen, features = (os.environ.get(name) for name in CHOICES)
     if chosen or features is not None:

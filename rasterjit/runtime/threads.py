@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit import forks
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.team import PATIENCE, Call, Team
 
@@ -55,7 +56,7 @@ class Workers:
         self.memory = Memory()
         self._pool: ThreadPoolExecutor | None = None
         self._team: Team | None = None
-        self._team_lock = threading.Lock()
+        self._team_lock = forks.lock()
         self._process = os.getpid()
         self._closed = 0
         self._frame = threading.local()
@@ -182,7 +183,7 @@ class Workers:
         if self._process != os.getpid():
             # A forked process has the pool but none of its threads.
             self._pool, self._team, self._process = None, None, os.getpid()
-            self._team_lock = threading.Lock()
+            self._team_lock = forks.lock()
         pool = self._pool
         if pool is None:
             pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="rasterjit")
@@ -259,7 +260,7 @@ class Memory:
     def __init__(self) -> None:
         self._shelves: dict[int, list[_Block]] = {}
         self._frame = 0
-        self._lock = threading.Lock()
+        self._lock = forks.lock()
 
     def empty(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
         """Return a C-contiguous array of any contents."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.colormap_tables import TABLES

@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, fields
-from functools import cached_property
 from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number

@@ -7,13 +7,14 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.transforms import sine_cosine

@@ -9,11 +9,11 @@ separates them: every other way crosses it, too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene import transforms
 from rasterjit.scene.mesh import Mesh
 

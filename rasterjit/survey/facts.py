@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.pipeline.encode import Encoding
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment

@@ -13,12 +13,13 @@ import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import Imitated, Lighting
 from rasterjit.scene import transforms

@@ -7,12 +7,12 @@ Every operation is that of the function named, in its order; N views, O objects.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.survey.clip_planes import SURE

@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.pipeline.geometry.seen_depths import SURE
 from rasterjit.pipeline.records import Objects
 from rasterjit.scene import transforms

@@ -30,13 +30,13 @@ import operator
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material

@@ -10,12 +10,12 @@ References
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.forks import cached_property
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.placing import parent_from_node, trs_of
 from rasterjit.io.gltf.values import finite_numbers_of, list_of, needed, object_of, shown, whole_of

@@ -1,0 +1,112 @@
+"""
+What a forked child can use, whatever other threads of its parent were doing.
+
+A child has one thread: a lock that another thread held at the fork stays locked there for ever.
+So locks that are waited for come from here and are free again in a child. Some guard what a fork
+must not cut in two, such as the state of LLVM or a module that is being imported: a fork waits for
+these (`hold_over_forks`). ``functools.cached_property`` has such a lock in Python 3.10 and 3.11;
+`cached_property` has none.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import threading
+import time
+import weakref
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+LONGEST_WAIT = 60.0
+"""Seconds that a fork waits at most, such as for a compiler in another thread."""
+
+PAUSE = 0.001
+"""Seconds between two looks."""
+
+_LOCKS: weakref.WeakSet[Any] = weakref.WeakSet()
+_HELD_OVER_FORKS: list[Any] = []
+_HELD_NOW: list[Any] = []
+
+
+def lock() -> threading.Lock:
+    """Return a lock that is free in a forked child."""
+    made = threading.Lock()
+    _LOCKS.add(made)
+    return made
+
+
+def reentrant_lock() -> Any:
+    """Return a reentrant lock that is free in a forked child."""
+    made = threading.RLock()
+    _LOCKS.add(made)
+    return made
+
+
+def hold_over_forks(held: Any) -> Any:
+    """Let forks wait for a lock, and free it in their children; return it."""
+    _LOCKS.add(held)
+    _HELD_OVER_FORKS.append(held)
+    return held
+
+
+if TYPE_CHECKING:
+    cached_property = functools.cached_property
+else:
+
+    class cached_property(functools.cached_property):  # noqa: N801
+        """A property that is worked out once, without a lock: two threads may both do it."""
+
+        def __get__(self, instance, owner=None):
+            """Work it out, and keep it as an attribute; what came first is kept."""
+            if instance is None:
+                return self
+            return instance.__dict__.setdefault(self.attrname, self.func(instance))
+
+
+def _is_importing() -> bool:
+    """Tell whether another thread is in the middle of importing a module."""
+    own, frame = set(), sys._getframe()
+    while frame is not None:
+        own.add(frame.f_globals.get("__name__"))
+        frame = frame.f_back
+    # Modules of other types may import more as soon as one asks them for anything.
+    return any(
+        type(module) is ModuleType
+        and getattr(module.__spec__, "_initializing", False)
+        and name not in own
+        for name, module in list(sys.modules.items())
+    )
+
+
+def _before_fork() -> None:
+    """Take the locks that forks wait for, all or none, so that nobody waits in a circle."""
+    until = time.monotonic() + LONGEST_WAIT
+    while time.monotonic() < until:
+        for held in _HELD_OVER_FORKS:
+            if not held.acquire(blocking=False):
+                break
+            _HELD_NOW.append(held)
+        else:
+            if not _is_importing():
+                return
+        _release()
+        time.sleep(PAUSE)
+
+
+def _release() -> None:
+    """Let go of the locks in the parent."""
+    while _HELD_NOW:
+        _HELD_NOW.pop().release()
+
+
+def _free_all() -> None:
+    """Free all locks in a child."""
+    _HELD_NOW.clear()
+    for made in list(_LOCKS):
+        made._at_fork_reinit()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_release, after_in_child=_free_all)
