@@ -35,7 +35,14 @@ def tell(file: Path, as_json: bool, **reading: Any) -> None:
         scene = load(file, **reading)
     raise_if_interrupted()
     said = [in_options(str(warning.message)).removeprefix(f"{file}: ") for warning in caught]
-    held = {"file": str(file), "bytes": file.stat().st_size, **describe(scene), "warnings": said}
+    left_out: Counter[str] = Counter()
+    for warning in caught:
+        left_out.update(getattr(warning.message, "left_out", {}))
+    held = {
+        "file": str(file), "bytes": file.stat().st_size, **describe(scene),
+        "left_out": [{"what": what, "count": count} for what, count in left_out.items()],
+        "warnings": said,
+    }  # fmt: skip
     if as_json:
         click.echo(json.dumps(held, indent=2, allow_nan=False))
         return
@@ -255,8 +262,11 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if held["animations"]:
         told = map(_told_animation, held["animations"])
         yield from _listed("animation", told, len(held["animations"]))
+    left_out = [f"{one['what']} ({one['count']:,})" for one in held["left_out"]]
+    yield "left out", ", ".join(left_out) or "nothing"
     for text in held["warnings"]:
-        yield "warning", text
+        if not text.startswith("left out "):
+            yield "warning", text
 
 
 def _listed(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:

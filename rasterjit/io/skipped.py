@@ -12,7 +12,18 @@ class MeshFileError(ValueError):
 
 
 class LoadWarning(UserWarning):
-    """Part of a file or scene was left out; the rest is there."""
+    """
+    Part of a file or scene was left out; the rest is there.
+
+    Attributes
+    ----------
+    left_out : dict of str to int
+        How many things of each kind; empty for a warning of another thing.
+    """
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*arguments)
+        self.left_out: dict[str, int] = {}
 
 
 class SaveWarning(UserWarning):
@@ -68,26 +79,59 @@ class NotSaved:
 
 
 class LeftOut:
-    """Count what is left out by kind, to warn about everything at once."""
+    """
+    Tell what a file holds from what is made of it, to warn of the rest at once.
+
+    A reader that meets what it cannot show notes it. One that could pass over things without
+    meeting them counts by kind all that the file holds (`found`) and what it makes something of
+    (`read`); what is left between the two is left out as well.
+    """
 
     def __init__(self) -> None:
-        self._counts: dict[str, Counter[str]] = {}
+        self._noted: dict[str, Counter[str]] = {}
+        self._unread: Counter[str] = Counter()
 
     def note(self, what: str, count: int = 1, reason: str = "") -> None:
         """
-        Add ``count`` things of a kind, such as ``"further camera"``.
+        Add ``count`` things of a kind that are left out, such as ``"further camera"``.
 
         Of those that are left out for one reason, such as ``": it is missing"``, a few are named.
         """
-        self._counts.setdefault(reason or what, Counter())[what] += count
+        self._noted.setdefault(reason or what, Counter())[what] += count
+
+    def found(self, what: str, count: int = 1) -> None:
+        """Add ``count`` things of a kind that the file holds."""
+        self._unread[what] += count
+
+    def read(self, what: str, count: int = 1) -> None:
+        """Add ``count`` things of a kind that something is made of."""
+        self._unread[what] -= count
+
+    def _by_reason(self) -> dict[str, Counter[str]]:
+        """Return what is left out: by reason, or by its name if it has none."""
+        rest = +self._unread
+        alone = {what: self._noted.get(what, Counter()) + Counter({what: rest[what]})
+                 for what in rest}  # fmt: skip
+        return {**self._noted, **alone}
+
+    def counts(self) -> dict[str, int]:
+        """Return how many things of each kind are left out."""
+        return {
+            what if reason in counts else what + reason: count
+            for reason, counts in self._by_reason().items()
+            for what, count in counts.items()
+        }
 
     def __str__(self) -> str:
-        return ", ".join(_told(reason, counts) for reason, counts in self._counts.items())
+        return ", ".join(_told(reason, counts) for reason, counts in self._by_reason().items())
 
     def warn(self, source: str) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
-        if self._counts:
-            warn_caller(f"{source}: left out {self}; the rest is there", LoadWarning)
+        said = str(self)
+        if said:
+            warning = LoadWarning(f"{source}: left out {said}; the rest is there")
+            warning.left_out = self.counts()
+            warn_caller(warning)
 
 
 def _told(reason: str, counts: Counter[str]) -> str:

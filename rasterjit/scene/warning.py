@@ -8,14 +8,14 @@ import warnings
 _PACKAGE = __name__.partition(".")[0]
 
 
-def warn_caller(message: str, category: type[Warning] = UserWarning) -> None:
+def warn_caller(message: str | Warning, category: type[Warning] = UserWarning) -> None:
     """
     Issue a warning that points at the line that called this package, however deep inside it is.
 
     Parameters
     ----------
-    message : str
-        Ends without a full stop.
+    message : str or Warning
+        Ends without a full stop. A warning that is made already is issued as it is.
     category : type of Warning
     """
     level, outermost, frame = 1, 1, sys._getframe()

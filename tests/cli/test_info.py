@@ -101,7 +101,7 @@ def test_own_attributes_have_the_names_that_outputs_take(tmp_path):
         ["attribute:heat\x1b", 1, "vertices", 2],
         ["attribute:heat\x1b", 3, "vertices", 1],
     ]
-    rows = [*info._rows({"file": "a", "bytes": 1, "warnings": [], **held})]
+    rows = [*info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held})]
     assert [text for name, text in rows if name.startswith("own attribute")] == [
         "'attribute:a': 2 columns of vertices, 3 of 4 meshes",
         "'attribute:heat\\x1b': 1 column of vertices, 2 of 4 meshes",
@@ -130,7 +130,7 @@ def test_of_many_nodes_the_first_are_printed_and_deep_trees_are_no_burden():
     assert len(held["nodes"]) == 3001
     assert [one["parent"] for one in held["nodes"]] == [None, *range(3000)]
     assert held["nodes"][-1]["object"] == 0
-    rows = dict(info._rows({"file": "a", "bytes": 1, "warnings": [], **held}))
+    rows = dict(info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held}))
     assert rows["nodes"] == "2,981 more: see --json"
     assert rows["node 19"].strip() == "'joint 19': group"
 
@@ -146,7 +146,7 @@ def test_cameras_of_every_kind_can_be_told_as_json():
         scene.camera = camera
         held = json.loads(json.dumps(info.describe(scene), allow_nan=False))
         assert held["camera"]["kind"] == type(camera).__name__
-        rows = dict(info._rows({"file": "a", "bytes": 1, "warnings": [], **held}))
+        rows = dict(info._rows({"file": "a", "bytes": 1, "left_out": [], "warnings": [], **held}))
         assert rows["camera"].startswith(f"{type(camera).__name__}: ")
         assert "shadow" in rows["light 0"]
 
@@ -162,7 +162,18 @@ def test_what_is_left_out_and_invalid_is_told(tmp_path):
     (said,) = held["warnings"]
     assert said == "left out surface (1); the rest is there"
     assert held["invalid_vertices"] == 1
-    assert said in run(mesh, "--on-invalid", "drop").stdout
+    assert held["left_out"] == [{"what": "surface", "count": 1}]
+    printed = run(mesh, "--on-invalid", "drop").stdout.splitlines()
+    (row,) = (line for line in printed if "left out" in line)
+    assert row.split() == ["left", "out", "surface", "(1)"]
+
+
+def test_a_file_that_is_read_whole_leaves_out_nothing(tmp_path):
+    mesh = tmp_path / "whole.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert told(mesh)["left_out"] == []
+    (row,) = (line for line in run(mesh).stdout.splitlines() if "left out" in line)
+    assert row.split() == ["left", "out", "nothing"]
 
 
 def test_points_and_segments_are_counted_apart_from_faces(tmp_path):
