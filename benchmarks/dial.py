@@ -3,9 +3,10 @@
 
 A camera goes around each of five scenes. With ``time_budget`` the frames' actual times are held
 against the budget, those of a `Renderer` and lone ones of `render`: how many take at most a quarter
-more. With ``max_error`` the actual error, as the reference tells it, is held against bounds that
-are multiples of the standard's error; how long the frame and all that was drawn to choose its
-quality took is told as a share of what the reference takes. A bound that is not kept is a fault; a
+more. With ``max_error`` the 32 pictures of ``dial_scenes`` are asked for in round bounds, and in
+bounds just above the errors of some qualities. The table tells what was chosen, its actual error,
+its time over that of the fastest quality whose error is below the bound, and how long it took to
+choose: processor time, which other programs hardly change. A bound that is not kept is a fault; a
 time that is not kept is only told.
 """
 
@@ -15,7 +16,7 @@ import statistics
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,8 +28,9 @@ from rich.console import Console
 from rich.table import Table
 
 import rasterjit as rj
+from benchmarks.dial_scenes import PICTURES, Picture
 from rasterjit import accuracy, transforms
-from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.rendering.budget import ERROR_LADDER, LADDER, light_of, root_mean_square
 
 TEAPOT = Path(__file__).parents[1] / "models" / "teapot.obj"
 
@@ -41,8 +43,14 @@ ALLOWED = 1.25
 STEP = 0.5
 """Degrees that the camera goes on from frame to frame."""
 
-BOUNDS = (2.0, 1.0, 0.5, 0.25)
-"""Bounds that errors are asked to keep to, over the standard's error."""
+BOUNDS = (0.05, 0.02, 0.005)
+"""Bounds of each picture's error, besides those just above the errors of some qualities."""
+
+ABOVE = 1.02
+"""Bound just above a quality's error, over the error."""
+
+TURNS = 3
+"""Frames of each quality whose least processor time counts; of many pictures, one."""
 
 LIGHT = ("color", "linear")
 
@@ -81,6 +89,15 @@ class Kept:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """What a quality costs and buys in a picture."""
+
+    error: float
+    seconds: float
+    """Processor time."""
+
+
+@dataclass(frozen=True)
 class Bounded:
     """How one frame kept to a bound of its error."""
 
@@ -88,7 +105,9 @@ class Bounded:
     error: float
     quality: rj.Quality
     time: float
-    """Seconds with all that was drawn to choose the quality, over those of the reference."""
+    """Of its quality, over that of the fastest one whose error is below the bound."""
+    choosing: float
+    """Time of the call, over that of a standard frame."""
 
     @property
     def holds(self) -> bool:
@@ -118,25 +137,57 @@ def keep_to_time(orbit: Orbit, draw: Draw, budget: float, frames: int) -> Kept:
     )
 
 
-def keep_to_error(orbit: Orbit, size: tuple[int, int]) -> Iterator[Bounded]:
-    """Draw a frame for each of the bounds, and the reference beside it."""
-    with rj.Renderer(size) as renderer:
-        standard = light_of(renderer.render(orbit.scene, orbit.camera, outputs=LIGHT)).copy()
-        renderer.quality = rj.Quality.reference()
-        renderer.render(orbit.scene, orbit.camera, outputs=LIGHT)
-        start = time.perf_counter()
-        reference = light_of(renderer.render(orbit.scene, orbit.camera, outputs=LIGHT)).copy()
-        whole = time.perf_counter() - start
-    usual = root_mean_square(standard - reference)
-    for factor in BOUNDS:
-        bound = factor * usual
-        # What the first frame compiles is not what it takes.
-        for _ in range(2):
-            start = time.perf_counter()
-            frame = rj.render(orbit.scene, orbit.camera, size=size, outputs=LIGHT, max_error=bound)
-            seconds = time.perf_counter() - start
-        error = root_mean_square(light_of(frame) - reference)
-        yield Bounded(bound, error, frame.choice.quality, seconds / whole)
+def qualities_of(plan: rj.types.RenderPlan) -> list[rj.Quality]:
+    """Return the qualities that a picture can be drawn in."""
+    blends = plan.facts.transparency.used
+    ladder = (*ERROR_LADDER, LADDER[-1])
+    return [quality for quality in ladder if not (blends and quality.samples == "area")]
+
+
+def measure_qualities(picture: Picture, turns: int = TURNS) -> dict[rj.Quality, Measured]:
+    """Return what each quality costs and buys in a picture, the reference last."""
+    scene, camera = picture.scene_and_camera()
+    lights, seconds = {}, {}
+    with rj.Renderer(picture.size, threads=1) as renderer:
+        for quality in qualities_of(rj.explain(scene, camera, size=picture.size)):
+            renderer.quality = quality
+            is_one = quality.samples not in (64, 256)
+            # What the first frame compiles is not what it takes.
+            lights[quality] = light_of(renderer.render(scene, camera, outputs=LIGHT)).copy()
+            times = []
+            for _ in range(turns if is_one else min(turns, 1)):
+                start = time.process_time()
+                renderer.render(scene, camera, outputs=LIGHT)
+                times.append(time.process_time() - start)
+            seconds[quality] = min(times, default=1.0)
+    reference = lights[LADDER[-1]]
+    return {
+        quality: Measured(root_mean_square(light - reference), seconds[quality])
+        for quality, light in lights.items()
+    }
+
+
+def bounds_of(measured: dict[rj.Quality, Measured]) -> list[float]:
+    """Return bounds to ask for: round ones, and just above the errors of every third quality."""
+    errors = [one.error for one in measured.values() if one.error > 0.0]
+    return sorted({*BOUNDS, *(ABOVE * error for error in errors[::3])}, reverse=True)
+
+
+def keep_to_error(
+    picture: Picture, measured: dict[rj.Quality, Measured], bounds: Sequence[float]
+) -> Iterator[Bounded]:
+    """Draw a frame for each of the bounds."""
+    scene, camera = picture.scene_and_camera()
+    for bound in bounds:
+        start = time.process_time()
+        frame = rj.render(scene, camera, size=picture.size, max_error=bound, threads=1)
+        choosing = time.process_time() - start
+        best = min(one.seconds for one in measured.values() if one.error <= bound)
+        quality = frame.choice.quality
+        yield Bounded(
+            bound, measured[quality].error, quality, measured[quality].seconds / best,
+            choosing / measured[rj.Quality()].seconds,
+        )  # fmt: skip
 
 
 def table_of_times(budget: float) -> Table:
@@ -174,7 +225,16 @@ def main(context: click.Context, budget: float, frames: int, size: tuple[int, in
     kept to."""
     warnings.simplefilter("ignore", rj.CalibrationWarning)
     times, errors = table_of_times(budget), Table(title="max_error")
-    for title in ("scene", "bound", "actual error", "holds", "time / reference's", "quality"):
+    ratios: list[float] = []
+    for title in (
+        "picture",
+        "asked",
+        "error",
+        "holds",
+        "time / best's",
+        "call / standard",
+        "quality",
+    ):
         errors.add_column(title)
     faults = 0
     for orbit in orbits():
@@ -183,12 +243,19 @@ def main(context: click.Context, budget: float, frames: int, size: tuple[int, in
         times.add_row(*row_of_times(orbit.name, kept, budget))
         alone = keep_to_time(orbit, partial(rj.render, size=size), budget, frames)
         times.add_row(*row_of_times(f"{orbit.name}, each alone", alone, budget))
-        for found in keep_to_error(orbit, size):
+    for picture in PICTURES:
+        measured = measure_qualities(picture)
+        for found in keep_to_error(picture, measured, bounds_of(measured)):
             faults += not found.holds
+            ratios.append(found.time)
             errors.add_row(
-                orbit.name, f"{found.bound:.5f}", f"{found.error:.5f}",
-                "yes" if found.holds else "NO", f"{found.time:.2f}", str(found.quality),
+                str(picture), f"{found.bound:.5f}", f"{found.error:.5f}",
+                "yes" if found.holds else "NO", f"{found.time:.2f}", f"{found.choosing:.0f}",
+                str(found.quality),
             )  # fmt: skip
+    errors.caption = (
+        f"time / best's: median {statistics.median(ratios):.2f}, largest {max(ratios):.2f}"
+    )
     console = Console(width=None if Console().is_terminal else 140)
     console.print(times)
     console.print(errors)

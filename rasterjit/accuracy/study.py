@@ -33,8 +33,8 @@ from rasterjit.accuracy.timing import (
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.budget import machine
-from rasterjit.rendering.renderer import Renderer, choose_camera, explain
-from rasterjit.rendering.views import settle_together
+from rasterjit.rendering.renderer import Renderer, explain
+from rasterjit.rendering.views import choose_camera, settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality

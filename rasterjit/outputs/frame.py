@@ -109,7 +109,8 @@ class Choice(preview.Printed):
     seconds : float
         What it took, without compiling.
     predicted_error : float or None
-        Root mean square difference from the reference in linear light, where it was asked for.
+        The most that the root mean square difference from the reference in linear light is, where
+        it was asked for.
     """
 
     quality: Quality
@@ -790,3 +791,15 @@ def cut_out(frame: Frame, part: Part, plan: RenderPlan) -> Frame:
     arrays = {name: array[part].copy() for name, array in frame.arrays().items()}
     stats = frame.stats.of_part(part, frame.arrays().get("face_id"))
     return Frame(arrays, plan, stats, None, frame._face_starts)
+
+
+def keep_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
+    """Return a frame with these of its outputs alone."""
+    arrays = frame.arrays()
+    plan = frame.plan.with_(facts=replace(frame.plan.facts, outputs=outputs))
+    kept = Frame(
+        {name: arrays[name] for name in outputs}, plan, frame.stats, frame._diagnostics,
+        frame._face_starts,
+    )  # fmt: skip
+    kept.choice = frame.choice
+    return kept

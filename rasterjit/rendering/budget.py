@@ -3,14 +3,15 @@ Choose the quality of a frame: the best one that a time allows, or the fastest f
 
 What qualities cost and buy on this machine is measured once and kept in the cache folder.
 
-For a time budget, it remembers what frames of a scene took. The first time that it sees a scene it
-draws frames of ever better qualities until one takes too long; with a profile of the machine
-(``rasterjit accuracy --calibrate``) one frame tells what the others would take. From then on each
-frame corrects these times, so that the choice follows a camera that moves and a machine that slows
-down.
+For a time budget, it remembers what frames of a scene took. Where it does not know enough for the
+budget it first draws frames of ever better qualities until one takes too long; with a profile of
+the machine (``rasterjit accuracy --calibrate``) one frame tells what the others would take. Each
+frame corrects these times, and its quality is chosen afresh from them, so that the choice follows
+budgets, a camera that moves and a machine that slows down and recovers.
 
-For an error bound nothing is remembered: two small pictures are drawn accurately, then in ever
-faster qualities until one exceeds the bound. If all do, the frame is the reference.
+For an error bound nothing is remembered. Frames of ever better qualities are drawn in full size and
+compared with the first pictures of the reference, 4, 16, 64 or all 256: as many as it takes to tell
+whether the error is below the bound. The first that is so is the frame; if none is, the reference.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import math
 import platform
 import statistics
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,7 +41,14 @@ from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.effect import shown_as_given
 
 HEADROOM = 0.9
-"""Share of a time budget that a frame may be expected to take: times vary."""
+"""Largest share of a time budget that a frame may be expected to take: times vary."""
+
+KEPT_SHARE = 0.9
+"""Share of the frames that are to stay in the budget. Where the latest ones took longer than was
+expected of them, so much longer is expected of the next."""
+
+LATEST = 20
+"""How many frames tell by how much times vary."""
 
 TOO_LONG = 1.5
 """Calibrating stops at a quality that takes this many budgets: better ones take longer."""
@@ -51,34 +60,51 @@ budgets."""
 FRAMES = 3
 """Frames of each quality whose median calibrating takes; supersampled ones are drawn once."""
 
-MEMORY = 0.5
-"""Weight of the old estimate of the machine's load when a frame updates it."""
+FOR_LOAD = 3
+"""How many frames tell the machine's load: the median, so that one that is disturbed does not
+count."""
 
-OWN_MEMORY = 0.8
+OWN_MEMORY = 0.6
 """Weight of the old estimate of a quality's own time when a frame updates it."""
 
 MOST_SHARE = 2.0
-"""Largest ratio, either way, of a frame's time to the expected one that counts."""
+"""Largest ratio, either way, of a frame's time to the expected one that counts for its quality."""
+
+PATIENCE = 32
+"""Frames after which the next better quality is tried again, as it may have been measured while the
+machine was busy; twice as many after each trial that takes too long."""
+
+WORTH_TRYING = 3.0
+"""Times over the budget that a quality may be expected to take if it is tried again."""
 
 MOST_KNOWN = 64
 """Most scenes, each in its circumstances, whose times are remembered; the oldest go first."""
 
-MARGIN = 1.75
-"""
-The error of the small pictures, times this, must be below the bound.
+FALL = 0.4
+"""Error of the mean of some pictures over its difference from that of the first quarter of them:
+0.35 at edges, more in what is random."""
 
-The picture itself has other pixels. Of 30 pictures of many kinds, none needed more than 1.4.
-"""
+TOGETHER = 0.5
+"""Correlation that is allowed for between the error of a quality and that of the mean: of 32
+pictures of many kinds nearly all had less than 0.4, and those with more are told by `ALIKE`."""
 
-PROBE_SHARES = (0.5, 0.4)
-"""Sides of the two small pictures over those of the picture. Edges and patterns that happen to fit
-the pixels of one do not fit those of the other."""
+ALIKE = 1.5
+"""The same over the correlation between the quality's difference from the mean and that of the
+first quarter: edges along rows of pixels meet all samples alike."""
 
-LEAST_PROBE = 48
-"""Side of a small picture, pixels, unless the picture itself is smaller."""
+BY_CHANCE = 1.5
+"""The same times the root of the number of pixels that differ."""
 
-PROBE_SAMPLES = 64
-"""Pictures whose mean stands for the reference of a small picture, at a quarter of its time."""
+ROUGHLY = 1.75
+"""Largest ratio, either way, of the error of a quality of one sample to its difference from the
+mean of 4 pictures, the first: of 32 pictures none had more than 1.65."""
+
+FEW_FACES = 0.25
+"""Faces for each pixel up to which the areas that they show are found in the time of 64 pictures
+or less."""
+
+ALL_PICTURES = int(Quality.reference().samples)
+"""Pictures of the reference."""
 
 CODES = 255.0
 """Largest 8-bit code."""
@@ -106,6 +132,18 @@ LADDER = (
 )
 """The qualities to choose from on a machine without a profile, from the fastest on."""
 
+ERROR_LADDER = (*LADDER[:-2], replace(Quality.high(), samples="area"), LADDER[-2])
+"""Those to choose from for an error, before the reference. It is the same for all machines, so that
+they choose alike."""
+
+COMPARED = dict(zip(
+    ERROR_LADDER,
+    ((4, 16), (4, 256), (16, 64), (16, 64), (16, 64), (16, 256), (16, 256), (16, 256), (64, 256)),
+    strict=True,
+))  # fmt: skip
+"""With how many pictures of the reference each is compared first, and at last if it takes so many
+to tell: with all where the next one may be several times slower."""
+
 
 class CalibrationWarning(UserWarning):
     """Without a profile of the machine, a scene was drawn several times to time the qualities."""
@@ -126,12 +164,26 @@ class Times:
     def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
         self.ladder = tuple(ladder)
         self.lock = forks.lock()
-        """Held by `draw_in_time` while it calibrates: other threads' frames would be timed too."""
-        self.is_calibrated = False
-        """Whether `calibrate` came to its end."""
+        """Held by `draw_in_time` while it measures: other threads' frames would be timed too."""
         self._ratios = ratios
         self._seconds: dict[Quality, float] = {}
-        self._load = 1.0
+        """Of each quality, at a load of 1: that of the frames which were measured first."""
+        self._loads: deque[float] = deque([1.0] * FOR_LOAD, FOR_LOAD)
+        self._late: deque[float] = deque([1.0] * LATEST, LATEST)
+        """What the latest frames took, over what was expected of them."""
+        self._waited, self._patience = 0, PATIENCE
+        self._best: Quality | None = None
+        self._last: Quality | None = None
+
+    @property
+    def _load(self) -> float:
+        """How busy the machine is, or the scene: the latest frames' times over those known."""
+        return statistics.median(self._loads)
+
+    @property
+    def _margin(self) -> float:
+        """How many times what is expected of a frame must be in the budget."""
+        return max(1.0 / HEADROOM, sorted(self._late)[math.ceil(KEPT_SHARE * LATEST) - 1])
 
     def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
         """
@@ -144,7 +196,8 @@ class Times:
         ------
         Quality
             The one that was measured. A caller that stops here and calls again continues with the
-            next. A call after the end measures more only if frames have become faster.
+            next. A call after the end measures more only if the budget has become larger, or frames
+            faster.
         """
         for step, quality in enumerate(self.ladder):
             # The first two may be the other way round: there are scenes that fewer lit vertices, or
@@ -152,15 +205,16 @@ class Times:
             if step > 1 and self._least(quality) > TOO_LONG * budget:
                 break
             if quality not in self._seconds:
+                self._find_load(draw)
                 self._measure(quality, budget, draw)
                 yield quality
             is_too_long = step > 0 and self._seconds[quality] * self._load > TOO_LONG * budget
             if self._ratios or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
+            self._find_load(draw)
             self._measure(chosen, budget, draw)
             yield chosen
-        self.is_calibrated = True
 
     @property
     def is_known(self) -> bool:
@@ -172,6 +226,13 @@ class Times:
         if quality.samples not in SUPERSAMPLED:
             return 0.0
         return int(quality.samples) * min(self._seconds.values()) * self._load
+
+    def _find_load(self, draw: Draw) -> None:
+        """Measure the machine's load by the fastest quality, unless no frame was chosen yet."""
+        if self._best is not None:
+            fastest = min(self._seconds, key=self._seconds.__getitem__)
+            for _ in range(FOR_LOAD):
+                self._loads.append(self._seconds_alone(fastest, draw) / self._seconds[fastest])
 
     def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
         """Measure the time of a quality."""
@@ -210,24 +271,48 @@ class Times:
         predicted = {quality: self.predict(quality) for quality in reversed(self.ladder)}
         known = {quality: seconds for quality, seconds in predicted.items() if seconds is not None}
         for quality, seconds in known.items():
-            if seconds <= HEADROOM * budget:
+            if self._margin * seconds <= budget:
                 return quality
         return min(known, key=known.__getitem__)
+
+    def choose(self, budget: float, draw: Draw) -> tuple[Quality, float | None]:
+        """
+        Return the best quality that stays in a budget, and the seconds it is expected to take.
+
+        Now and then it is the next better one, whose time is forgotten, once the load is measured.
+        """
+        best = self.best(budget)
+        if best != self._best:
+            self._best, self._patience = best, PATIENCE
+        self._waited += 1
+        if self._waited > self._patience:
+            self._waited, self._patience = 0, 2 * self._patience
+            above = self.ladder[self.ladder.index(best) + 1 :]
+            other = next((one for one in above if one in self._seconds), best)
+            seconds = self._seconds[other] * self._load
+            if other != best and seconds <= WORTH_TRYING * budget:
+                self._find_load(draw)
+                del self._seconds[other]
+                return other, seconds
+        return best, self.predict(best)
 
     def learn(self, quality: Quality, seconds: float) -> None:
         """
         Correct the known times by the time of a frame.
 
-        Most of the difference counts as the machine's load, so a disturbed frame is soon forgotten.
-        The rest corrects the time of its quality for longer.
+        Of a quality that the frame before had too, what differs is load; of another one it corrects
+        that quality's own time.
         """
-        if quality not in self._seconds:
-            predicted = self.predict(quality)
-            self._seconds[quality] = (seconds if predicted is None else predicted) / self._load
-        share = seconds / (self._seconds[quality] * self._load)
-        share = min(max(share, 1.0 / MOST_SHARE), MOST_SHARE)
-        self._load *= MEMORY + (1.0 - MEMORY) * share
-        self._seconds[quality] *= OWN_MEMORY + (1.0 - OWN_MEMORY) * share
+        own = self._seconds.get(quality)
+        if own is None:
+            own = (self.predict(quality) or seconds) / self._load
+        late = seconds / (own * self._load)
+        self._late.append(late)
+        if quality != self._last:
+            rest = min(max(late, 1.0 / MOST_SHARE), MOST_SHARE)
+            own *= OWN_MEMORY + (1.0 - OWN_MEMORY) * rest
+        self._seconds[quality], self._last = own, quality
+        self._loads.append(seconds / own)
 
 
 def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
@@ -249,9 +334,8 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
         Its ``choice`` tells which one it is.
     """
     with times.lock:
-        if not times.is_calibrated:
-            for _ in times.calibrate(budget, draw):
-                pass
+        for _ in times.calibrate(budget, draw):
+            pass
     return draw_as_known(budget, times, draw)
 
 
@@ -261,8 +345,7 @@ def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
 
     Takes and returns what `draw_in_time` does, but measures nothing first: some time must be known.
     """
-    quality = times.best(budget)
-    predicted = times.predict(quality)
+    quality, predicted = times.choose(budget, draw)
     frame = draw(quality)
     seconds = seconds_of(frame)
     # Ignore a frame during which anything compiled, in this thread or another.
@@ -272,67 +355,112 @@ def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
     return frame
 
 
-def draw_within_error(bound: float, draw: Draw, small_draws: Sequence[Draw]) -> Frame:
+class Reference:
     """
-    Draw a frame in the fastest quality that is near enough to the reference.
+    The picture of `Quality.reference`, of as many of its pictures as it took so far.
+
+    Parameters
+    ----------
+    frames : iterator of Frame
+        The mean of the first 4, 16, 64 and all 256 pictures, as `Renderer.refine` yields them.
+    """
+
+    def __init__(self, frames: Iterator[Frame]) -> None:
+        self._frames = frames
+        self._seconds: dict[str, float] = {}
+        self._change: NDArray[np.float32] | None = None
+        self.pictures = 0
+
+    def draw(self, pictures: int) -> None:
+        """Draw the pictures that are missing of so many."""
+        while self.pictures < pictures:
+            frame = next(self._frames)
+            light = light_of(frame)
+            if self.pictures:
+                self._change = light - self._light
+            for stage, seconds in frame.stats.seconds.items():
+                self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
+            frame.stats.seconds.update(self._seconds)
+            self.frame, self._light, self.pictures = frame, light, frame.plan.pictures
+
+    def error_of(self, frame: Frame) -> tuple[float, float]:
+        """
+        Return the least and the most that the error of a frame is.
+
+        Its square is that of the difference from the mean so far, less that of the mean's own
+        error, but for how the two errors may go together: by chance, less where more pixels
+        differ, or since samples lie at the same places. The least and the most allow for that.
+        """
+        differences = light_of(frame) - self._light
+        found = root_mean_square(differences)
+        if self.pictures == ALL_PICTURES:
+            return found, found
+        if self._change is None:
+            return found / ROUGHLY, found * ROUGHLY
+        own = FALL * root_mean_square(self._change)
+        if found == 0.0 or own == 0.0:
+            return found, found + own
+        squares = np.square(differences, dtype=np.float64).sum(axis=2)
+        chance = BY_CHANCE * math.sqrt(np.sum(squares**2)) / float(np.sum(squares))
+        products = np.multiply(differences, self._change, dtype=np.float64)
+        alike = FALL * abs(float(np.mean(products))) / (found * own)
+        spread = 2.0 * found * own * (max(TOGETHER, ALIKE * alike) + chance)
+        return math.sqrt(max(found**2 - own**2 - spread, 0.0)), math.sqrt(found**2 + spread)
+
+
+def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame]) -> Frame:
+    """
+    Draw a frame in the fastest quality whose error is below a bound.
 
     Parameters
     ----------
     bound : float
         Largest root mean square difference from the reference, in linear light, above 0.
     draw : callable
-        Draws a frame of a quality.
-    small_draws : sequence of callable
-        Draw it in small pictures; the largest of their errors counts.
+        Draws a frame of a quality, with its light.
+    refined : iterator of Frame
+        The reference of ever more pictures, as `Renderer.refine` yields it; only as many as it
+        takes are drawn.
 
     Returns
     -------
     Frame
         Its ``choice`` tells which one it is.
     """
-
-    def lights(quality: Quality) -> list[NDArray[np.float32]]:
-        return [light_of(draw_small(quality)) for draw_small in small_draws]
-
-    best = Quality.reference()
-    nearly = replace(best, samples=PROBE_SAMPLES)
-    true = lights(nearly)
-    quality, error = best, 0.0
-    # Go from the most accurate one down: one that beats a more accurate one does so by luck.
-    # Leave out `nearly`: to measure its error takes 256 small pictures, as long as the reference.
-    for candidate in reversed(known_ladder()):
-        if candidate not in (best, nearly):
-            found = max(error, _largest_error(lights(candidate), true))
-            if MARGIN * found > bound:
+    true, shows_areas = Reference(refined), False
+    undecided: list[Frame] = []
+    for quality in ERROR_LADDER:
+        if quality.samples == "area" and not shows_areas:
+            continue
+        latest = draw(quality)
+        undecided.append(latest)
+        shows_areas = not latest.plan.facts.transparency.used and (
+            latest.stats.drawn <= FEW_FACES * math.prod(latest.plan.size)
+        )
+        pictures, last = COMPARED[quality]
+        # Before a quality that is many times slower, none may be left undecided.
+        while pictures <= last and undecided:
+            if undecided[-1] is not latest and last < ALL_PICTURES:
                 break
-            quality, error = candidate, found
-    frame = draw(quality)
-    frame.choice = Choice(quality, None, seconds_of(frame), error)
-    return frame
-
-
-def _largest_error(
-    lights: Sequence[NDArray[np.float32]], others: Sequence[NDArray[np.float32]]
-) -> float:
-    """Return the largest root mean square difference of pairs of pictures."""
-    return max(root_mean_square(light - other) for light, other in zip(lights, others, strict=True))
+            true.draw(pictures)
+            tried, undecided = undecided, []
+            for frame in tried:
+                least, most = true.error_of(frame)
+                if most <= bound:
+                    frame.choice = Choice(frame.plan.quality, None, seconds_of(frame), most)
+                    return frame
+                if least <= bound:
+                    undecided.append(frame)
+            pictures = 4 * true.pictures
+    true.draw(ALL_PICTURES)
+    true.frame.choice = Choice(Quality.reference(), None, seconds_of(true.frame), 0.0)
+    return true.frame
 
 
 def known_ladder() -> tuple[Quality, ...]:
     """Return the qualities to choose from, from the fastest on."""
     profile = load_profile()
     return LADDER if profile is None else profile.ladder
-
-
-def probe_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the sizes of the small pictures that errors are measured on."""
-    width, height = size
-    return [(_probe_side(width, share), _probe_side(height, share)) for share in PROBE_SHARES]
-
-
-def _probe_side(side: int, share: float) -> int:
-    """Return a side of a small picture, pixels."""
-    return min(side, max(LEAST_PROBE, round(share * side)))
 
 
 def light_of(frame: Frame) -> NDArray[np.float32]:

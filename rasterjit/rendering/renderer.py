@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -20,7 +18,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, Stats, keep_outputs
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.fragments.bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
@@ -34,17 +32,12 @@ from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
-from rasterjit.rendering.views import (
-    PlannedFrame,
-    choose_camera,
-    plan_views,
-    settle_together,
-)
+from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Kept, Workers
 from rasterjit.scene.assigning import Guarded
-from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.background import Background
+from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -94,13 +87,15 @@ def render(
     quality : Quality, optional
         Default ``Quality.standard()``.
     max_error : float, optional
-        In place of a quality: the fastest is chosen whose picture is expected to be that near to
-        the one of ``Quality.reference()``, as the root mean square difference in linear light (and
-        of alpha, before a background that is seen through). Two small pictures are drawn first to
-        find out, and take their time.
+        In place of a quality: the fastest is chosen whose picture is that near to the one of
+        ``Quality.reference()``, as the root mean square difference in linear light (and of alpha,
+        before a background that is seen through). To find out, faster qualities and 4 to 256
+        pictures of the reference are drawn first: the call takes as long as 5 to 70 standard frames
+        where at most 8 samples do, and up to twice as long as the reference else.
     time_budget : float, optional
         In place of a quality: the most accurate one is chosen that is drawn in so many seconds,
-        compiling apart. When a scene is seen first, frames of it are drawn to find out;
+        compiling apart; nine of ten frames keep to it, and not the first two after the machine has
+        become slower. Where it is not known what a scene takes, frames of it are drawn to find out;
         ``Frame.choice`` tells what was expected and what came of it. If even the fastest quality
         takes longer, that is drawn.
     outputs : sequence of str
@@ -432,11 +427,6 @@ def stats_of(
     )
 
 
-def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
-    """Return what lies behind all faces, for a frame of another size."""
-    return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
-
-
 def _callable_or_none(name: str, value: Any) -> Any:
     """Return something that can be called, or ``None``; raise ``ValueError`` for anything else."""
     if value is not None and not callable(value):
@@ -632,9 +622,9 @@ class Renderer(Guarded):
         """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
         budget = positive_number("time_budget", time_budget)
         scene = self._scene(what)
-        outputs, _, _, diagnose, _ = options
+        outputs, _, cull, diagnose, _ = options
         circumstances = (
-            self.size, self._workers.threads, table.check_outputs(outputs), bool(diagnose),
+            self.size, self._workers.threads, table.check_outputs(outputs), cull, bool(diagnose),
             is_lone,
         )  # fmt: skip
 
@@ -661,37 +651,20 @@ class Renderer(Guarded):
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
-        scene = self._scene(what)
-        camera = choose_camera(scene, camera, self.size)
-        (camera,) = settle_together(scene, [camera], self.size, Quality.standard())
-        _, background, cull, *_ = options
-        # What is wrong is wrong before anything is drawn.
-        self._plan(Quality.standard(), scene, camera, *options)
-        behind = None if background is None else read_background(background)
-        # Small pictures may be of another aspect, which changes little of their errors.
-        any_size = replace(camera, size=None) if isinstance(camera, MatrixCamera) else camera
-        with ExitStack() as stack:
-            small = [
-                stack.enter_context(Renderer(size, threads=self._workers.threads))
-                for size in budgets.probe_sizes(self.size)
-            ]
-            return budgets.draw_within_error(
-                bound,
-                lambda quality: self._render(quality, scene, camera, *options),
-                [
-                    lambda quality, one=one: one._render(
-                        quality,
-                        scene,
-                        any_size,
-                        ("color", "linear"),
-                        _fitted(behind, one.size),
-                        cull,
-                        False,
-                        None,
-                    )
-                    for one in small
-                ],
-            )
+        outputs, background, cull, diagnose, previous = options
+        wanted = table.check_outputs(outputs)
+        with_light = tuple(dict.fromkeys((*wanted, "color", "linear")))
+        rest = background, cull, diagnose, previous
+        refined = self.refine(
+            what, camera, outputs=with_light, background=background, cull=cull, diagnose=diagnose,
+            previous=previous, first=(),
+        )  # fmt: skip
+        frame = budgets.draw_within_error(
+            bound,
+            lambda quality: self._render(quality, what, camera, with_light, *rest),
+            refined,
+        )
+        return keep_outputs(frame, wanted)
 
     def refine(
         self,

@@ -27,7 +27,8 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
 from rasterjit.rendering.plan import Cull
-from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.rendering.renderer import Renderer, explain
+from rasterjit.rendering.views import choose_camera
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color

@@ -1,0 +1,46 @@
+"""The error of what ``max_error`` chooses, in pictures of many kinds and sizes."""
+
+from __future__ import annotations
+
+import importlib
+import statistics
+import sys
+from pathlib import Path
+
+import pytest
+
+from rasterjit.rendering.budget import ERROR_LADDER, LADDER
+
+sys.path.append(str(Path(__file__).parents[2]))
+program = importlib.import_module("benchmarks.dial")
+
+TIMES = dict(zip(
+    (*ERROR_LADDER, LADDER[-1]), (1.0, 1.0, 2.0, 2.5, 3.5, 5.0, 6.0, 20.0, 60.0, 240.0), strict=True
+))  # fmt: skip
+"""What the qualities take over a standard frame: medians of the pictures. Times of single frames
+would depend on what else the machine does."""
+
+QUICK_PIXELS = 20_000
+"""Pixels of the largest pictures that are drawn where not every test runs."""
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize(
+    "picture",
+    [
+        pytest.param(
+            picture,
+            id=str(picture),
+            marks=[pytest.mark.takes_long] * (picture.size[0] * picture.size[1] > QUICK_PIXELS),
+        )
+        for picture in program.PICTURES
+    ],
+)
+def test_no_error_is_above_its_bound_and_no_quality_much_slower_than_the_best(picture):
+    measured, ratios = program.measure_qualities(picture, turns=0), []
+    for found in program.keep_to_error(picture, measured, program.bounds_of(measured)):
+        assert found.holds, f"{found.error} is above {found.bound}: {found.quality}"
+        fitting = [TIMES[one] for one, known in measured.items() if known.error <= found.bound]
+        ratios.append(TIMES[found.quality] / min(fitting))
+    assert statistics.median(ratios) <= 1.5
+    assert max(ratios) <= 3.0
