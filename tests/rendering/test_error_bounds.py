@@ -20,7 +20,7 @@ TIMES = dict(zip(
 """What the qualities take over a standard frame: medians of the pictures. Times of single frames
 would depend on what else the machine does."""
 
-QUICK_PIXELS = 20_000
+QUICK_PIXELS = 13_000
 """Pixels of the largest pictures that are drawn where not every test runs."""
 
 
