@@ -137,7 +137,7 @@ def keep_to_time(orbit: Orbit, draw: Draw, budget: float, frames: int) -> Kept:
     )
 
 
-def qualities_of(plan: rj.types.RenderPlan) -> list[rj.Quality]:
+def qualities_of(plan: rj.RenderPlan) -> list[rj.Quality]:
     """Return the qualities that a picture can be drawn in."""
     blends = plan.facts.transparency.used
     ladder = (*ERROR_LADDER, LADDER[-1])

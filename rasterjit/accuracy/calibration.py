@@ -37,8 +37,8 @@ def calibrate(
     """
     Draw made scenes in these qualities; keep their times and errors in the cache folder.
 
-    What ``render(time_budget=...)`` and ``max_error`` choose from are those qualities that no other
-    is both faster and more accurate than.
+    What ``render(time_budget=...)`` chooses from are those qualities that no other is both faster
+    and more accurate than.
 
     Parameters
     ----------

@@ -477,8 +477,8 @@ def explain(
               help="About how long it may take; default: 100. What there is no time for is "
                    "left out and named.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
-              help="Measure this machine once, for time_budget and max_error; takes a minute, or "
-                   "three if kernels have to be compiled.")  # fmt: skip
+              help="Measure this machine once, for time_budget; takes a minute, or three if "
+                   "kernels have to be compiled.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Folder of the report; made if it does not exist.")  # fmt: skip
 @click.option("--size", type=SizeType(), metavar="WxH",
