@@ -137,11 +137,15 @@ class Textures(NamedTuple):
     """
 
     texels: float32[:, ::1]
-    """(N, 4) float32, linear RGBA: level by level, row by row from the top."""
+    """(N, 4) float32, linear RGBA: level by level, row by row from the top; see ``mip_levels``."""
     levels: int64[:, ::1]
     """(M, 3) int64: first texel, width, height."""
     table: int64[:, :, ::1]
-    """(O, K, 6) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy."""
+    """
+    (O, K, 7) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy, alpha.
+
+    The last is what alpha does to texels: ``textures.PLAIN`` ...
+    """
     uv: float32[:, ::1]
     """(V, 2) float32; v runs up. Those of base colours; ``Maps.coordinates`` has others."""
     transforms: float64[:, :, ::1]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.validation import (
     MaskedError,
@@ -49,6 +50,17 @@ COLOR_SPACES: tuple[ColorSpace, ...] = get_args(ColorSpace)
 Anisotropy: TypeAlias = Literal[1, 2, 4, 8, 16]
 ANISOTROPIES: tuple[Anisotropy, ...] = get_args(Anisotropy)
 """Into how many parts, at most, the footprint of a pixel is divided."""
+
+WEIGHTED = "weighted"
+AlphaUse: TypeAlias = Literal["weighted"] | float | None
+"""
+What the alpha of a texture does to its texels, as ``mip_levels`` has it.
+
+None: nothing; "weighted"; or a number, of a mask: texels of less alpha are holes.
+"""
+
+MOST_PREPARED = 4
+"""Ways, each with another use of alpha, in which the texels of a picture are kept."""
 
 UV_NAMES = ("uv", "uv1")
 """What a mesh calls its sets of texture coordinates."""
@@ -103,6 +115,7 @@ class Pyramid:
     def __init__(self, image: NDArray[np.float32]) -> None:
         self.size = image.shape[1], image.shape[0]
         self._texels = image.reshape(-1, 4)
+        self._prepared: dict[tuple[AlphaUse, bool], NDArray[np.float32]] = {}
 
     @property
     def image(self) -> NDArray[np.float32]:
@@ -115,17 +128,45 @@ class Pyramid:
         """The least alpha of any texel."""
         return float(self.image[:, :, 3].min())
 
+    def least_alpha_from(self, cutoff: float) -> float | None:
+        """Return the least alpha of a texel that is no hole; None if all are holes."""
+        alphas = self.image[:, :, 3]
+        kept = alphas[alphas >= np.float32(cutoff)]
+        return float(kept.min()) if kept.size else None
+
     def chain(self) -> NDArray[np.float32]:
         """Return the texels of all levels, (N, 4) float32, read-only, row by row."""
-        image, sizes = self.image, level_sizes(*self.size)
-        if len(self._texels) < sum(width * height for width, height in sizes):
-            means, rows = image, [image.reshape(-1, 4)]
-            for _ in sizes[1:]:
-                means = _halved(_halved(means, 0), 1)
-                rows.append(means.astype(np.float32).reshape(-1, 4))
+        image = self.image
+        if len(self._texels) == len(image.reshape(-1, 4)) > 1:
             # The picture is kept once: in the chain.
-            self._texels = read_only(np.concatenate(rows))
+            self._texels = plain_levels(image)
         return self._texels
+
+    def prepared(self, alpha: AlphaUse, has_levels: bool) -> NDArray[np.float32]:
+        """
+        Return the texels that are read, (N, 4) float32, read-only, row by row.
+
+        Parameters
+        ----------
+        alpha : AlphaUse
+        has_levels : bool
+            Whether those of the mip levels follow.
+        """
+        if alpha is None:
+            return self.chain() if has_levels else self.image.reshape(-1, 4)
+        known = self._prepared.pop((alpha, has_levels), None)
+        if known is None:
+            weighted = alpha == WEIGHTED
+            known = (
+                weighted_levels(self.image, has_levels)
+                if weighted
+                else mask_levels(self.image, float(alpha), has_levels)
+            )
+        # The last ones are kept: an animated alpha asks for ever new cutoffs.
+        self._prepared[alpha, has_levels] = known
+        while len(self._prepared) > MOST_PREPARED:
+            self._prepared.pop(next(iter(self._prepared)))
+        return known
 
 
 @says_replace
@@ -465,29 +506,6 @@ def turned_over(
     """
     sine, cosine = sine_cosine(rotation)
     return (offset[0] + scale[1] * sine, 1.0 - offset[1] - scale[1] * cosine), rotation, scale
-
-
-def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
-    """Return (width, height) of each mip level: halved, rounded down, until both are 1."""
-    count = max(width, height).bit_length()
-    return [(max(1, width >> k), max(1, height >> k)) for k in range(count)]
-
-
-def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
-    """Return half as many texels along an axis, float64: the means of the area of each."""
-    rows = np.moveaxis(image, axis, 0)
-    size = len(rows)
-    if size == 1:
-        return image
-    if size % 2 == 0:
-        means = np.add(rows[0::2], rows[1::2], dtype=np.float64) / 2.0
-    else:
-        # Each covers 2 + 1/half texels: a part of the first, all of the second, a part of the last.
-        half = size // 2
-        number = np.arange(half, dtype=np.float64).reshape(-1, 1, 1)
-        whole = np.float64(half) * rows[1::2].astype(np.float64)
-        means = ((half - number) * rows[0:-1:2] + whole + (number + 1.0) * rows[2::2]) / size
-    return np.moveaxis(means, 0, axis)
 
 
 def _pair(name: str, value: Any) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +32,13 @@ from rasterjit.pipeline.visibility.primitives import LineRule, PointRule, Primit
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mip_levels import level_sizes
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.points import Points
-from rasterjit.scene.texture import Pyramid, Texture, level_sizes
+from rasterjit.scene.texture import WEIGHTED, AlphaUse, Pyramid, Texture
 from rasterjit.survey.contents import (
     Attribute,
+    alpha_use_of,
     base_color_of,
     contours_of,
     lets_through,
@@ -75,6 +77,9 @@ FILTERS = {
 
 ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
 """Row of the table for an object without a texture of a kind."""
+
+_Picture: TypeAlias = tuple[Pyramid, AlphaUse]
+"""A picture, and what its alpha does to its texels."""
 
 UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """The transform that changes nothing."""
@@ -510,8 +515,14 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     if not any(texture is not None for row in kinds for texture in row[texturing.CORE_KINDS :]):
         kinds = [row[: texturing.CORE_KINDS] for row in kinds]
     textures = [texture for row in kinds for texture in row if texture is not None]
-    texels, levels, places = _join_texels(textures)
-    table = [[_table_row(texture, places) for texture in row] for row in kinds]
+    # The alpha of others than base colours does nothing.
+    others = (None,) * (len(kinds[0]) - 1)
+    uses = [(_least_use(mesh), *others) for mesh, _ in runs]
+    pairs = [list(zip(*row, strict=True)) for row in zip(kinds, uses, strict=True)]
+    texels, levels, places = _join_texels(
+        [(texture, use) for row in pairs for texture, use in row if texture is not None]
+    )
+    table = [[_table_row(texture, use, places) for texture, use in row] for row in pairs]
     transforms = np.zeros((0, len(kinds[0]), 6))
     if any(texture.transform is not None for texture in textures):
         rows = [[_transform_row(texture) for texture in row] for row in kinds]
@@ -555,19 +566,27 @@ def join_alpha_tests(
     )
 
 
+def _least_use(mesh: Mesh) -> AlphaUse:
+    """Return `alpha_use_of`; cutoffs between which no texel lies are one."""
+    use, texture = alpha_use_of(mesh), mesh.material.base_color_texture
+    if texture is None or not isinstance(use, float):
+        return use
+    return texture.pyramid.least_alpha_from(use)
+
+
 def _join_texels(
-    textures: Sequence[Texture],
-) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[Pyramid, tuple[int, int]]]:
+    textures: Sequence[tuple[Texture, AlphaUse]],
+) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[_Picture, tuple[int, int]]]:
     """Return the texels and levels of all pictures, and the first level and how many of each."""
-    has_levels: dict[Pyramid, bool] = {}
-    for texture in textures:
-        wants = texture.filter == "trilinear"
-        has_levels[texture.pyramid] = has_levels.get(texture.pyramid, False) or wants
+    has_levels: dict[_Picture, bool] = {}
+    for texture, use in textures:
+        picture, wants = (texture.pyramid, use), texture.filter == "trilinear"
+        has_levels[picture] = has_levels.get(picture, False) or wants
     texels, levels, places, first_texel = [], [], {}, 0
-    for pyramid, wants in has_levels.items():
-        texels.append(pyramid.chain() if wants else pyramid.image.reshape(-1, 4))
+    for (pyramid, use), wants in has_levels.items():
+        texels.append(pyramid.prepared(use, wants))
         sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
-        places[pyramid] = (len(levels), len(sizes))
+        places[pyramid, use] = (len(levels), len(sizes))
         for width, height in sizes:
             levels.append((first_texel, width, height))
             first_texel += width * height
@@ -575,12 +594,16 @@ def _join_texels(
     return joined, np.array(levels, np.int64), places
 
 
-def _table_row(texture: Texture | None, places: dict[Pyramid, tuple[int, int]]) -> tuple[int, ...]:
+def _table_row(
+    texture: Texture | None, use: AlphaUse, places: dict[_Picture, tuple[int, int]]
+) -> tuple[int, ...]:
     """Return what ``Textures.table`` holds of one texture of one object."""
     if texture is None:
         return ABSENT
     wraps = (WRAPS[wrap] for wrap in texture.wrap)
-    return (*places[texture.pyramid], *wraps, FILTERS[texture.filter], texture.anisotropy)
+    alpha = {None: texturing.PLAIN, WEIGHTED: texturing.WEIGHTED}.get(use, texturing.MASK)
+    place = places[texture.pyramid, use]
+    return (*place, *wraps, FILTERS[texture.filter], texture.anisotropy, alpha)
 
 
 def _transform_row(texture: Texture | None) -> tuple[float, ...]:

@@ -19,7 +19,7 @@ from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.texture import UV_NAMES, Texture
+from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
@@ -178,6 +178,7 @@ class Inventory:
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
+        self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
         self._glosses = [gloss_of(mesh.material) if _is_plain(mesh) else None for mesh in numbers]
         self._limits: dict[tuple[float, bool], NDArray[np.float32]] = {}
         self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
@@ -280,8 +281,12 @@ class Inventory:
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())
-        pairs = dict.fromkeys(pair for mesh in meshes for pair in self._textures[mesh].items())
-        return [_described(name, texture) for name, texture in pairs]
+        each = dict.fromkeys(
+            (name, texture, self._alpha_uses[mesh] if name == TEXTURE_FIELDS[0] else None)
+            for mesh in meshes
+            for name, texture in self._textures[mesh].items()
+        )
+        return [_described(*one) for one in each]
 
 
 def _contents_of(mesh: Mesh) -> Contents:
@@ -404,6 +409,19 @@ def may_have_holes(mesh: Mesh) -> bool:
     return bool(_least_alpha(mesh) < np.float32(material.alpha_cutoff))
 
 
+def alpha_use_of(mesh: Mesh) -> AlphaUse:
+    """Tell what the alpha of a mesh's base colour texture does to its texels."""
+    texture = mesh.material.base_color_texture
+    if texture is None or texture.is_opaque:
+        return None
+    if is_see_through(mesh):
+        return None if texture.filter == "nearest" else WEIGHTED
+    alpha = np.float32(base_color_of(mesh)[3])
+    if not may_have_holes(mesh) or not alpha > 0.0:
+        return None
+    return float(np.float32(mesh.material.alpha_cutoff) / alpha)
+
+
 def contours_of(mesh: Mesh) -> Contours | None:
     """Return the iso-lines of a mesh's scalars, or None."""
     return None if mesh.vertex_field is None else mesh.vertex_field.contours
@@ -428,9 +446,13 @@ def _least_alpha(mesh: Mesh) -> np.float32:
     return least if texture is None else least * np.float32(texture.lowest_alpha)
 
 
-def _described(name: str, texture: Texture) -> str:
+def _described(name: str, texture: Texture, use: AlphaUse) -> str:
     """Say what a texture is for, and how it is filtered."""
     parts = f", {texture.anisotropy} times along" if texture.anisotropy > 1 else ""
+    if use == WEIGHTED:
+        parts += ", weighted by alpha"
+    elif use is not None and texture.filter == "trilinear":
+        parts += f", levels keep the share of alpha from {use:.3g} on"
     kind = name.removesuffix("_texture").replace("_", " ")
     return f"{texture.filter}{parts} ({kind})"
 

@@ -13,7 +13,8 @@ from naive_textures import box, draw, probe, square
 
 import rasterjit as rj
 from rasterjit.pipeline.surface import textures
-from rasterjit.scene.texture import FILTERS, WRAPS, level_sizes
+from rasterjit.scene.mip_levels import level_sizes
+from rasterjit.scene.texture import FILTERS, WRAPS
 
 # Light in whole numbers shows exactly what is mixed.
 pytestmark = pytest.mark.filterwarnings("ignore:image holds floats that are whole numbers")

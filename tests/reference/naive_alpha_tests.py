@@ -6,6 +6,7 @@ Alpha is exact: coordinates and weights are ``fractions.Fraction``.
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import naive_textures as naive
@@ -33,19 +34,52 @@ def visibility(what, camera, size, threads=1, **options):
     return np.where(face_id >= 0, depth, -np.inf).astype(np.float32), face_id.copy()
 
 
-def alpha_levels(texture):
-    """Return the exact alpha of a texture, and of its mip levels where they are read."""
+def alpha_levels(texture, cutoff):
+    """Return the exact alpha of a mask; of its mip levels, the shares of texels that are there."""
     image = naive.exact_image(texture.image[..., 3])
-    return naive.mip_chain(image) if texture.filter == "trilinear" else [image]
+    if texture.filter != "trilinear":
+        return [image]
+    return [image, *naive.mip_chain(naive.exact_image(texture.image[..., 3] >= cutoff))[1:]]
 
 
-def texture_alpha(texture, levels, uv, footprint):
-    """Return what the alpha of a texture is at exact coordinates."""
+def cutoff_of_cell(column, row):
+    """Return the cutoff of a cell of the lattice: blocks of 2 x 2 have one of each quarter."""
+    strata = ""
+    for n in range(3):
+        right, up = column >> n & 1, row >> n & 1
+        quarter = {(0, 0): 0, (1, 1): 1, (1, 0): 2, (0, 1): 3}[right, up]
+        block = hashed(column >> n + 1, row >> n + 1, n) // 256
+        strata += f"{quarter ^ block % 4:02b}"
+    share = Fraction(int(strata, 2) * 2**16 + hashed(column, row, 3) // 2**15, 2**22)
+    return Fraction(1, 256) + Fraction(254, 256) * share
+
+
+def hashed(column, row, salt):
+    """Return 31 bits that look random."""
+    mixed = (column * 0x2545F491 + row * 0x1B873593 + salt * 0x3C6EF372) % 2**31
+    mixed = (mixed ^ mixed >> 15) * 0x2C1B3C6D % 2**31
+    mixed = (mixed ^ mixed >> 12) * 0x297A2D39 % 2**31
+    return mixed ^ mixed >> 15
+
+
+def cutoff_at(texture, uv, detail, cutoff):
+    """Return the cutoff at a place of a mask: from level 0 to 1 it goes over to that of a cell."""
+    detail = min(max(detail, 0.0), len(texture.levels) - 1.0)
+    height, width = texture.levels[math.floor(detail)].shape[:2]
+    cell = cutoff_of_cell(math.floor(2 * uv[0] * width), math.floor(2 * uv[1] * height))
+    return cutoff + Fraction(min(detail, 1.0)) ** 2 * (cell - cutoff)
+
+
+def texture_alpha(texture, levels, uv, footprint, cutoff):
+    """Return what the alpha of a mask is at exact coordinates, and what it is compared with."""
+    cutoff = Fraction(float(np.float32(cutoff)))
     if texture.filter == "nearest":
-        return naive.nearest(levels[0], *uv, texture.wrap)
+        return naive.nearest(levels[0], *uv, texture.wrap), cutoff
     if texture.filter == "bilinear":
-        return naive.bilinear(levels[0], *uv, texture.wrap)
-    return naive.trilinear(levels, *uv, texture.wrap, naive.level_of_detail(*footprint))
+        return naive.bilinear(levels[0], *uv, texture.wrap), cutoff
+    detail = naive.level_of_detail(*footprint)
+    alpha = naive.trilinear(levels, *uv, texture.wrap, detail)
+    return alpha, cutoff_at(texture, uv, detail, cutoff)
 
 
 def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
@@ -68,7 +102,7 @@ def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
     """
     depth = np.full(size[::-1], -np.inf, np.float32)
     shown = np.full(size[::-1], -1, np.int32)
-    closest, levels = np.inf, alpha_levels(texture)
+    closest, levels = np.inf, alpha_levels(texture, cutoff)
     for n, mesh in enumerate(faces):
         alone, covered = visibility(mesh, camera, size)
         corners = [tuple(Fraction(c, 256) for c in p) for p in oracle.snap_triangle(points[n])]
@@ -81,9 +115,9 @@ def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
             point = (column + naive.HALF, row + naive.HALF)
             place = naive.coordinates_at(point, planes)
             footprint = point, planes, texture.size
-            alpha = texture_alpha(texture, levels, place, footprint)
-            closest = min(closest, abs(float(alpha) - cutoff))
-            if alpha >= Fraction(float(np.float32(cutoff))):
+            alpha, bound = texture_alpha(texture, levels, place, footprint, cutoff)
+            closest = min(closest, abs(float(alpha - bound)))
+            if alpha >= bound:
                 depth[row, column] = alone[row, column]
                 shown[row, column] = n
     return depth, shown, closest

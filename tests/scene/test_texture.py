@@ -16,7 +16,8 @@ from PIL import Image, PngImagePlugin
 
 import rasterjit as rj
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.texture import FILTERS, MAX_SIDE, MOST_LIGHT, WRAPS, level_sizes
+from rasterjit.scene.mip_levels import level_sizes
+from rasterjit.scene.texture import FILTERS, MAX_SIDE, MOST_LIGHT, WRAPS
 
 
 def test_codes_are_srgb_and_floats_are_linear():

@@ -20,6 +20,7 @@ from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import OWNER as OF
 from rasterjit.pipeline.surface.samples import PLACE_OWNER, SEGMENTS, START, STOP, Block
 from rasterjit.pipeline.surface.textures import (
+    ALPHA_USE,
     ANISOTROPY,
     CLAMP,
     FILTER,
@@ -32,6 +33,7 @@ from rasterjit.pipeline.surface.textures import (
     REPEAT,
     TEXEL_STEPS,
     TRILINEAR,
+    WEIGHTED,
     WRAP_U,
     WRAP_V,
 )
@@ -282,6 +284,15 @@ def add_tap(k, taps, own, mean):
 
 
 @disjoint_helper
+def divide_by_alpha(colors, alphas):
+    """Divide one channel, which was mixed times alpha, by the mixed alpha; clear is black."""
+    none = np.float32(0.0)
+    for n in range(colors.shape[0]):
+        alpha = alphas[n]
+        colors[n] = colors[n] / alpha if alpha > none else none
+
+
+@disjoint_helper
 def move_places(u, v, transform, moved_u, moved_v):
     """Write coordinates as a texture sees them."""
     for n in range(u.shape[0]):
@@ -478,6 +489,17 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
 
 
 @helper
+def places_seen(first, size, owner, kind, textures, places):
+    """Return rows of coordinates of neighbouring samples as their texture sees them."""
+    u, v = part(places, U, first, first + size), part(places, V, first, first + size)
+    if textures.transforms.shape[0] > 0:
+        moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
+        move_places(u, v, textures.transforms[owner, kind], moved_u, moved_v)
+        return moved_u, moved_v
+    return u, v
+
+
+@helper
 def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors):
     """Write what a texture of one object shows at neighbouring samples; white without one."""
     row, size = textures.table[owner, kind], whole_vectors(count)
@@ -489,16 +511,16 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
     if is_mipped:
         most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
         depth = np.int64(2 if any_coarse(shares, count) else 1)
-    u, v = part(places, U, first, first + size), part(places, V, first, first + size)
-    if textures.transforms.shape[0] > 0:
-        moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
-        move_places(u, v, textures.transforms[owner, kind], moved_u, moved_v)
-        u, v = moved_u, moved_v
+    u, v = places_seen(first, size, owner, kind, textures, places)
     own = row[FIRST_LEVEL], row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
     read_taps(
         u, v, first, is_mipped, depth, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]),
         own, textures, places, numbers, shares, colors,
     )  # fmt: skip
+    if row[ALPHA_USE] == WEIGHTED:
+        shown = rows_of(colors, SHOWN, first, first + size)
+        for i in range(CHANNELS - 1):
+            divide_by_alpha(shown[i], shown[3])
 
 
 @helper

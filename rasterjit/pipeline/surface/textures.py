@@ -52,9 +52,12 @@ REPEAT, CLAMP, MIRROR = 0, 1, 2
 NEAREST, BILINEAR, TRILINEAR = 0, 1, 2
 """Filters, as ``Textures.table`` numbers them."""
 
-FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY = 0, 1, 2, 3, 4, 5
+PLAIN, WEIGHTED, MASK = 0, 1, 2
+"""What texels hold, as ``Textures.table`` numbers it; see ``mip_levels``."""
+
+FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY, ALPHA_USE = range(7)
 """Columns of ``Textures.table``."""
-TABLE_COLUMNS = 6
+TABLE_COLUMNS = 7
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Textures.levels``."""

@@ -62,8 +62,16 @@ from rasterjit.pipeline.surface.texture_gradients import (
     wants_steps,
 )
 from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
-from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL
+from rasterjit.pipeline.surface.textures import (
+    ALPHA_USE,
+    BASE_COLOR,
+    FILTER,
+    FIRST_LEVEL,
+    MASK,
+    TRILINEAR,
+)
 from rasterjit.pipeline.surface.weights import weigh
+from rasterjit.pipeline.visibility.mask_shares import keep_share
 from rasterjit.runtime.intrinsics import LANES, call_bound, flat, part, spread
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
@@ -295,6 +303,10 @@ def find_alphas(
         textures,
     )  # fmt: skip
     show_textures(places, memory[6:], count, BASE_COLOR, textures)
+    row = textures.table[owner, BASE_COLOR]
+    if row[ALPHA_USE] == MASK and row[FILTER] == TRILINEAR:
+        cutoff = alpha_tests.cutoffs[owner] / alpha_tests.materials[owner, ALPHA]
+        keep_share(count, cutoff, textures, owner, BASE_COLOR, places, memory[6:])
     for n in range(count):
         alphas[n] *= memory[8][SHOWN + ALPHA, n]
 
