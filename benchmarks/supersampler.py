@@ -20,10 +20,16 @@ from rich.table import Table
 import rasterjit as rj
 from benchmarks.true_pictures import SIDE, true_light
 from rasterjit.accuracy.errors import PICTURE_OUTPUTS
-from rasterjit.accuracy.knobs import Attempt, combined_attempts, single_attempts, without_effect
+from rasterjit.accuracy.knobs import (
+    Attempt,
+    combined_attempts,
+    preset_attempts,
+    single_attempts,
+    without_effect,
+)
 from rasterjit.accuracy.results import STANDARD
 from rasterjit.accuracy.scenes import SCENES, MadeScene, make
-from rasterjit.accuracy.study import possible_attempts
+from rasterjit.accuracy.study import Studio
 from rasterjit.rendering.budget import light_of, root_mean_square
 from rasterjit.scene.quality import LEVELS, PRESETS
 
@@ -41,10 +47,10 @@ def attempts_of(made: MadeScene, size: tuple[int, int]) -> list[Attempt]:
     plan = rj.explain(made.scene, made.camera, size=size)
     idle = without_effect(plan, tuple(LEVELS))
     active = [name for name in LEVELS if name not in idle]
-    tried = [*single_attempts(active), *combined_attempts(active)]
+    tried = [*single_attempts(active), *preset_attempts(active), *combined_attempts(active)]
     presets = [Attempt(name, name, PRESETS[name]()) for name in (REFERENCE, STANDARD)]
-    possible, _ = possible_attempts(presets + tried, made.scene, made.camera, size)
-    return possible
+    with Studio(made.scene, made.camera, size, None) as studio:
+        return [attempt for attempt in presets + tried if studio.refusal(attempt) is None]
 
 
 def errors_of(made: MadeScene, size: tuple[int, int], side: int = SIDE) -> dict[str, float]:

@@ -4,12 +4,13 @@ Measure what each accuracy setting costs in time and what it buys in error.
 >>> import rasterjit as rj
 >>> found = rj.accuracy.study(rj.load("models/teapot.obj"), budget=30, output="report")
 >>> print(rj.accuracy.answer(found))
-On this scene standard is ... with error ...
+Take ... a frame...
 """
 
 from rasterjit.accuracy.calibration import calibrate
+from rasterjit.accuracy.choice import Choice, choose
 from rasterjit.accuracy.report.files import can_make_page, write_files, write_report
-from rasterjit.accuracy.results import Errors, Study, Trial
+from rasterjit.accuracy.results import EffectCost, Errors, Study, Trial
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
 from rasterjit.accuracy.sentences import answer, sentences
 from rasterjit.accuracy.study import study
@@ -17,6 +18,8 @@ from rasterjit.accuracy.study import study
 __all__ = [
     "MADE_FOR",
     "SCENES",
+    "Choice",
+    "EffectCost",
     "Errors",
     "MadeScene",
     "Study",
@@ -24,6 +27,7 @@ __all__ = [
     "answer",
     "calibrate",
     "can_make_page",
+    "choose",
     "make",
     "sentences",
     "study",

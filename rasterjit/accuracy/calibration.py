@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from pathlib import Path
 
+from rasterjit.accuracy.knobs import Attempt
 from rasterjit.accuracy.scenes import make
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.timing import Progress, total
@@ -113,6 +114,7 @@ def _draws_many(quality: Quality) -> bool:
 
 def _seconds(studio: Studio, quality: Quality) -> float:
     """Return the seconds of a frame that follows one of its own quality, or of many pictures."""
+    attempt = Attempt("", str(quality), quality)
     if not _draws_many(quality):
-        studio.seconds(quality)
-    return total(studio.seconds(quality))
+        studio.seconds(attempt)
+    return total(studio.seconds(attempt))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy.results import Errors
+from rasterjit.accuracy.results import REFERENCE_SAMPLES, Errors
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.budget import CODES, light_of, root_mean_square
 from rasterjit.scene.scene import Scene
@@ -29,6 +29,11 @@ class Reference(NamedTuple):
     """Of each object, from `texels_of`."""
     face_starts: NDArray[np.int64]
     """First face of each object, (O+1,)."""
+    samples: int = REFERENCE_SAMPLES
+    seconds: float = 0.0
+    """What its pictures took."""
+    error: float = 0.0
+    """How far it is from one of all samples, about."""
 
 
 def reference_of(scene: Scene, picture: Frame, buffers: Frame) -> Reference:
@@ -68,6 +73,7 @@ def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.floa
     Returns
     -------
     Errors
+        Without FLIP, which takes longer than all else: `with_flip` adds it.
     (H, W) float32
         Largest difference of the linear channels at each pixel.
     """
@@ -75,18 +81,26 @@ def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.floa
     rmse = root_mean_square(difference)
     faces, true_faces = frame.face_id, reference.buffers.face_id
     is_same = (faces == true_faces) & (faces >= 0)
-    ulp, units = _depth_errors(frame.depth[is_same], reference.buffers.depth[is_same])
+    ulp, units = None, None
+    if "depth" in frame.plan.outputs:
+        ulp, units = _depth_errors(frame.depth[is_same], reference.buffers.depth[is_same])
     errors = Errors(
         rmse=rmse,
         largest=float(difference.max()),
         psnr=-20.0 * math.log10(rmse) if rmse > 0.0 else math.inf,
-        flip=mean_flip(reference.picture.color, frame.color),
+        flip=None,
         wrong_faces=int(np.count_nonzero(faces != true_faces)),
         depth_ulp=ulp,
         depth_units=units,
         uv_texels=_uv_error(frame, reference, is_same),
     )
-    return errors, difference.max(axis=2).astype(np.float32)
+    largest = np.maximum(difference[:, :, 0], difference[:, :, 1])
+    return errors, np.maximum(largest, difference[:, :, 2]).astype(np.float32)
+
+
+def with_flip(errors: Errors, color: NDArray[np.uint8], reference: Reference) -> Errors:
+    """Return errors with the FLIP of a picture, where ``flip-evaluator`` is installed."""
+    return errors._replace(flip=mean_flip(reference.picture.color, color))
 
 
 def _depth_errors(

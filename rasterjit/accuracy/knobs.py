@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ from rasterjit.accuracy.results import COMBINATIONS
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
+from rasterjit.scene.scene import Scene
 from rasterjit.survey.facts import float64_reason, unlit_reason
 
 TRIED_PRESETS = ("draft", "high")
@@ -36,6 +37,8 @@ class Attempt(NamedTuple):
     setting: str
     level: str
     quality: Quality
+    scene: Scene | None = None
+    """What is drawn in place of the scene that is studied, to see what one of its effects costs."""
 
     @property
     def label(self) -> str:
@@ -88,25 +91,45 @@ def single_attempts(knobs: Sequence[str]) -> list[Attempt]:
     ]
 
 
-def combined_attempts(knobs: Sequence[str]) -> list[Attempt]:
-    """Return presets, and products of some settings, that change more than one of them."""
+def is_on_axis(attempt: Attempt) -> bool:
+    """Tell whether a level of one setting is among those that are combined."""
+    return getattr(attempt.quality, attempt.setting) in AXES.get(attempt.setting, ())
+
+
+def preset_attempts(knobs: Sequence[str]) -> list[Attempt]:
+    """Return the presets that change more than one of some settings."""
     standard, found = Quality.standard(), []
     for preset in TRIED_PRESETS:
         changes = differences(PRESETS[preset](), standard)
         changes = {name: level for name, level in changes.items() if name in knobs}
         if len(changes) > 1:
             found.append(Attempt(COMBINATIONS, preset, replace(standard, **changes)))
-    products = [changes for changes in _products(knobs) if is_possible(standard, changes)]
-    for changes in evenly(products, MOST_COMBINATIONS):
-        quality = replace(standard, **changes)
-        if all(quality != other.quality for other in found):
-            found.append(Attempt(COMBINATIONS, in_words(changes), quality))
     return found
 
 
-def _products(knobs: Sequence[str]) -> list[dict[str, Any]]:
+def combined_attempts(knobs: Sequence[str], useless: Collection[str] = ()) -> list[Attempt]:
+    """
+    Return products of some settings that change more than one of them, and are no preset.
+
+    Labels of levels that are ``useless`` by themselves are in none.
+    """
+    standard = Quality.standard()
+    known = [attempt.quality for attempt in preset_attempts(knobs)]
+    products = [changes for changes in _products(knobs, useless) if is_possible(standard, changes)]
+    found = [
+        Attempt(COMBINATIONS, in_words(changes), replace(standard, **changes))
+        for changes in evenly(products, MOST_COMBINATIONS)
+    ]
+    return [attempt for attempt in found if attempt.quality not in known]
+
+
+def _products(knobs: Sequence[str], useless: Collection[str]) -> list[dict[str, Any]]:
     """Return all choices of levels from the axes that change two settings or more."""
-    axes = [(name, AXES[name]) for name in AXES if name in knobs]
+    axes = [
+        (name, [level for level in AXES[name] if f"{name}={level}" not in useless])
+        for name in AXES
+        if name in knobs
+    ]
     standard = Quality.standard()
     choices = [[(name, level) for level in (getattr(standard, name), *axis)] for name, axis in axes]
     found = []

@@ -30,6 +30,9 @@ KNOWN_WELL = 0.25
 ALIKE = 1.005
 """Errors in a smaller ratio are not told apart: they print alike."""
 
+INVISIBLE = 1e-3
+"""Error, root mean square of linear light, below which none is seen: half an 8-bit step is more."""
+
 MOST_ON_FRONT = 7
 """Points of the front: more than anybody chooses among."""
 

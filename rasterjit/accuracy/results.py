@@ -17,6 +17,12 @@ STANDARD = "standard"
 COMBINATIONS = "combinations"
 """What stands for the setting where several are changed at once."""
 
+WALL, PROCESSOR = "wall", "processor"
+"""Clocks: what passes, and what all threads together work."""
+
+REFERENCE_SAMPLES = 256
+"""Samples of the reference, where there is time for them."""
+
 AS_THE_SCENE_SAYS = "as the scene says"
 """Level of a setting that the standard leaves to the scene."""
 
@@ -55,9 +61,11 @@ class Trial:
         Its level; or all changes, like ``"samples=4 shading=vertex"``.
     quality : Quality
     seconds : tuple of float
-        Times of its frames, raw, in the order they were taken; without compiling.
+        Times of its frames by the study's clock, without compiling. Wall-clock times are raw and in
+        the order they were taken; of processor times these are the least half, sorted.
     ratios : tuple of float
-        The same, each over the time of the standard's frame of the same round.
+        The same over the standard's: over its time in the same round, or over the median of the
+        least half of its processor times.
     stages : dict of float
         Median seconds of each stage.
     errors : Errors
@@ -105,6 +113,31 @@ class Trial:
         return low, high
 
 
+@dataclass(frozen=True)
+class EffectCost:
+    """
+    What an effect of the scene costs, and how far it is from its own reference.
+
+    Attributes
+    ----------
+    effect : str
+        Its name, as `rasterjit.explain` has it.
+    levels : tuple of Trial
+        The scene without it, and with what can be changed of it, each in the standard quality but
+        for that. Times are over the standard's. Errors are against the effect's reference, or
+        against the standard where it has none.
+    rmse : float or None
+        Error of the effect as the scene has it, at the standard quality; None without reference.
+    reference : str
+        What that is, in words; or why there is none.
+    """
+
+    effect: str
+    levels: tuple[Trial, ...]
+    rmse: float | None
+    reference: str
+
+
 @dataclass(frozen=True, repr=False)
 class Study:
     """
@@ -135,6 +168,19 @@ class Study:
         Labels of what cannot be rendered here, with the reason in words.
     interrupted : bool
         Whether Ctrl-C ended it early.
+    clock : {"wall", "processor"}
+        What times are: how long a frame took, or, where the machine is busy with something else,
+        the processor time of all threads together.
+    reference_samples : int
+        Samples of the reference: 256, or fewer where there was no time for them.
+    reference_error : float
+        How far the reference is from one of all samples, about: errors below it are not told apart.
+    asked_size : (int, int) or None
+        Pixels that were asked for, where there was time for a smaller picture only.
+    max_error : float or None
+        The largest error that was asked for.
+    effects : tuple of EffectCost
+        What each effect of the scene costs, and how far it is from its own reference.
     """
 
     scene: str
@@ -152,6 +198,12 @@ class Study:
     reference_seconds: float = 0.0
     impossible: dict[str, str] = field(default_factory=dict)
     interrupted: bool = False
+    clock: str = WALL
+    reference_samples: int = REFERENCE_SAMPLES
+    reference_error: float = 0.0
+    asked_size: tuple[int, int] | None = None
+    max_error: float | None = None
+    effects: tuple[EffectCost, ...] = ()
 
     def __repr__(self) -> str:
         """Name the scene and count what was tried; `sentences` says what was found."""

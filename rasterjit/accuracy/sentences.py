@@ -1,11 +1,12 @@
-"""What a study found, in one plain sentence: the answer, and another for each setting."""
+"""What a study found, in plain sentences: the answer, and one for each setting."""
 
 from __future__ import annotations
 
 import math
 
-from rasterjit.accuracy.ranking import ALIKE, is_measured, is_slower, is_timed, noise
-from rasterjit.accuracy.results import STANDARD, Study, Trial, front_trials
+from rasterjit.accuracy.choice import choose
+from rasterjit.accuracy.ranking import ALIKE, is_measured, is_slower, noise
+from rasterjit.accuracy.results import PROCESSOR, STANDARD, Study, Trial, front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 
 PHRASES = {
@@ -39,7 +40,7 @@ SPECIAL = {
 NOT_MEASURED = "not measured well enough"
 """What is said in place of a factor that few or scattered rounds do not give."""
 
-ADVICE = "give the study more seconds, and a machine that does nothing else"
+ADVICE = "give the study more seconds"
 """What to do about it."""
 
 SHARP = 0.05
@@ -60,18 +61,81 @@ def sentences(study: Study) -> dict[str, str]:
 
 def answer(study: Study) -> str:
     """
-    Return what a study found in one sentence: the standard, about twice its time, and about half.
+    Return what a study found: the quality to take, how sure that is, and what else there is.
 
-    Only qualities on the front are named, whose times are told apart from the standard's, with the
-    factors that were measured.
+    It names one in any case. Of the rest only qualities on the front are named, whose times are
+    told apart from the standard's, with the factors that were measured.
     """
+    return f"{recommendation(study)} {how_sure(study)} {alternatives(study)}"
+
+
+def recommendation(study: Study) -> str:
+    """Return the quality to take, what it costs and what it buys, in a sentence."""
+    found, standard = choose(study), study.standard
+    trial, bound = found.trial, study.max_error
+    missed = "" if found.holds else f"Nothing that was tried has an error of {bound:.3g}. "
+    is_usual = trial.setting == STANDARD
+    name = "the standard quality" if is_usual else quality_in_words(trial, standard)
+    time = f"{time_in_words(trial.median)}{_of_clock(study)} a frame"
+    error = f"error {trial.errors.rmse:.3g}"
+    if is_usual:
+        return f"{missed}Take {name}: {time}, {error}."
+    factor = f"{'' if is_measured(trial) else 'about '}{figures(trial.ratio)}× the time of standard"
+    return (
+        f"{missed}Take {name}: {factor} ({time} instead of {time_in_words(standard.median)}) for "
+        f"{error_against(trial, standard)} ({error} instead of {standard.errors.rmse:.3g})."
+    )
+
+
+def how_sure(study: Study) -> str:
+    """Return how sure the choice is, and why, in a sentence or two."""
+    found = choose(study)
+    what = "time × error" if study.max_error is None else "time"
+    reference = f"a reference of {study.reference_samples} samples"
+    if study.reference_error > 0.0:
+        reference += f", for which there was time and which errs by {study.reference_error:.2g}"
+    known = f"errors are exact, against {reference}"
+    if not study.trials:
+        return f"A guess: nothing else was tried; {ADVICE}."
+    if not found.holds:
+        return f"Sure: {known}."
+    rest = (
+        f"and nothing else that was tried can be better by more than {100.0 * found.at_most:.0f} % "
+        f"in {what}"
+        if found.at_most >= 0.005
+        else f"and nothing else that was tried can be better in {what}"
+    )
+    clock = "times are processor times, as the machine is busy with something else, "
+    said = f"{known}; {clock if study.clock == PROCESSOR else ''}{rest}."
+    notes = []
+    if study.left_out:
+        why = "the study was interrupted" if study.interrupted else "there was no time"
+        notes.append(f"{_count(len(study.left_out))} not tried: {why}.")
+    if study.asked_size is not None:
+        notes.append(
+            f"It was measured at {study.size[0]} × {study.size[1]} pixels, not at "
+            f"{study.asked_size[0]} × {study.asked_size[1]}: there was no time for more."
+        )
+    sureness = found.sureness
+    return " ".join([f"{sureness[0].upper()}{sureness[1:]}: {said}", *notes])
+
+
+def _count(qualities: int) -> str:
+    return "1 quality was" if qualities == 1 else f"{qualities} qualities were"
+
+
+def _of_clock(study: Study) -> str:
+    """Return of which clock times are, where it is not the one on the wall."""
+    return " of processor time" if study.clock == PROCESSOR else ""
+
+
+def alternatives(study: Study) -> str:
+    """Return the standard, about twice its time, and about half, in a sentence."""
     standard = study.standard
     said = (
-        f"On this scene standard is {time_in_words(standard.median)} with error "
+        f"On this scene standard is {time_in_words(standard.median)}{_of_clock(study)} with error "
         f"{standard.errors.rmse:.3g}"
     )
-    if not is_timed(standard):
-        return f"{said}; what other qualities cost is {NOT_MEASURED}: {ADVICE}."
     front = [trial for trial in front_trials(study) if trial.setting != STANDARD]
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
@@ -88,6 +152,16 @@ def answer(study: Study) -> str:
     if not parts:
         return f"{said}; {_nothing_else(study)}."
     return f"{said}; {', '.join(parts)}."
+
+
+def options_of(trial: Trial, standard: Trial) -> str:
+    """Return what a quality is asked for with on the command line."""
+    if trial.setting == STANDARD:
+        return ""
+    if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
+        return f"--quality {trial.level}"
+    changes = differences(trial.quality, standard.quality)
+    return " ".join(f"--set {name}={level}" for name, level in changes.items())
 
 
 def _bargain(trial: Trial, standard: Trial) -> str:

@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Iterable, Sequence
+import math
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.accuracy import effects
 from rasterjit.accuracy import errors as measures
+from rasterjit.accuracy.choice import choose_among
+from rasterjit.accuracy.effects import Weighed
 from rasterjit.accuracy.knobs import (
     Attempt,
     check_knobs,
     combined_attempts,
+    is_on_axis,
+    preset_attempts,
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.ranking import mark_dominated, pareto_front
+from rasterjit.accuracy.ranking import INVISIBLE, mark_dominated, pareto_front
 from rasterjit.accuracy.report.files import prepare_folder, write_report
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study
+from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
 from rasterjit.accuracy.timing import (
     Allowance,
     Contestant,
     Progress,
     Stages,
+    best_clock,
     fits,
     standard_trial,
     take_turns,
@@ -32,24 +43,57 @@ from rasterjit.accuracy.timing import (
 )
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.budget import machine
+from rasterjit.rendering.budget import light_of, machine, root_mean_square
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.rendering.views import choose_camera, settle_together
 from rasterjit.runtime.threads import available_processors
-from rasterjit.scene.camera import Camera
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.lens import Lens
+from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, positive_number, thread_count
+from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
 
-BUDGET = 100.0
+BUDGET = 75.0
 """Seconds of a study, unless others are asked for."""
 
 KEPT = 0.5
 """Share of them that is kept for levels, however long the reference took."""
+
+REFERENCE_SHARE = 0.3
+"""Share of them that the pictures of the reference may take, as far as their time can be told."""
+
+EFFECTS_SHARE = 0.2
+"""Share of them that the references of the scene's effects may take."""
+
+LEAST_PICTURES = 16
+"""Pictures of the reference that a size must leave time for."""
+
+DEARER = 1.5
+"""Times a frame of the standard that a picture of the reference takes, about."""
+
+LEAST_SIDE = 96
+"""Pixels of a side below which no picture is made smaller to save time."""
+
+WORTH_SHRINKING = 0.7
+"""Share of its time that a frame of a quarter of the pixels may take at most: where faces take the
+time, a smaller picture saves none."""
+
+FLIP_SHARE = 0.05
+"""Share of the seconds that must be left for the first FLIP, whose time nobody knows."""
+
+PAGE_WORK, PAGE_SHARE = 3.0, 0.2
+"""Seconds that a processor works for a report, and the share of a budget kept for it at most."""
+
+STEPS = (4, 16, 64, 256)
+"""Samples of the reference, as long as there is time for more."""
+
+USELESS = 0.9
+"""Share of the standard's time from which on a level that changes no error is in no combination."""
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
 
@@ -67,6 +111,8 @@ def study(
     size: tuple[int, int] = SIZE,
     knobs: Iterable[str] | None = None,
     budget: float | None = None,
+    max_error: float | None = None,
+    lens: Lens | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     output: str | Path | None = None,
@@ -75,10 +121,12 @@ def study(
     """
     Measure what each accuracy setting costs in time and buys in error, on a scene of one's own.
 
-    The reference is drawn first, then every level of every setting that has an effect on the scene,
-    changed from ``Quality.standard()`` alone, then combinations of them. Once all is compiled they
-    are timed by turns, round after round. Errors are the same bits in every run on a machine;
-    times are not.
+    The reference is drawn first, then the presets and every level of every setting that has an
+    effect on the scene, changed from ``Quality.standard()`` alone: first those whose price is
+    highest, and combinations of them, the most promising first; then what each effect of the scene
+    costs, and how far it is from a reference of its own; then all other levels. Last they are timed
+    by turns, round after round. For the same number of samples of the reference, errors are the
+    same bits in every run on a machine; times are not.
 
     Ctrl-C ends a study early: what is done by then is returned, and written.
 
@@ -91,13 +139,20 @@ def study(
     knobs : iterable of str, optional
         Names of the settings to try. Default: all.
     budget : float, optional
-        Seconds, about, that it may take. Half of them are kept for what follows the reference and
-        the standard, however long those take to compile. What there is no time for is left out and
-        named; the next study of the scene finds its kernels compiled and gets further. Default 100.
+        Seconds that it may take. A third goes into the reference: where its 256 samples take
+        longer, it has 64 or 16, and where not even 16 can be drawn, the picture is made smaller;
+        the study says so. Half is kept for what follows the reference and the standard, however
+        long those take to compile. What there is no time for is left out and named; the next study
+        of the scene finds its kernels compiled and gets further. Default 75.
+    max_error : float, optional
+        The error that is wanted, root mean square of linear light: the fastest quality that holds
+        it is recommended. Default: the one that buys most error for its time.
+    lens : Lens, optional
+        As `rasterjit.render` takes it.
     threads : int, optional
         Default: all processors.
     progress : callable, optional
-        Called with what is being done, how much of it is done, and how much there is.
+        Called with what is being done, the seconds that are spent, and those there are in all.
     output : str or Path, optional
         Folder for ``accuracy.json``, ``accuracy.csv`` and, where matplotlib is installed,
         ``index.html``; made if there is none.
@@ -117,114 +172,205 @@ def study(
     """
     chosen, size = check_knobs(knobs), image_size("size", size)
     seconds = BUDGET if budget is None else positive_number("budget", budget)
+    bound = None if max_error is None else positive_number("max_error", max_error)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
     scene = posed_scene(as_scene(what))
     camera = choose_camera(scene, camera, size)
     (camera,) = settle_together(scene, [camera], size, Quality.standard())
-    idle = without_effect(explain(scene, camera, size=size), chosen)
-    active = [knob for knob in chosen if knob not in idle]
-    attempts, impossible = possible_attempts(
-        [*single_attempts(active), *combined_attempts(active)], scene, camera, size
-    )
-    with Studio(scene, camera, size, threads) as studio:
-        measured = _measure(studio, attempts, seconds, progress or _say_nothing)
-    found = Study(
-        scene=name,
-        size=size,
-        threads=threads or available_processors(),
-        rounds=measured.rounds,
-        machine=machine(),
-        versions=versions(),
-        without_effect=idle,
-        impossible=impossible | measured.impossible,
-        **_results(measured, [attempt.label for attempt in attempts]),
-    )
+    plan = explain(scene, camera, size=size)
+    with Studio(scene, camera, size, threads, lens) as studio:
+        told = progress or _say_nothing
+        course = Course(studio, seconds, told, plan, chosen, folder is not None)
+        course.run()
+    found = course.result(name, bound)
     if folder is not None:
         write_report(found, folder)
     return found
 
 
-class Measured(NamedTuple):
-    """What was measured, before it is put in order."""
+class Course:
+    """
+    The way of one study: what is drawn first, and what is cut when time runs out.
 
-    reference: measures.Reference
-    reference_seconds: float
-    standard: Contestant
-    contestants: list[Contestant]
-    impossible: dict[str, str]
-    """Why what was not drawn could not be, by label."""
-    interrupted: bool = False
+    Parameters
+    ----------
+    studio : Studio
+    seconds : float
+        That it may take.
+    progress : callable
+    plan : RenderPlan
+        Of the standard.
+    knobs : sequence of str
+        Settings to try.
+    writes : bool
+        Whether time is kept for a report.
+    """
 
-    @property
-    def rounds(self) -> int:
-        """How often those that are not slow were drawn."""
-        frames = [len(one.frames) for one in self.contestants]
-        return max(frames, default=len(self.standard.frames))
+    def __init__(
+        self,
+        studio: Studio,
+        seconds: float,
+        progress: Progress,
+        plan: RenderPlan,
+        knobs: Sequence[str],
+        writes: bool = False,
+    ) -> None:
+        self.studio, self.seconds, self._progress, self.plan = studio, seconds, progress, plan
+        self._writes = writes
+        self.allowance = Allowance(seconds)
+        self.idle = without_effect(plan, knobs)
+        self.knobs = [knob for knob in knobs if knob not in self.idle]
+        self.asked_size = studio.size
+        self.order: list[str] = []
+        """Labels of what was meant to be tried, in the order of results."""
+        self.contestants: list[Contestant] = []
+        self.effects: list[Weighed] = []
+        self.impossible: dict[str, str] = {}
+        self.interrupted = False
+        self.reference: measures.Reference
+        self.standard: Contestant
 
+    def tell(self, text: str) -> None:
+        """Say what is being done."""
+        self._progress(text, self.allowance.spent(), self.allowance.total)
 
-def _measure(
-    studio: Studio, attempts: Sequence[Attempt], seconds: float, tell: Progress
-) -> Measured:
-    """Draw the reference and the standard; then, until interrupted, what there is time for."""
-    allowance = Allowance(seconds)
-    attempts = _by_cost(attempts)
-    usual = Attempt(STANDARD, STANDARD, Quality.standard())
-    tell("drawing the reference", 0, len(attempts) + 2)
-    reference, reference_seconds = studio.reference()
-    tell("drawing standard", 1, len(attempts) + 2)
-    measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [], {})
-    # What is drawn in any case may take long to compile.
-    allowance.keep(KEPT * seconds)
-    try:
-        _prepare(studio, measured, attempts, allowance, tell)
-        take_turns(studio, measured.standard, measured.contestants, allowance, tell)
-    except KeyboardInterrupt:
-        return measured._replace(interrupted=True)
-    return measured
-
-
-def _prepare(
-    studio: Studio,
-    measured: Measured,
-    attempts: Sequence[Attempt],
-    allowance: Allowance,
-    tell: Progress,
-) -> None:
-    """Add a contestant for each of the attempts that there is time for."""
-    contestants = measured.contestants
-    for number, attempt in enumerate(attempts):
-        tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
-        if not fits(attempt, measured.standard, contestants, allowance):
-            continue
+    def run(self) -> None:
+        """Draw the reference and the standard; then, until interrupted, what there is time for."""
+        usual = Attempt(STANDARD, STANDARD, Quality.standard())
+        worked = time.process_time()
+        self.tell("drawing standard")
+        self.studio.shrink(usual, REFERENCE_SHARE * self.seconds)
+        self.tell("drawing the reference")
+        self.reference = self.studio.reference(REFERENCE_SHARE * self.seconds)
+        self.standard = self.studio.prepare(usual, self.reference)
+        # What is drawn in any case may take long to compile.
+        self.allowance.keep(KEPT * self.seconds)
+        if self._writes:
+            worked = max(time.process_time() - worked, 1e-3)
+            slower = max(1.0, self.allowance.spent() / worked)
+            self.allowance.take(min(PAGE_WORK * slower, PAGE_SHARE * self.seconds))
+        singles, presets = single_attempts(self.knobs), preset_attempts(self.knobs)
+        self.order = [one.label for one in (*singles, *presets)]
+        lone = [one for one in singles if one.passes == 1]
+        many = [one for one in singles if one.passes > 1]
         try:
-            contestants.append(studio.prepare(attempt, measured.reference))
-        except (ValueError, MemoryError) as error:
-            # Some limits show only as the picture is drawn: of layers at many samples, of memory.
-            measured.impossible[attempt.label] = str(error) or "there is not enough memory"
+            self._prepare([*presets, *_in_turns(one for one in lone if is_on_axis(one))])
+            combinations = combined_attempts(self.knobs, self._useless())
+            self.order += [one.label for one in combinations]
+            self._prepare(sorted(combinations, key=self._promise))
+            self._weigh_effects()
+            self._prepare(_in_turns(one for one in lone if not is_on_axis(one)))
+            self._prepare([one for one in many if one.passes <= self.reference.samples])
+            present = [*self.contestants, *(one for each in self.effects for one in each.levels)]
+            take_turns(self.studio, self.standard, present, self.allowance, self.tell)
+        except KeyboardInterrupt:
+            self.interrupted = True
 
+    def _prepare(self, attempts: Sequence[Attempt]) -> None:
+        """Add a contestant for each of the attempts that there is time for."""
+        for attempt in attempts:
+            self.tell(self._so_far(f"drawing {attempt.label}"))
+            reason = self.studio.refusal(attempt)
+            if reason is None and not self._fits(attempt):
+                continue
+            try:
+                if reason is None:
+                    self.contestants.append(self.studio.prepare(attempt, self.reference))
+            except (ValueError, MemoryError) as error:
+                # Some limits show only as the picture is drawn: of layers at many samples, of
+                # memory.
+                reason = str(error) or "there is not enough memory"
+            if reason is not None:
+                self.impossible[attempt.label] = reason
 
-def _results(measured: Measured, labels: Sequence[str]) -> dict[str, Any]:
-    """Return the fields of a `Study` that were measured, given all labels in order."""
-    standard = standard_trial(measured.standard)
-    contestants = sorted(
-        measured.contestants, key=lambda contestant: labels.index(contestant.attempt.label)
-    )
-    trials = mark_dominated(
-        [contestant.trial(measured.standard) for contestant in contestants], standard
-    )
-    done = {trial.label for trial in trials}
-    return {
-        "standard": standard,
-        "trials": trials,
-        "front": pareto_front([standard, *trials]),
-        "left_out": tuple(
-            label for label in labels if label not in done and label not in measured.impossible
-        ),
-        "reference_color": measured.reference.picture.color[:, :, :3].copy(),
-        "reference_seconds": measured.reference_seconds,
-        "interrupted": measured.interrupted,
-    }
+    def _fits(self, attempt: Attempt) -> bool:
+        """Tell whether there is time for one more."""
+        prepared = [*self.contestants, *(one for each in self.effects for one in each.levels)]
+        return fits(attempt, self.standard, prepared, self.allowance)
+
+    def _weigh_effects(self) -> None:
+        """Draw the scene without each effect, and the reference of each, if there is time."""
+        costs = effects.costs_of(self.studio.scene, self.plan, self.studio.lens)
+        for number, cost in enumerate(costs):
+            self.tell(self._so_far(f"drawing {cost.effect}"))
+            share = EFFECTS_SHARE * self.seconds / (len(costs) - number)
+            if not all(self._fits(attempt) for attempt in cost.attempts):
+                continue
+            self.effects.append(effects.weigh(self.studio, cost, self.standard, share))
+
+    def _useless(self) -> set[str]:
+        """Return labels of levels that change no error, and save no time to speak of."""
+        usual = self.standard
+        return {
+            one.attempt.label
+            for one in self.contestants
+            if one.errors == usual.errors and one.cost > USELESS * usual.cost
+        }
+
+    def _promise(self, attempt: Attempt) -> float:
+        """Return time and error of a combination over the standard's, if factors multiply."""
+        known = {one.attempt.label: one for one in self.contestants}
+        usual, product = _price(self.standard), 1.0
+        for name, level in differences(attempt.quality, self.standard.attempt.quality).items():
+            single = known.get(f"{name}={level}")
+            product *= 1.0 if single is None else _price(single) / usual
+        return product
+
+    def _so_far(self, text: str) -> str:
+        """Add the best quality so far to what is being done."""
+        if not self.contestants:
+            return text
+        trials = [one.trial(self.standard, PROCESSOR) for one in self.contestants]
+        best = choose_among(standard_trial(self.standard, PROCESSOR), trials).trial
+        return f"{text}; best so far: {best.label}"
+
+    def _with_flip(self, trials: Sequence[Trial], front: Sequence[str]) -> list[Trial]:
+        """Add FLIP to the standard and to what is worth choosing, as far as there is time."""
+        found, longest = list(trials), FLIP_SHARE * self.seconds
+        for number, trial in enumerate(trials):
+            before = self.allowance.left()
+            if trial.label not in (STANDARD, *front) or before < longest:
+                continue
+            errors = measures.with_flip(trial.errors, trial.color, self.reference)
+            found[number] = replace(trial, errors=errors)
+            longest = max(longest, before - self.allowance.left())
+        return found
+
+    def result(self, name: str, max_error: float | None) -> Study:
+        """Return what was found."""
+        clock = best_clock(self.standard, self.contestants)
+        standard = standard_trial(self.standard, clock)
+        contestants = sorted(self.contestants, key=lambda one: self.order.index(one.attempt.label))
+        trials = mark_dominated([one.trial(self.standard, clock) for one in contestants], standard)
+        front = pareto_front([standard, *trials])
+        standard, *trials = self._with_flip([standard, *trials], front)
+        done = {trial.label for trial in trials} | set(self.impossible)
+        size, asked = self.studio.size, self.asked_size
+        frames = [len(one.frames) for one in self.contestants]
+        return Study(
+            scene=name,
+            size=size,
+            threads=self.studio.threads,
+            rounds=max(frames, default=len(self.standard.frames)),
+            machine=machine(),
+            versions=versions(),
+            standard=standard,
+            trials=tuple(trials),
+            front=front,
+            without_effect=self.idle,
+            left_out=tuple(label for label in self.order if label not in done),
+            reference_color=self.reference.picture.color[:, :, :3].copy(),
+            reference_seconds=self.reference.seconds,
+            impossible=self.impossible,
+            interrupted=self.interrupted,
+            clock=clock,
+            reference_samples=self.reference.samples,
+            reference_error=self.reference.error,
+            asked_size=None if size == asked else asked,
+            max_error=max_error,
+            effects=tuple(one.cost(self.standard, clock) for one in self.effects),
+        )
 
 
 class Studio:
@@ -233,15 +379,24 @@ class Studio:
 
     Parameters
     ----------
-    scene, camera, size, threads
+    scene, camera, size, threads, lens
         As `rasterjit.render` takes them.
     """
 
     def __init__(
-        self, scene: Scene, camera: Camera, size: tuple[int, int], threads: int | None
+        self,
+        scene: Scene,
+        camera: Camera,
+        size: tuple[int, int],
+        threads: int | None,
+        lens: Lens | None = None,
     ) -> None:
-        self._scene, self._camera, self._size = scene, camera, size
+        self.scene, self.camera, self.lens = scene, camera, lens
+        self.threads = threads or available_processors()
         self._buffers = measures.buffers_of(scene)
+        if lens is not None:
+            # Depth along the axis does not exist beside it.
+            self._buffers = tuple(name for name in self._buffers if name != "depth")
         self._outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
         # One for all: what is prepared of the scene, and the memory, they have in common.
         self._renderer = Renderer(size, threads=threads)
@@ -257,61 +412,125 @@ class Studio:
     ) -> None:
         self._renderer.close()
 
-    def draw(self, quality: Quality, outputs: Sequence[str]) -> Frame:
-        """Draw a frame."""
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self._renderer.size
+
+    def draw(self, quality: Quality, outputs: Sequence[str], scene: Scene | None = None) -> Frame:
+        """Draw a frame of the scene, or of another one in its place."""
         self._renderer.quality = quality
-        return self._renderer.render(self._scene, self._camera, outputs=outputs)
+        shown = self.scene if scene is None else scene
+        return self._renderer.render(shown, self.camera, outputs=outputs, lens=self.lens)
 
-    def seconds(self, quality: Quality) -> Stages:
+    def light(self, quality: Quality, scene: Scene | None = None) -> NDArray[np.float64]:
+        """Return the light that a frame shows, (H, W, 3), linear."""
+        frame = self.draw(quality, measures.PICTURE_OUTPUTS, scene)
+        return light_of(frame)[:, :, :3].astype(np.float64)
+
+    def seconds(self, attempt: Attempt) -> Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""
-        return _without_compiling(self.draw(quality, COLOR_ALONE))
+        return _without_compiling(self.draw(attempt.quality, COLOR_ALONE, attempt.scene))
 
-    def reference(self) -> tuple[measures.Reference, float]:
-        """Return what errors are measured against, and the seconds that its picture took."""
-        quality = reference_quality()
-        picture = self.draw(quality, measures.PICTURE_OUTPUTS)
+    def refusal(self, attempt: Attempt) -> str | None:
+        """Return why an attempt cannot be rendered, if so."""
+        try:
+            explain(attempt.scene or self.scene, self.camera, attempt.quality, size=self.size)
+        except ValueError as error:
+            return str(error)
+        return None
+
+    def shrink(self, usual: Attempt, seconds: float) -> None:
+        """
+        Halve the size as long as there is no time for sixteen pictures, and as it saves any.
+
+        The first frame compiles, the second tells the time.
+        """
+        self.seconds(usual)
+        took = total(self.seconds(usual))
+        while DEARER * LEAST_PICTURES * took > seconds and min(self.size) >= 2 * LEAST_SIDE:
+            before = self.size
+            self._resize((before[0] // 2, before[1] // 2))
+            self.seconds(usual)
+            smaller = total(self.seconds(usual))
+            if smaller > WORTH_SHRINKING * took:
+                self._resize(before)
+                return
+            took = smaller
+
+    def _resize(self, size: tuple[int, int]) -> None:
+        """Draw pictures of another size from now on."""
+        self._renderer.close()
+        self._renderer = Renderer(size, threads=self.threads)
+        if isinstance(self.camera, MatrixCamera):
+            self.camera = replace(self.camera, size=None)
+
+    def reference(self, seconds: float) -> measures.Reference:
+        """Return what errors are measured against: as many samples as so many seconds allow."""
+        pictures = self._reference_pictures()
+        samples, frame = next(pictures)
+        took = spent = total(_without_compiling(frame))
+        # Of four samples and one, both err by chance, one twice as much.
+        usual = light_of(self.draw(Quality.standard(), measures.PICTURE_OUTPUTS))
+        error = root_mean_square(light_of(frame) - usual) / math.sqrt(5.0)
+        # The next step draws four times as many pictures as the last one.
+        while samples < STEPS[-1] and took + 4.0 * spent <= seconds:
+            before = light_of(frame)
+            samples, frame = next(pictures)
+            spent = total(_without_compiling(frame))
+            took += spent
+            # The first quarter of some samples errs twice as much as all of them, by chance.
+            error = root_mean_square(light_of(frame) - before) / math.sqrt(3.0)
         # The samples are for colour: buffers come from the pixel centre.
-        buffers = self.draw(replace(quality, samples=1), self._buffers)
-        seconds = total(_without_compiling(picture))
-        return measures.reference_of(self._scene, picture, buffers), seconds
+        buffers = self.draw(replace(reference_quality(), samples=1), self._buffers)
+        found = measures.reference_of(self.scene, frame, buffers)
+        error = 0.0 if samples == STEPS[-1] else error
+        return found._replace(samples=samples, seconds=took, error=error)
+
+    def _reference_pictures(self) -> Iterator[tuple[int, Frame]]:
+        """Yield pictures of 4, 16, 64 and 256 samples, each with their number."""
+        outputs = measures.PICTURE_OUTPUTS
+        if self.lens is None:
+            steps = self._renderer.refine(self.scene, self.camera, outputs=outputs, first=())
+            yield from zip(STEPS, steps, strict=True)
+            return
+        for samples in STEPS:
+            yield samples, self.draw(replace(reference_quality(), samples=samples), outputs)
 
     def prepare(self, attempt: Attempt, reference: measures.Reference) -> Contestant:
         """Compile what a quality needs, measure its errors and see how long it takes, about."""
         frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = measures.compare(frame, reference)
         color = frame.color[:, :, :3].copy()
-        if attempt.passes == 1:
-            self.seconds(attempt.quality)
-        return Contestant(attempt, errors, color, error_map, self.seconds(attempt.quality))
+        return self.contestant(attempt, errors, color, error_map)
+
+    def contestant(
+        self,
+        attempt: Attempt,
+        errors: Errors,
+        color: NDArray[np.uint8],
+        error_map: NDArray[np.float32],
+    ) -> Contestant:
+        """Return what is timed later, and how long it takes, about."""
+        before = time.process_time()
+        first = self.seconds(attempt)
+        worked = time.process_time() - before
+        return Contestant(attempt, errors, color, error_map, first, worked)
 
 
-def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
-    """
-    Return a level of each setting first, then another of each, then combinations.
+def _price(one: Contestant) -> float:
+    """Return the product of time and error, as far as either is seen."""
+    return (one.least or one.cost) * max(one.errors.rmse, INVISIBLE)
 
-    Last comes what draws many pictures: if any, those lack time.
-    """
+
+def _in_turns(attempts: Iterable[Attempt]) -> list[Attempt]:
+    """Return a level of each setting first, then another of each."""
     turns: dict[str, int] = {}
     order = {}
     for attempt in attempts:
         turn = turns[attempt.setting] = turns.get(attempt.setting, 0) + 1
-        order[attempt.label] = attempt.passes, attempt.setting == COMBINATIONS, turn
-    return sorted(attempts, key=lambda attempt: order[attempt.label])
-
-
-def possible_attempts(
-    attempts: Sequence[Attempt], scene: Scene, camera: Camera, size: tuple[int, int]
-) -> tuple[list[Attempt], dict[str, str]]:
-    """Return the attempts that can be rendered, and why the others can not."""
-    possible, impossible = [], {}
-    for attempt in attempts:
-        try:
-            explain(scene, camera, attempt.quality, size=size)
-        except ValueError as error:
-            impossible[attempt.label] = str(error)
-        else:
-            possible.append(attempt)
-    return possible, impossible
+        order[attempt] = turn
+    return sorted(order, key=order.__getitem__)
 
 
 def reference_quality() -> Quality:

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy.knobs import Attempt
-from rasterjit.accuracy.results import STANDARD, Errors, Trial
-from rasterjit.scene.quality import Quality
+from rasterjit.accuracy.ranking import noise
+from rasterjit.accuracy.results import PROCESSOR, STANDARD, WALL, Errors, Trial
 
 LEAST_ROUNDS, MOST_ROUNDS = 3, 21
-"""Rounds that time is kept for, and after which more would hardly tell more."""
+"""Rounds for all that there is time for, and after which more would hardly tell more."""
+
+ROUNDS_KEPT = 2
+"""Rounds that time is kept for."""
 
 SLOW = 8.0
 """Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
@@ -25,8 +28,14 @@ on average they take no longer, but not so seldom that nothing is known of their
 STANDARDS = 3
 """Frames of the standard in a round of many."""
 
-DRAWINGS = 3
+DRAWINGS = 2
 """Frames that are drawn of each quality before the rounds."""
+
+NOISY = 0.1
+"""Share of a time to which the typical one is known at worst, for wall-clock times to be given."""
+
+HOPELESS = 1.3
+"""Times the time of something as accurate from which on no further round is for a quality."""
 
 Stages = dict[str, float]
 """Seconds by stage; compiling is none of them."""
@@ -38,8 +47,8 @@ Progress = Callable[[str, int, int], None]
 class Painter(Protocol):
     """Draws one scene."""
 
-    def seconds(self, quality: Quality) -> Stages:
-        """Draw a frame in a quality and return how long its stages took."""
+    def seconds(self, attempt: Attempt) -> Stages:
+        """Draw a frame of an attempt and return how long its stages took."""
 
 
 class Allowance:
@@ -54,12 +63,25 @@ class Allowance:
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float] = time.perf_counter) -> None:
-        self._clock = clock
-        self._end = clock() + seconds
+        self._clock, self._begin = clock, clock()
+        self._end = self._begin + seconds
+
+    @property
+    def total(self) -> float:
+        """All seconds, those that are spent and those that are left."""
+        return self._end - self._begin
+
+    def spent(self) -> float:
+        """Return how many are spent."""
+        return self._clock() - self._begin
 
     def left(self) -> float:
         """Return how many are left; below zero if none are."""
         return self._end - self._clock()
+
+    def take(self, seconds: float) -> None:
+        """Take so many away."""
+        self._end -= seconds
 
     def keep(self, seconds: float) -> None:
         """Add what is missing from so many, if fewer are left."""
@@ -79,6 +101,8 @@ class Contestant:
     error_map : (H, W) float32
     first : dict of float
         Seconds of its stages when it was first drawn: all that is known until a round is over.
+    first_worked : float
+        Seconds that processors worked for that frame.
     """
 
     attempt: Attempt
@@ -86,22 +110,38 @@ class Contestant:
     color: NDArray[np.uint8]
     error_map: NDArray[np.float32]
     first: Stages
+    first_worked: float = 0.0
     frames: list[Stages] = field(default_factory=list)
     usual: list[float] = field(default_factory=list)
     """Seconds of the standard in the round of each of ``frames``."""
+    worked: list[float] = field(default_factory=list)
+    """Seconds that processors worked for each of ``frames``."""
 
     @property
     def cost(self) -> float:
         """Seconds that a frame takes, about."""
         return total(self.first)
 
-    def trial(self, standard: Contestant) -> Trial:
-        """Return what was measured."""
+    @property
+    def least(self) -> float:
+        """Least seconds that processors worked for a frame; 0 where nobody knows."""
+        return min([self.first_worked, *self.worked])
+
+    def trial(self, standard: Contestant, clock: str = WALL) -> Trial:
+        """Return what was measured by a clock."""
         frames = self.frames or [self.first]
-        usual = self.usual or [total(standard.first)]
-        seconds = tuple(total(frame) for frame in frames)
+        if clock == WALL:
+            seconds = tuple(total(frame) for frame in frames)
+            usual = self.usual or [total(standard.first)]
+        else:
+            seconds = undisturbed([self.first_worked, *self.worked])
+            other = statistics.median(undisturbed([standard.first_worked, *standard.worked]))
+            usual = [other] * len(seconds)
+        attempt = self.attempt
         return Trial(
-            *self.attempt,
+            attempt.setting,
+            attempt.level,
+            attempt.quality,
             seconds,
             tuple(mine / other for mine, other in zip(seconds, usual, strict=True)),
             medians(frames),
@@ -109,6 +149,43 @@ class Contestant:
             self.color,
             self.error_map,
         )
+
+
+def undisturbed(worked: Sequence[float]) -> tuple[float, ...]:
+    """
+    Return the least half of some processor times, sorted; at least three of them.
+
+    What shares a core or a cache makes the work longer, never shorter.
+    """
+    return tuple(sorted(worked)[: max(LEAST_ROUNDS, -(-len(worked) // 2))])
+
+
+def best_clock(standard: Contestant, contestants: Sequence[Contestant]) -> str:
+    """Return which clock tells times best: the processors' where the machine is disturbed."""
+    if not contestants or any(one.least == 0.0 for one in (standard, *contestants)):
+        return WALL
+    unknown = {
+        clock: statistics.median(
+            noise(trial) / trial.ratio
+            for trial in (one.trial(standard, clock) for one in contestants)
+        )
+        for clock in (WALL, PROCESSOR)
+    }
+    is_quiet = unknown[WALL] <= NOISY or unknown[WALL] < unknown[PROCESSOR]
+    return WALL if is_quiet else PROCESSOR
+
+
+def contenders(standard: Contestant, contestants: Sequence[Contestant]) -> list[Contestant]:
+    """Return those that may be worth choosing, however their times err; no scene but the own."""
+    own = [one for one in contestants if one.attempt.scene is None]
+    return [
+        one
+        for one in own
+        if not any(
+            other.errors.rmse <= one.errors.rmse and HOPELESS * other.least < one.least
+            for other in (standard, *own)
+        )
+    ]
 
 
 def total(stages: Stages) -> float:
@@ -126,9 +203,9 @@ def medians(frames: Sequence[Stages]) -> Stages:
     }
 
 
-def standard_trial(standard: Contestant) -> Trial:
+def standard_trial(standard: Contestant, clock: str = WALL) -> Trial:
     """Return what was measured of the standard, which is timed in every round."""
-    trial = standard.trial(standard)
+    trial = standard.trial(standard, clock)
     return replace(trial, setting=STANDARD, level=STANDARD, ratios=(1.0,) * len(trial.seconds))
 
 
@@ -145,7 +222,7 @@ def fits(
     """
     cost = attempt.passes * standard.cost
     round_seconds = 2.0 * (standard.cost + cost + sum(one.cost for one in prepared))
-    wanted = DRAWINGS * cost + LEAST_ROUNDS * round_seconds
+    wanted = DRAWINGS * cost + ROUNDS_KEPT * round_seconds
     return wanted <= allowance.left()
 
 
@@ -160,10 +237,14 @@ def take_turns(
     standard: Contestant,
     contestants: Sequence[Contestant],
     allowance: Allowance,
-    progress: Progress,
+    progress: Callable[[str], None],
+    processor: Callable[[], float] = time.process_time,
 ) -> None:
     """
     Draw all contestants once a round, until nothing is left of the allowance.
+
+    Three rounds are for all, if there is time; after that, those that take longer than something as
+    accurate, or that draw another scene, have no more.
 
     The standard is drawn up to three times, and the median counts: all are held against it. What
     disturbs the machine so falls on all of them. They begin with another one every round.
@@ -171,24 +252,27 @@ def take_turns(
     from frame to frame is not as for the next of many. The first round is drawn in any case. One
     that is interrupted is forgotten.
     """
-    longest = 0.0
+    longest, count = 0.0, len(contestants)
     for number in range(MOST_ROUNDS):
-        progress("timing", number, MOST_ROUNDS)
+        progress("timing")
         before = allowance.left()
+        are_all = len(contestants) == count
+        if are_all and (number == LEAST_ROUNDS or before < (LEAST_ROUNDS - number) * longest):
+            contestants, longest = contenders(standard, contestants), 0.0
         if number > 0 and before < longest:
             break
         present = [one for one in contestants if number % rounds_between(one, standard) == 0]
         first = number % max(len(present), 1)
         drawn = [
-            (one, _timed(painter, one.attempt))
+            (one, *_timed(painter, one.attempt, processor))
             for one in with_standard(present[first:] + present[:first], standard)
         ]
-        usual = statistics.median(total(frame) for one, frame in drawn if one is standard)
-        for one, frame in drawn:
+        usual = statistics.median(total(frame) for one, frame, _ in drawn if one is standard)
+        for one, frame, worked in drawn:
             one.frames.append(frame)
+            one.worked.append(worked)
             one.usual.append(usual)
         longest = max(longest, before - allowance.left())
-    progress("timing", MOST_ROUNDS, MOST_ROUNDS)
 
 
 def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
@@ -200,8 +284,11 @@ def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Cont
     return order
 
 
-def _timed(painter: Painter, attempt: Attempt) -> Stages:
-    """Return the seconds of a frame that is not the first of its quality."""
+def _timed(
+    painter: Painter, attempt: Attempt, processor: Callable[[], float]
+) -> tuple[Stages, float]:
+    """Return the seconds of a frame that is not the first of its quality, and those worked."""
     if attempt.passes == 1:
-        painter.seconds(attempt.quality)
-    return painter.seconds(attempt.quality)
+        painter.seconds(attempt)
+    before = processor()
+    return painter.seconds(attempt), processor() - before

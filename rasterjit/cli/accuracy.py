@@ -11,6 +11,7 @@ import click
 
 from rasterjit.accuracy import sentences, study
 from rasterjit.accuracy.calibration import calibrate
+from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import is_measured
 from rasterjit.accuracy.report.files import (
     CSV_NAME,
@@ -19,9 +20,16 @@ from rasterjit.accuracy.report.files import (
     prepare_folder,
 )
 from rasterjit.accuracy.report.page import PAGE_NAME
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial
+from rasterjit.accuracy.results import (
+    AS_THE_SCENE_SAYS,
+    COMBINATIONS,
+    PROCESSOR,
+    STANDARD,
+    Study,
+    Trial,
+)
 from rasterjit.accuracy.scenes import make
-from rasterjit.accuracy.sentences import answer
+from rasterjit.accuracy.sentences import alternatives, how_sure, options_of, recommendation
 from rasterjit.accuracy.study import SIZE
 from rasterjit.cli.options import Effects, Look, View
 from rasterjit.cli.program import load_scene
@@ -30,6 +38,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rasterjit.accuracy.timing import Progress
+
+STUDIED = ("knobs", "budget", "max_error", "lens", "threads")
+"""Options of the command that a study takes as they are."""
 
 WIDE = 120
 """Columns of a terminal that show PSNR and FLIP as well."""
@@ -50,7 +61,7 @@ def study_scene(
         Name of a made scene, or a file.
     view, look, effects : View, Look, Effects
     options : dict
-        Those of the command: knobs, budget, output, size, threads and quiet.
+        Those of the command.
     """
     quiet, output = options["quiet"], options["output"]
     try:
@@ -68,8 +79,8 @@ def study_scene(
     camera = view.camera(scene, size) or camera
     with _progress(quiet) as progress:
         found = study(
-            scene, camera, size=size, knobs=options["knobs"], budget=options["budget"],
-            threads=options["threads"], progress=progress, output=output, name=name,
+            scene, camera, size=size, progress=progress, output=output, name=name,
+            **{name: options[name] for name in STUDIED},
         )  # fmt: skip
     if not quiet:
         _print(found, Path(output))
@@ -128,12 +139,19 @@ def _console() -> Console:
 def _print(found: Study, folder: Path) -> None:
     """Print the answer, the table, the sentences, what is missing from them, and the files."""
     console = _console()
-    console.print(answer(found))
+    console.print(recommendation(found))
+    options = options_of(choose(found).trial, found.standard)
+    if options:
+        console.print(f"  {options}")
+    console.print(how_sure(found))
+    console.print(alternatives(found))
     console.print()
     _print_table(found, console)
     for sentence in sentences(found).values():
         console.print(f"- {sentence}")
     console.print()
+    if found.effects:
+        _print_effects(found, console)
     console.print(f"worth choosing: {'; '.join(found.front)}")
     for label, reason in found.impossible.items():
         console.print(f"not possible: {label}: {reason}")
@@ -169,10 +187,34 @@ def _print_table(found: Study, console: Console) -> None:
         last = trial.setting
     width, height = found.size
     console.print(
-        f"{found.scene}, {width} x {height} pixels, {found.threads} threads; times are medians of "
-        f"{max(found.rounds, 1)} rounds (fewer of slow frames) ± half of what lies between the "
-        "quartiles, ? where that is not measured well enough; * worth choosing: more accurate than "
-        "all that is faster"
+        f"{found.scene}, {width} x {height} pixels, {found.threads} threads; "
+        f"{'processor ' if found.clock == PROCESSOR else ''}times are medians of up to "
+        f"{max(found.rounds, 1)} rounds ± half of what lies between the quartiles, ? where that is "
+        "not measured well enough; * worth choosing: more accurate than all that is faster"
+    )
+    console.print(table)
+
+
+def _print_effects(found: Study, console: Console) -> None:
+    """Print what each effect costs, and how far it is from its reference."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table("effect", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("level", min_width=10)
+    for name in ("× standard", "rmse"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("reference")
+    for cost in found.effects:
+        error = "-" if cost.rmse is None else f"{cost.rmse:.2e}"
+        table.add_section()
+        table.add_row(cost.effect, AS_THE_SCENE_SAYS, "1.00", error, cost.reference)
+        for level in cost.levels:
+            factor = f"{level.ratio:.2f}" if is_measured(level) else "?"
+            table.add_row("", level.level, factor, f"{level.errors.rmse:.2e}")
+    console.print(
+        "Each effect alone, in the standard quality; errors against its own reference, or against "
+        "the picture with it where there is none"
     )
     console.print(table)
 

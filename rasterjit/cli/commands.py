@@ -474,8 +474,14 @@ def explain(
               help="Settings to try, separated by commas; default: all: "
                    f"{', '.join(LEVELS)}.")  # fmt: skip
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
-              help="About how long it may take; default: 100. What there is no time for is "
-                   "left out and named.")  # fmt: skip
+              help="How long it may take; default: 75. What there is no time for is left out "
+                   "and named.")  # fmt: skip
+@click.option("--max-error", type=FiniteType(0.0, min_open=True), metavar="ERROR",
+              help="The error that is wanted, root mean square of linear light: the fastest "
+                   "quality that holds it is recommended. Default: what buys most error for its "
+                   "time.")  # fmt: skip
+@click.option("--lens", type=LensType(), metavar="LENS",
+              help="As render takes it.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
               help="Measure this machine once, for time_budget; takes a minute, or three if "
                    "kernels have to be compiled.")  # fmt: skip

@@ -5,7 +5,13 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import knobs
-from rasterjit.accuracy.knobs import check_knobs, combined_attempts, single_attempts, without_effect
+from rasterjit.accuracy.knobs import (
+    check_knobs,
+    combined_attempts,
+    preset_attempts,
+    single_attempts,
+    without_effect,
+)
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, make
 from rasterjit.scene.quality import LEVELS, differences
 
@@ -45,8 +51,9 @@ def test_every_level_is_tried_one_at_a_time_from_the_standard():
 
 
 def test_combinations_change_several_settings_and_are_not_too_many():
-    attempts = combined_attempts(tuple(LEVELS))
-    assert {"draft", "high"} <= {attempt.level for attempt in attempts}
+    presets = preset_attempts(tuple(LEVELS))
+    assert [attempt.level for attempt in presets] == ["draft", "high"]
+    attempts = presets + combined_attempts(tuple(LEVELS))
     assert 10 < len(attempts) <= knobs.MOST_COMBINATIONS + 2
     for attempt in attempts:
         assert len(differences(attempt.quality, STANDARD)) > 1
@@ -56,8 +63,6 @@ def test_combinations_change_several_settings_and_are_not_too_many():
 
 def test_a_label_of_a_combination_is_what_the_command_line_takes():
     for attempt in combined_attempts(tuple(LEVELS)):
-        if attempt.level in ("draft", "high"):
-            continue
         changes = {}
         for text in attempt.level.split():
             changes |= rj.scene.quality.parse_setting(text)
@@ -68,6 +73,13 @@ def test_only_what_was_asked_for_is_changed():
     for attempt in [*single_attempts(("samples",)), *combined_attempts(("samples", "shading"))]:
         assert set(differences(attempt.quality, STANDARD)) <= {"samples", "shading"}
     assert combined_attempts(("samples",)) == []
+
+
+def test_a_level_that_is_useless_by_itself_is_in_no_combination():
+    useless = {"transparency_layers=2", "samples=16"}
+    labels = [one.label for one in combined_attempts(tuple(LEVELS), useless)]
+    assert labels
+    assert not any(label in useless for text in labels for label in text.split())
 
 
 def test_as_many_as_wanted_are_taken_evenly():

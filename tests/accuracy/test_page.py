@@ -15,11 +15,25 @@ import pytest
 from made_up_study import SAMPLES, SENTENCES, SUBPIXEL, changed, made_up_study
 from PIL import Image
 
+from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import pareto_front
 from rasterjit.accuracy.report import crops, plots, shots
-from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, options_of, page, write_page
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD, front_trials, with_standard
-from rasterjit.accuracy.sentences import NOT_MEASURED, answer
+from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, page, write_page
+from rasterjit.accuracy.results import (
+    COMBINATIONS,
+    PROCESSOR,
+    STANDARD,
+    EffectCost,
+    front_trials,
+    with_standard,
+)
+from rasterjit.accuracy.sentences import (
+    NOT_MEASURED,
+    alternatives,
+    how_sure,
+    options_of,
+    recommendation,
+)
 
 pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
@@ -92,7 +106,8 @@ def test_everything_that_was_found_is_on_the_page(study, read):
         study.scene, "160 × 100 pixels", "2 threads", "9 rounds", *study.left_out,
         *study.machine, *study.machine.values(), *study.versions, *study.versions.values(),
         *study.without_effect, *study.without_effect.values(), *SENTENCES.values(), "3.21 s",
-        *study.impossible, *study.impossible.values(), "No time was left for", answer(study),
+        *study.impossible, *study.impossible.values(), "No time was left for",
+        recommendation(study), how_sure(study), alternatives(study),
     ):  # fmt: skip
         assert " ".join(words.split()) in read.text, words
 
@@ -131,7 +146,9 @@ def test_levels_stand_in_their_order_with_the_standard_among_them(study, read):
 
 
 def test_the_answer_comes_first(study, read):
-    assert read.text.index(answer(study)) < read.text.index("Error against time")
+    said = recommendation(study), how_sure(study), alternatives(study), "Error against time"
+    places = [read.text.index(text) for text in said]
+    assert places == sorted(places)
     assert read.text.index("Error against time") < read.text.index("Worth choosing")
 
 
@@ -330,7 +347,7 @@ def test_a_single_round_has_no_spread():
     read = Read(page(made_up_study(rounds=1), {}))
     assert "timed once" in read.text
     assert any(row[:2] == ["area", NOT_MEASURED] for row in read.rows if row)
-    assert NOT_MEASURED in answer(made_up_study(rounds=1))
+    assert NOT_MEASURED in alternatives(made_up_study(rounds=1))
 
 
 def test_how_much_times_varied_is_said(study, read):
@@ -391,3 +408,32 @@ def test_what_has_no_effect_is_said_once(study):
     read = Read(page(study, {**SENTENCES, "shadow_taps": "said elsewhere"}))
     assert "said elsewhere" not in read.text
     assert read.text.count(study.without_effect["shadow_taps"]) == 1
+
+
+def test_what_to_ask_for_is_on_the_page(study, read):
+    taken = choose(study).trial
+    assert taken.setting != STANDARD
+    assert options_of(taken, study.standard) in read.text
+
+
+def test_processor_times_and_a_smaller_picture_are_said():
+    busy = dataclasses.replace(
+        made_up_study(), clock=PROCESSOR, asked_size=(640, 400), reference_samples=16
+    )
+    read = Read(page(busy, {}))
+    assert "all threads together worked" in read.text
+    assert "not at 640 × 400" in read.text
+    assert "a reference of 16 samples a pixel" in read.text
+
+
+def test_effects_have_a_table_of_their_own(study, read):
+    assert "What each effect costs" not in read.text
+    cost = EffectCost("fog & <mist>", study.trials[:2], 0.0123, "a <slow> way")
+    plain = EffectCost("glow", study.trials[2:3], None, "none")
+    text = page(dataclasses.replace(study, effects=(cost, plain)), {})
+    read = Read(text)
+    assert read.open == []
+    assert "reference: a <slow> way" in read.text
+    rows = [row for row in read.rows if row and row[0].startswith(("as the scene says", "2"))]
+    assert rows[0][:2] == ["as the scene says (standard)", "1×"]
+    assert [row[3] for row in rows if row[0].startswith("as the scene")] == ["0.0123", NOTHING]

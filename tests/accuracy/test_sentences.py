@@ -1,13 +1,20 @@
+import dataclasses
+
 import pytest
 from made_trials import study, trial
 
 import rasterjit as rj
 from rasterjit.accuracy.ranking import pareto_front
+from rasterjit.accuracy.results import PROCESSOR
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
+    alternatives,
     answer,
     factor_in_words,
+    how_sure,
     most_telling,
+    options_of,
+    recommendation,
     sentences,
 )
 
@@ -112,10 +119,10 @@ def test_a_factor_is_claimed_only_where_the_rounds_give_it(ratios, text):
 
 def answered(*trials, standard=None):
     standard = standard or trial(rmse=0.1)
-    return answer(study(trials, pareto_front([standard, *trials]), standard=standard))
+    return alternatives(study(trials, pareto_front([standard, *trials]), standard=standard))
 
 
-def test_the_answer_is_one_sentence_of_the_standard_twice_its_time_and_half():
+def test_what_else_there_is_is_the_standard_twice_its_time_and_half():
     assert answered(
         samples(2, 1.3, rmse=0.07), samples(4, 2.2, rmse=0.04), samples(8, 5.0, rmse=0.02),
         trial("shading=face", (0.45,) * 5, rj.Quality(shading="face"), rmse=0.13),
@@ -133,8 +140,56 @@ def test_the_answer_claims_no_factor_of_one_round():
     assert said.startswith("On this scene standard is 10 ms with error 0.1; what other qualities ")
     assert NOT_MEASURED in said
     assert "5.8" not in said
-    once = trial(ratios=(1.0,), rmse=0.1)
-    assert NOT_MEASURED in answered(samples(4, 2.2, rmse=0.04), standard=once)
+
+
+def test_the_answer_says_what_to_take_what_it_costs_and_buys_and_how_sure_it_is():
+    four = samples(4, 2.2, rmse=0.04)
+    found = study([four, samples(8, 5.0, rmse=0.02)], ("samples=4",), left_out=())
+    assert answer(dataclasses.replace(found, standard=trial(rmse=0.1))).startswith(
+        "Take 4 samples: 2.2× the time of standard (22 ms a frame instead of 10 ms) for 2.5× less "
+        "error (error 0.04 instead of 0.1). Sure: errors are exact, against a reference of 256 "
+        "samples; and nothing else that was tried can be better in time × error. On this scene "
+    )
+
+
+def test_a_quality_is_named_however_badly_it_was_timed():
+    once = study(
+        [samples(16, 5.0, rmse=0.01), samples(8, 5.0, rmse=0.02)], standard=trial(rmse=0.1)
+    )
+    once = dataclasses.replace(
+        once, trials=tuple(dataclasses.replace(one, ratios=(5.0,)) for one in once.trials)
+    )
+    assert recommendation(once).startswith("Take 16 samples: about 5.0× the time of standard")
+    assert how_sure(once).startswith("A guess: ")
+
+
+def test_processor_times_are_called_so():
+    found = study([samples(4, 2.2, rmse=0.04)], clock=PROCESSOR, standard=trial(rmse=0.1))
+    assert "22 ms of processor time a frame" in recommendation(found)
+    assert "the machine is busy" in how_sure(found)
+
+
+def test_what_was_cut_is_said():
+    small = study(
+        [samples(4, 2.2, rmse=0.04)], asked_size=(60, 40), reference_samples=64,
+        reference_error=0.0012,
+    )  # fmt: skip
+    said = how_sure(small)
+    assert "a reference of 64 samples, for which there was time and which errs by 0.0012" in said
+    assert "1 quality was not tried: there was no time." in said
+    assert "It was measured at 6 × 4 pixels, not at 60 × 40" in said
+
+
+def test_an_error_that_nothing_holds_is_said():
+    found = study([samples(4, 2.2, rmse=0.04)], max_error=0.01, standard=trial(rmse=0.1))
+    said = recommendation(found)
+    assert said.startswith("Nothing that was tried has an error of 0.01. Take 4 samples: ")
+
+
+def test_options_are_what_the_command_line_takes():
+    assert options_of(samples(4, 2.2), trial()) == "--set samples=4"
+    assert options_of(trial("high", (3.0,), rj.Quality.high()), trial()) == "--quality high"
+    assert options_of(trial(), trial()) == ""
 
 
 def test_the_answer_names_what_is_better_in_the_same_time_or_as_good_in_less():

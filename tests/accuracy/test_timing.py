@@ -5,6 +5,7 @@ import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.knobs import Attempt
 from rasterjit.accuracy.ranking import is_timed
+from rasterjit.accuracy.results import PROCESSOR, WALL
 from rasterjit.accuracy.timing import Allowance, Contestant, fits, rounds_between, take_turns
 
 
@@ -23,18 +24,23 @@ class Painter:
         self.clock, self.costs, self.drawn = clock, seconds, []
         self.interrupt_after = None
 
-    def seconds(self, quality):
+    def seconds(self, attempt):
+        samples = attempt.quality.samples
         if len(self.drawn) == self.interrupt_after:
             raise KeyboardInterrupt
-        self.drawn.append(quality.samples)
-        cost = self.costs[quality.samples]
+        self.drawn.append(samples)
+        cost = self.costs[samples]
         self.clock.now += cost
         return {"plan": 0.25 * cost, "shade": 0.75 * cost}
 
 
+def no_notice(text):
+    pass
+
+
 def contestant(samples, cost):
     attempt = Attempt("samples", str(samples), rj.Quality(samples=samples))
-    return Contestant(attempt, errors(), None, None, {"shade": cost})
+    return Contestant(attempt, errors(1.0 / samples), None, None, {"shade": cost}, cost)
 
 
 def run(seconds, budget):
@@ -42,7 +48,7 @@ def run(seconds, budget):
     painter = Painter(clock, seconds)
     standard, *others = (contestant(samples, cost) for samples, cost in seconds.items())
     told = []
-    take_turns(painter, standard, others, Allowance(budget, clock), lambda *what: told.append(what))
+    take_turns(painter, standard, others, Allowance(budget, clock), told.append, clock)
     return painter, standard, others, told
 
 
@@ -68,7 +74,7 @@ def test_frames_of_one_picture_are_drawn_twice_and_the_second_counts():
 
 
 def test_no_round_begins_that_would_not_end_in_time():
-    painter, standard, _, _ = run({1: 0.2, 4: 0.8}, 7.0)
+    painter, standard, _, _ = run({1: 0.2, 4: 0.8}, 7.9)
     assert len(standard.frames) == 3
     assert painter.clock.now <= 100.0 + 7.0
 
@@ -96,13 +102,13 @@ def test_ratios_are_over_the_standard_of_the_same_round():
     standard, other = contestant(1, 0.2), contestant(4, 0.5)
 
     class Slowing(Painter):
-        def seconds(self, quality):
+        def seconds(self, attempt):
             for samples in self.costs:
                 self.costs[samples] *= 1.0 + 1e-3
-            return super().seconds(quality)
+            return super().seconds(attempt)
 
     painter = Slowing(clock, {1: 0.2, 4: 0.5})
-    take_turns(painter, standard, [other], Allowance(1000.0, clock), lambda *what: None)
+    take_turns(painter, standard, [other], Allowance(1000.0, clock), no_notice, clock)
     trial = other.trial(standard)
     assert trial.ratios == pytest.approx([2.5] * timing.MOST_ROUNDS, rel=4e-3)
     assert trial.seconds[-1] > 1.03 * trial.seconds[0]
@@ -123,7 +129,7 @@ def test_an_interrupted_round_is_forgotten():
     painter.interrupt_after = 9
     standard, other = contestant(1, 0.2), contestant(4, 0.5)
     with pytest.raises(KeyboardInterrupt):
-        take_turns(painter, standard, [other], Allowance(1e3, clock), lambda *what: None)
+        take_turns(painter, standard, [other], Allowance(1e3, clock), no_notice, clock)
     assert [len(one.frames) for one in (standard, other)] == [2, 2]
 
 
@@ -137,16 +143,10 @@ def test_what_would_leave_no_time_for_the_rounds_is_not_prepared():
     clock = Clock()
     standard, prepared = contestant(1, 0.1), [contestant(4, 0.4)]
     attempt = Attempt("samples", "64", rj.Quality(samples=64))
-    # 3 drawings of 64 pictures, and 3 rounds of 2 (0.1 + 0.4 + 6.4).
-    wanted = 3 * 6.4 + 3 * 2 * 6.9
+    # 2 drawings of 64 pictures, and 2 rounds of 2 (0.1 + 0.4 + 6.4).
+    wanted = 2 * 6.4 + 2 * 2 * 6.9
     assert fits(attempt, standard, prepared, Allowance(wanted + 0.01, clock))
     assert not fits(attempt, standard, prepared, Allowance(wanted - 0.01, clock))
-
-
-def test_progress_goes_from_none_to_all():
-    *_, told = run({1: 0.2, 4: 0.8}, 3.5)
-    assert told[0] == ("timing", 0, timing.MOST_ROUNDS)
-    assert told[-1] == ("timing", timing.MOST_ROUNDS, timing.MOST_ROUNDS)
 
 
 def test_an_allowance_keeps_what_was_promised_and_no_more():
@@ -173,13 +173,60 @@ def test_one_disturbed_frame_of_the_standard_changes_no_ratio():
     clock = Clock()
 
     class Disturbed(Painter):
-        def seconds(self, quality):
-            stages = super().seconds(quality)
-            is_late = quality.samples == 1 and len(self.drawn) == 2
+        def seconds(self, attempt):
+            stages = super().seconds(attempt)
+            is_late = attempt.quality.samples == 1 and len(self.drawn) == 2
             return {name: seconds * (9.0 if is_late else 1.0) for name, seconds in stages.items()}
 
     painter = Disturbed(clock, {1: 0.2, 2: 0.3, 4: 0.5, 8: 0.7})
     standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
-    take_turns(painter, standard, others, Allowance(1000.0, clock), lambda *what: None)
+    take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
     assert max(standard.frames[0].values()) > 1.0
     assert others[0].trial(standard).ratios == pytest.approx([1.5] * timing.MOST_ROUNDS)
+
+
+def test_after_three_rounds_only_contenders_are_drawn():
+    clock = Clock()
+    painter = Painter(clock, {1: 0.2, 4: 0.5, 8: 0.9, 16: 0.4})
+    standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
+    assert [one.attempt.level for one in timing.contenders(standard, others)] == ["4", "16"]
+    take_turns(painter, standard, others, Allowance(1000.0, clock), no_notice, clock)
+    assert [len(one.frames) for one in others] == [21, timing.LEAST_ROUNDS, 21]
+
+
+def test_a_scene_without_an_effect_is_no_contender():
+    standard, other = contestant(1, 0.2), contestant(4, 0.1)
+    other.attempt = other.attempt._replace(scene=rj.Scene())
+    assert timing.contenders(standard, [other]) == []
+
+
+def timed(samples, walls, worked):
+    one = contestant(samples, worked[0])
+    one.frames = [{"shade": wall} for wall in walls]
+    one.worked, one.usual = list(worked), [0.1] * len(walls)
+    return one
+
+
+def test_on_a_quiet_machine_the_clock_on_the_wall_counts():
+    standard = timed(1, [0.1] * 6, [0.2] * 6)
+    other = timed(4, [0.2, 0.201, 0.2, 0.199, 0.2, 0.2], [0.4] * 6)
+    assert timing.best_clock(standard, [other]) == WALL
+
+
+def test_on_a_busy_machine_processor_times_count():
+    standard = timed(1, [0.1] * 6, [0.2] * 6)
+    other = timed(4, [0.2, 0.9, 0.3, 0.5, 0.2, 0.7], [0.4, 0.6, 0.4, 0.41, 0.5, 0.4])
+    assert timing.best_clock(standard, [other]) == PROCESSOR
+    assert other.trial(standard, PROCESSOR).ratio == pytest.approx(2.0)
+    assert other.trial(standard, WALL).ratio == pytest.approx(4.0)
+
+
+def test_where_processor_times_are_unknown_the_clock_on_the_wall_counts():
+    standard = timed(1, [0.1] * 6, [0.0] * 6)
+    other = timed(4, [0.2, 0.9, 0.3, 0.5, 0.2, 0.7], [0.0] * 6)
+    assert timing.best_clock(standard, [other]) == WALL
+
+
+@pytest.mark.parametrize(("worked", "kept"), [([3.0], 1), ([3.0, 1.0, 2.0], 3), (range(8), 4)])
+def test_the_least_half_of_processor_times_is_undisturbed(worked, kept):
+    assert timing.undisturbed(list(worked)) == tuple(sorted(worked)[:kept])

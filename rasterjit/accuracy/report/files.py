@@ -12,9 +12,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import is_measured
-from rasterjit.accuracy.results import Study, Trial
-from rasterjit.accuracy.sentences import answer, sentences
+from rasterjit.accuracy.results import EffectCost, Study, Trial
+from rasterjit.accuracy.sentences import answer, options_of, sentences
 from rasterjit.io.whole import replacing
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
@@ -121,8 +122,38 @@ def as_json(study: Study) -> dict[str, Any]:
         "without_effect": study.without_effect,
         "impossible": study.impossible,
         "left_out": list(study.left_out),
+        "clock": study.clock,
+        "reference_samples": study.reference_samples,
+        "reference_error": study.reference_error,
+        "asked_size": None if study.asked_size is None else list(study.asked_size),
+        "max_error": study.max_error,
+        "effects": [_cost_as_json(cost, study) for cost in study.effects],
+        "take": _choice_as_json(study),
         "answer": answer(study),
         "sentences": sentences(study),
+    }
+
+
+def _choice_as_json(study: Study) -> dict[str, Any]:
+    """Return the quality to take, and how sure that is."""
+    found = choose(study)
+    return {
+        "label": found.trial.label,
+        "options": options_of(found.trial, study.standard),
+        "quality": asdict(found.trial.quality),
+        "holds_max_error": found.holds if study.max_error is not None else None,
+        "sureness": found.sureness,
+        "better_by_at_most": found.at_most,
+    }
+
+
+def _cost_as_json(cost: EffectCost, study: Study) -> dict[str, Any]:
+    """Return what an effect costs."""
+    return {
+        "effect": cost.effect,
+        "rmse": cost.rmse,
+        "reference": cost.reference,
+        "levels": [_as_json(level, study) for level in cost.levels],
     }
 
 
@@ -150,9 +181,10 @@ def _as_json(trial: Trial, study: Study) -> dict[str, Any]:
 
 
 def _rows(study: Study) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table: the standard first."""
+    """Yield the rows of the table: the standard first, the levels of effects last."""
     width, height = study.size
-    for trial in (study.standard, *study.trials):
+    levels = [level for cost in study.effects for level in cost.levels]
+    for trial in (study.standard, *study.trials, *levels):
         low, high = trial.spread
         yield {
             "scene": study.scene, "width": width, "height": height, "threads": study.threads,

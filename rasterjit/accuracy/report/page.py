@@ -16,13 +16,16 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
+from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import is_measured, is_slower
 from rasterjit.accuracy.report.plots import DARK, LIGHT, Plot, plot_front, require_matplotlib
 from rasterjit.accuracy.report.scales import duration, number
 from rasterjit.accuracy.report.shots import Album, make_album, thumbnail
 from rasterjit.accuracy.results import (
     COMBINATIONS,
+    PROCESSOR,
     STANDARD,
+    WALL,
     Study,
     Trial,
     front_trials,
@@ -32,13 +35,15 @@ from rasterjit.accuracy.results import (
 )
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,
-    answer,
+    alternatives,
     error_against,
     factor_in_words,
     figures,
+    how_sure,
+    options_of,
+    recommendation,
 )
 from rasterjit.io.whole import replacing
-from rasterjit.scene.quality import PRESETS, differences
 
 PAGE_NAME = "index.html"
 
@@ -53,6 +58,14 @@ WIDE, NARROW = 480, 336
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """What the page may load: nothing but what is in it."""
+
+TIMES = {
+    WALL: "Times are medians, each over the standard’s time in the same round.",
+    PROCESSOR: "Times are what all threads together worked for a frame, and medians of the least "
+    "half, as the machine was busy with something else; a frame takes longer on the wall clock of "
+    "such a machine, and less where threads share it.",
+}
+"""What is said of times, by the clock."""
 
 RESULTS = (
     ("time", "standard = 1"),
@@ -121,6 +134,7 @@ def page(study: Study, sentences: dict[str, str]) -> str:
     album = make_album(study)
     sections = [
         Section("front", "Worth choosing", front_table(study)),
+        Section("effects", "What each effect costs", effects_table(study)),
         _everything(study),
         _sentences(study, sentences),
         _pictures(study, album),
@@ -178,15 +192,24 @@ def _header(study: Study, title: str) -> str:
         varied = f"; frames of the standard took {_from_to(low, high)} (the middle half)"
     small = thumbnail(study)
     return (
-        f'<header>\n<h1>{title}</h1>\n<p class="answer">{html.escape(answer(study))}</p>\n'
+        f'<header>\n<h1>{title}</h1>\n<p class="answer">'
+        f"{html.escape(recommendation(study))}</p>\n{_asked_for(study)}"
+        f'<p class="sure">{html.escape(how_sure(study))}</p>\n'
+        f"<p>{html.escape(alternatives(study))}</p>\n"
         f'<p class="aside">{columns} × {rows} pixels, {_counted(study.threads, "thread")}, '
         f"{_counted(study.rounds, 'round')}{varied}. The error is the root mean square difference "
-        "of linear light from a reference of 256 samples a pixel. Times are medians, each over the "
-        "standard’s time in the same round.</p>\n"
+        f"of linear light from a reference of {study.reference_samples} samples a pixel. "
+        f"{TIMES[study.clock]}</p>\n"
         '<svg class="store" width="0" height="0" aria-hidden="true"><defs>'
         f'<image id="{THUMBNAIL}" width="{columns}" height="{rows}" '
         f'href="{small}" preserveAspectRatio="none"/></defs></svg>\n</header>'
     )
+
+
+def _asked_for(study: Study) -> str:
+    """Return what the quality to take is asked for with."""
+    options = options_of(choose(study).trial, study.standard)
+    return f'<p class="take"><code>{_breakable(options)}</code></p>\n' if options else ""
 
 
 def _from_to(low: float, high: float) -> str:
@@ -233,7 +256,7 @@ def _points(study: Study, album: Album, plot: Plot) -> str:
             f'<input type="radio" name="point" class="{kind}" value="{album.ids[trial.label]}" '
             f'style="left: {100.0 * x:.2f}%; top: {100.0 * y:.2f}%" aria-label="{name}: {found}" '
             f'data-name="{name}" data-found="{found}" '
-            f'data-options="{html.escape(options_of(study, trial))}"{checked}>'
+            f'data-options="{html.escape(options_of(trial, study.standard))}"{checked}>'
         )
     return "\n".join(buttons)
 
@@ -277,14 +300,6 @@ def in_words(study: Study, trial: Trial) -> str:
     return f"{time}, {duration(trial.median)}; {error}, {against}."
 
 
-def options_of(study: Study, trial: Trial) -> str:
-    """Return what a quality is asked for with on the command line."""
-    if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
-        return f"--quality {trial.level}"
-    changes = differences(trial.quality, study.standard.quality)
-    return " ".join(f"--set {name}={level}" for name, level in changes.items())
-
-
 def front_table(study: Study) -> str:
     """Return the qualities on the front and the standard, from the fastest on, as a table."""
     front = front_trials(study)
@@ -295,7 +310,7 @@ def front_table(study: Study) -> str:
     for trial in shown:
         name = _button(trial, trial.label, front.index(trial) + 1 if trial in front else None)
         if "=" not in trial.label:
-            name += f"<small>{_breakable(options_of(study, trial))}</small>"
+            name += f"<small>{_breakable(options_of(trial, study.standard))}</small>"
         cells = [
             _factor(trial),
             "" if trial.setting == STANDARD else html.escape(error_against(trial, study.standard)),
@@ -312,6 +327,31 @@ def front_table(study: Study) -> str:
         '<code class="word">--set NAME=LEVEL</code> for each change.</p>\n'
     )
     return lead + _table("quality", columns, rows)
+
+
+def effects_table(study: Study) -> str:
+    """Return what each effect costs, and how far it is from its own reference, as a table."""
+    if not study.effects:
+        return ""
+    bodies = []
+    for cost in study.effects:
+        bodies.append(
+            f'<tr class="setting"><th scope="rowgroup" colspan="4">{html.escape(cost.effect)}'
+            f"<small>reference: {html.escape(cost.reference)}</small></th></tr>"
+        )
+        own = "as the scene says (standard)"
+        known = NOTHING if cost.rmse is None else number(cost.rmse)
+        bodies.append(_row(STANDARD, own, ["1×", duration(study.standard.median), known]))
+        for level in cost.levels:
+            cells = [_factor(level), duration(level.median), number(level.errors.rmse)]
+            bodies.append(_row("level", html.escape(level.level), cells))
+    columns = [("time", "standard = 1"), ("a frame", ""), ("RMSE", "linear light")]
+    lead = (
+        "<p>Each effect of the scene, left out or changed, in the standard quality but for that. "
+        "Its error is against a reference of its own, so what edges and textures lack is no part "
+        "of it. Where there is no reference, the error is how far the picture changes.</p>\n"
+    )
+    return lead + _table("effect", columns, bodies)
 
 
 def _breakable(text: str) -> str:

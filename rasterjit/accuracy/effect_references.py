@@ -1,0 +1,373 @@
+"""
+References of effects: what they come near to, found in a slow and obvious way.
+
+Each returns light of every pixel in the standard quality, with the effect as it ought to be.
+
+References
+----------
+.. [1] P. Debevec, "A Median Cut Algorithm for Light Probe Sampling", SIGGRAPH 2005 posters.
+.. [2] M. Cohen, D. Greenberg, "The Hemi-Cube: A Radiosity Solution for Complex Environments",
+   SIGGRAPH 1985.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.ambient_occlusion import sized_occlusion
+from rasterjit.effects.environment import LIGHT
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.batch import render_batch
+from rasterjit.rendering.notices import ViewWarning
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.environment import Environment, Panorama
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, Shadow
+from rasterjit.scene.material import Material
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import with_field
+from rasterjit.survey.material_rows import with_materials
+
+Float64 = NDArray[np.float64]
+
+FEWEST_LIGHTS, MOST_LIGHTS = 16, 64
+"""Places on a light whose hard shadows are averaged: as many as there is time for."""
+
+LEAST_MAP, SHARP_MAP = 2048, 4096
+"""Texels along the maps of these, at least, and of hard and filtered shadows."""
+
+DOME_LIGHTS, AT_ONCE = 256, 64
+"""Lights that stand for an environment, and those of one picture."""
+
+SKY_ROWS = 128
+"""Rows of the sky that is cut into lights, at most; of a gradient, all."""
+
+POINTS = 10
+"""Rows and columns of the points whose half space is looked at."""
+
+CUBE = 32
+"""Pixels along a side of the cube around such a point."""
+
+ABOVE = 2e-3
+"""How far above its surface a point looks from, and how near it sees, in radii."""
+
+
+class Painter(Protocol):
+    """Draws one scene."""
+
+    scene: Scene
+    camera: Camera
+
+    def light(self, quality: Quality, scene: Scene | None = None) -> Float64:
+        """Return the light of a frame, (H, W, 3)."""
+
+    def draw(self, quality: Quality, outputs: Any, scene: Scene | None = None) -> Frame:
+        """Draw a frame."""
+
+
+def unchanged(scene: Scene) -> Scene:
+    """Return a scene."""
+    return scene
+
+
+class Truth(NamedTuple):
+    """What an effect is measured against."""
+
+    light: Float64
+    """(H, W, 3), linear."""
+    where: NDArray[np.bool_] | None = None
+    """(H, W): pixels at which it is known; None: at all."""
+    share: float = 1.0
+    """Share of the picture that those stand for: the effect errs nowhere else."""
+    compared: Callable[[Scene], Scene] = unchanged
+    """Returns what of a scene is compared with it."""
+
+    def difference(self, light: Float64) -> Float64:
+        """Return how far other light is from it, (H, W, 3), or (1, N, 3) of the pixels known."""
+        apart = np.abs(light - self.light)
+        return apart if self.where is None else apart[self.where][np.newaxis]
+
+
+STANDARD = Quality.standard()
+
+
+def is_soft(light: Light) -> bool:
+    """Tell whether a light has a soft shadow."""
+    shadow = getattr(light, "shadow", None)
+    return shadow is not None and shadow.filter == "soft"
+
+
+def many_lights(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Average hard shadows from places all over each light."""
+    middle, _ = scene.bounding_sphere()
+    begin, total, count = time.perf_counter(), None, 0
+    for x, y in disk(MOST_LIGHTS):
+        lights = [_moved(light, x, y, np.asarray(middle)) for light in scene.lights]
+        light = painter.light(STANDARD, with_field(scene, "lights", lights))
+        total = light if total is None else total + light
+        count += 1
+        if count >= FEWEST_LIGHTS and time.perf_counter() - begin > seconds:
+            break
+    return Truth(total / count)
+
+
+def disk(count: int) -> Float64:
+    """Return points of the unit disk, (count, 2): however many of the first, they lie evenly."""
+    # The plastic number's powers: the generalized golden ratio in two dimensions.
+    turns = (np.arange(count)[:, np.newaxis] * (0.7548776662466927, 0.5698402909980532) + 0.5) % 1.0
+    sines = np.array([transforms.sine_cosine(360.0 * turn) for turn in turns[:, 1]])
+    return np.sqrt(turns[:, :1]) * sines[:, ::-1]
+
+
+def _moved(light: Any, x: float, y: float, middle: Float64) -> Any:
+    """Return a light with a soft shadow as a point of it; its disk faces the scene's middle."""
+    if not is_soft(light):
+        return light
+    shadow = light.shadow
+    hard = Shadow(max(shadow.size, LEAST_MAP), "hard", bias=shadow.bias)
+    if isinstance(light, DirectionalLight):
+        axis = np.array(light.direction)
+        sine, cosine = transforms.sine_cosine(0.5 * shadow.light_size)
+        u, v = _across(axis)
+        return replace(light, direction=axis + (sine / cosine) * (x * u + y * v), shadow=hard)
+    place = np.array(light.position)
+    axis = middle - place if isinstance(light, PointLight) else np.array(light.direction)
+    u, v = _across(axis)
+    moved = place + 0.5 * shadow.light_size * (x * u + y * v)
+    return replace(light, position=moved, shadow=hard)
+
+
+def _across(axis: Float64) -> tuple[Float64, Float64]:
+    """Return two unit vectors at right angles to an axis, and to each other."""
+    length = float(np.linalg.norm(axis))
+    axis = axis / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    u = np.cross(axis, least)
+    u /= np.linalg.norm(u)
+    return u, np.cross(axis, u)
+
+
+def sharp_shadows(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Draw shadows of large maps."""
+
+    def sharp(light: Any) -> Any:
+        if getattr(light, "shadow", None) is None:
+            return light
+        return replace(light, shadow=replace(light.shadow, size=SHARP_MAP, filter="hard"))
+
+    lights = [sharp(light) for light in scene.lights]
+    return Truth(painter.light(STANDARD, with_field(scene, "lights", lights)))
+
+
+def dome_of_lights(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Light matt surfaces by as many directional lights as stand for an environment."""
+    dark = LIGHT.without(matt(scene))
+    truth = painter.light(STANDARD, dark)
+    unlit = painter.light(STANDARD, with_field(dark, "lights", []))
+    lights = lights_of(scene.environment)
+    for first in range(0, len(lights), AT_ONCE):
+        some = with_field(dark, "lights", lights[first : first + AT_ONCE])
+        truth += painter.light(STANDARD, some) - unlit
+    covered = painter.draw(STANDARD, ("face_id",)).face_id >= 0
+    return Truth(truth, covered, float(covered.mean()), matt)
+
+
+def matt(scene: Scene) -> Scene:
+    """Return a scene whose surfaces mirror nothing."""
+
+    def dull(material: Material) -> Material:
+        return replace(
+            material, specular=0.0, metallic=0.0, specular_factor=0.0, clearcoat=0.0,
+            sheen_color="black", transmission=0.0,
+        )  # fmt: skip
+
+    return with_materials(scene, dull)
+
+
+def sky_of(environment: Environment) -> tuple[Float64, Float64, Float64]:
+    """Return light of a sky, (H, W, 3), solid angle of a texel of each row, and directions."""
+    sky, wide = environment.sky, 2 * SKY_ROWS
+    image = np.asarray(sky.image, np.float64) if isinstance(sky, Panorama) else None
+    height, width = (SKY_ROWS, wide) if image is None else image.shape[:2]
+    edges = [transforms.sine_cosine(90.0 - 180.0 * row / height)[0] for row in range(height + 1)]
+    areas = -np.diff(edges) * 2.0 * math.pi / width
+    up = [transforms.sine_cosine(90.0 - 180.0 * (row + 0.5) / height) for row in range(height)]
+    across = [transforms.sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
+    sine, cosine = np.array(up).T[:, :, np.newaxis]
+    z, x = np.array(across).T[:, np.newaxis]
+    toward = np.stack([cosine * x, sine + 0.0 * x, cosine * z], axis=2)
+    if image is None:
+        zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
+        y = toward[:, :, 1:2]
+        image = horizon + np.maximum(y, 0.0) * (zenith - horizon)
+        image = image + np.maximum(-y, 0.0) * (ground - horizon)
+    turn = transforms.rotate_y(environment.rotation)[:3, :3]
+    return environment.intensity * image, areas, toward @ turn.T
+
+
+def lights_of(environment: Environment) -> list[Light]:
+    """Return directional lights that shed the light of an environment, by median cuts [1]_."""
+    image, areas, toward = sky_of(environment)
+    power = image * areas[:, np.newaxis, np.newaxis]
+    energy = power.sum(axis=2)
+    parts = [(0, energy.shape[0], 0, energy.shape[1])]
+    while len(parts) < DOME_LIGHTS:
+        cut = [half for part in parts for half in _halves(part, energy)]
+        if len(cut) == len(parts):
+            break
+        parts = cut
+    lights: list[Light] = []
+    for top, bottom, left, right in parts:
+        light = power[top:bottom, left:right].sum(axis=(0, 1))
+        weights = energy[top:bottom, left:right, np.newaxis]
+        direction = (weights * toward[top:bottom, left:right]).sum(axis=(0, 1))
+        strength = float(light.max())
+        if strength > 0.0 and float(np.linalg.norm(direction)) > 0.0:
+            color = tuple((light / strength).tolist())
+            lights.append(DirectionalLight(-direction, color, strength / math.pi))
+    return lights
+
+
+def _halves(part: tuple[int, int, int, int], energy: Float64) -> list[tuple[int, int, int, int]]:
+    """Return the parts of a sky that hold half the light of a part each, cut across its length."""
+    top, bottom, left, right = part
+    _, cosine = transforms.sine_cosine(90.0 - 90.0 * (top + bottom) / energy.shape[0])
+    is_tall = bottom - top > (right - left) * cosine
+    if max(bottom - top, right - left) == 1:
+        return [part]
+    if (is_tall and bottom - top > 1) or right - left == 1:
+        middle = top + _middle(energy[top:bottom, left:right].sum(axis=1))
+        return [(top, middle, left, right), (middle, bottom, left, right)]
+    middle = left + _middle(energy[top:bottom, left:right].sum(axis=0))
+    return [(top, bottom, left, middle), (top, bottom, middle, right)]
+
+
+def _middle(amounts: Float64) -> int:
+    """Return how many of the first make half of all, at least one and not all."""
+    half = int(np.searchsorted(np.cumsum(amounts), 0.5 * amounts.sum()))
+    return min(max(half, 1), len(amounts) - 1)
+
+
+def evened(scene: Scene) -> Scene:
+    """Return a scene with the mean light of its environment from everywhere."""
+    image, areas, _ = sky_of(scene.environment)
+    mean = (image * areas[:, np.newaxis, np.newaxis]).sum(axis=(0, 1)) / (4.0 * math.pi)
+    strength = float(mean.max()) or 1.0
+    color = tuple((mean / strength).tolist())
+    even = Environment.constant(color, intensity=strength, background=scene.environment.background)
+    return with_field(scene, "environment", even)
+
+
+def rays(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Find what reaches some points from all around by pictures of what lies above them."""
+    asked = sized_occlusion(scene)
+    bright = painter.light(STANDARD, with_field(scene, "ambient_occlusion", None))
+    dark = _without_ambient(scene)
+    darkness = painter.light(STANDARD, dark)
+    outputs = ("position", "geometric_normal", "face_id")
+    frame = painter.draw(STANDARD, outputs)
+    reached = np.abs(bright - darkness).max(axis=2) > 0.0
+    rows, columns = np.nonzero(reached & (frame.face_id >= 0))
+    known = np.zeros(reached.shape, bool)
+    if len(rows) == 0:
+        return Truth(bright, known, 0.0)
+    count = min(POINTS * POINTS, len(rows))
+    taken = np.arange(count) * len(rows) // count
+    rows, columns = rows[taken], columns[taken]
+    positions = frame.position[rows, columns].astype(np.float64)
+    normals = frame.geometric_normal[rows, columns].astype(np.float64)
+    open_share = 1.0 - asked.strength * blocked(scene, positions, normals, asked.radius)
+    known[rows, columns] = True
+    truth = darkness.copy()
+    lit = bright[rows, columns] - darkness[rows, columns]
+    truth[rows, columns] += open_share[:, np.newaxis] * lit
+    return Truth(truth, known, float(reached.mean()))
+
+
+def _without_ambient(scene: Scene) -> Scene:
+    """Return a scene without light from all around."""
+    lights = [light for light in scene.lights if not isinstance(light, AmbientLight)]
+    # Of a scene that is left without any light nobody may take the place.
+    lights = lights or [AmbientLight(intensity=0.0)]
+    dark = with_field(with_field(scene, "lights", lights), "ambient_occlusion", None)
+    return dark if scene.environment is None else LIGHT.without(dark)
+
+
+def blocked(scene: Scene, positions: Float64, normals: Float64, radius: float) -> Float64:
+    """
+    Return the share of light from all around that surfaces within a radius block, by [2]_.
+
+    Parameters
+    ----------
+    positions, normals : (N, 3) float64
+        World space; normals of length one, towards the open side.
+    radius : float, scene units
+    """
+    cameras, axes = [], []
+    for position, normal in zip(positions, normals, strict=True):
+        eye = position + ABOVE * radius * normal
+        u, v = _across(normal)
+        for toward, up in ((normal, u), (u, normal), (-u, normal), (v, normal), (-v, normal)):
+            cameras.append(
+                PerspectiveCamera(
+                    eye, eye + radius * toward, up=up, fov_y=90.0, near=ABOVE * radius,
+                    far=2.0 * radius,
+                )
+            )  # fmt: skip
+            # Right, up and ahead of the picture; which of them is the normal, and how much.
+            axes.append((float(up @ normal), float(toward @ normal)))
+    with warnings.catch_warnings():
+        # What is near is seen from within, and what is far is cut off, on purpose.
+        warnings.simplefilter("ignore", ViewWarning)
+        distances = render_batch(scene, cameras, size=(CUBE, CUBE), outputs=("distance",)).distance
+    at = (np.arange(CUBE) + 0.5) * (2.0 / CUBE) - 1.0
+    x, y = np.meshgrid(at, -at)
+    length = np.sqrt(x * x + y * y + 1.0)
+    shares = np.zeros(len(cameras) // 5)
+    weight = np.zeros_like(shares)
+    for number, (along_up, along_toward) in enumerate(axes):
+        height = np.maximum(y * along_up + along_toward, 0.0)
+        # The cosine, over the square of the distance of a pixel and its slope.
+        form = height / length**4
+        shares[number // 5] += (form * (distances[number] <= radius)).sum()
+        weight[number // 5] += form.sum()
+    return shares / weight
+
+
+def has_lines(scene: Scene) -> bool:
+    """Tell whether a scene has lines that are no edges."""
+    return any(node.mesh is not None and node.mesh.primitive == "lines" for node in scene.nodes)
+
+
+def without_lines(scene: Scene) -> Scene:
+    """Return a scene without its lines."""
+    kept = [node for node in scene.nodes if node.mesh.primitive != "lines"]
+    return with_field(scene, "nodes", kept)
+
+
+def sampled_lines(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Draw lines with many samples; look where they are."""
+    bare = without_lines(scene)
+    fine, rough = replace(STANDARD, samples=64), replace(STANDARD, samples=16)
+    seen = [painter.light(quality) != painter.light(quality, bare) for quality in (STANDARD, rough)]
+    where = (seen[0] | seen[1]).any(axis=2)
+    return Truth(painter.light(fine), where, float(where.mean()))
+
+
+def sampled_lens(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Draw a lens with many samples."""
+    return Truth(painter.light(replace(STANDARD, samples=64)))
+
+
+def covered_lines(painter: Painter, scene: Scene, seconds: float) -> Truth:
+    """Draw edges by the areas that they cover."""
+    return Truth(painter.light(replace(STANDARD, lines="coverage")))

@@ -1,0 +1,257 @@
+"""
+What each effect of a scene costs, and how far it is from a reference of its own.
+
+`KNOBS` is a table: a row says of an effect which levels it is drawn with besides the scene's own,
+and what its reference is. An effect without a row is drawn without it, to see what it costs.
+References are drawn in the standard quality but for the effect: what edges and textures lack of the
+study's reference does not count as an error of the effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.accuracy import effect_references as references
+from rasterjit.accuracy.effect_references import Painter, Truth
+from rasterjit.accuracy.knobs import Attempt, in_words
+from rasterjit.accuracy.results import EffectCost, Errors
+from rasterjit.accuracy.timing import Contestant
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.scene.lens import Lens
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import with_field
+from rasterjit.survey.plan import RenderPlan
+
+WITHOUT = "without"
+"""Level of an effect that is left out."""
+
+LINES, LENS = "lines", "lens"
+"""What is no effect of the plan, and is weighed as one."""
+
+NO_REFERENCE = "none; what it changes in the picture"
+"""What is said of an effect that is measured against nothing."""
+
+
+class Studio(Painter, Protocol):
+    """Draws one scene, and tells times."""
+
+    def draw(self, quality: Quality, outputs: Any, scene: Scene | None = None) -> Frame:
+        """Draw a frame."""
+
+    def contestant(
+        self, attempt: Attempt, errors: Errors, color: Any, error_map: Any
+    ) -> Contestant:
+        """Return what is timed later."""
+
+
+class Knob(NamedTuple):
+    """A row of the table: what can be tried of an effect."""
+
+    effect: str
+    settings: tuple[dict[str, Any], ...] = ()
+    """Levels that a quality has: what each changes of the standard."""
+    scenes: Callable[[Scene], dict[str, Scene]] = lambda scene: {}
+    """Levels that the effect's description has, by name."""
+    reference: Callable[[Painter, Scene, float], Truth] | None = None
+    """Takes what draws, the scene, and seconds that it may take."""
+    said: str = NO_REFERENCE
+    when: Callable[[Scene], bool] = lambda scene: True
+    """Which scenes the row is for; the first that is counts."""
+
+
+def is_soft(scene: Scene) -> bool:
+    """Tell whether a light has a soft shadow."""
+    return any(references.is_soft(light) for light in scene.lights)
+
+
+def hardened(scene: Scene) -> dict[str, Scene]:
+    """Return a scene whose soft shadows have edges of another kind, or other maps."""
+    changes: dict[str, dict[str, Any]] = {
+        "hard edges": {"filter": "hard", "light_size": None},
+        "edges three texels wide": {"filter": "pcf", "light_size": None},
+    }
+    found = {name: _with_shadows(scene, change) for name, change in changes.items()}
+    return found
+
+
+def _with_shadows(scene: Scene, changes: dict[str, Any]) -> Scene:
+    """Return a scene with other soft shadows."""
+    lights = [
+        replace(light, shadow=replace(light.shadow, **changes))
+        if references.is_soft(light)
+        else light
+        for light in scene.lights
+    ]
+    return with_field(scene, "lights", lights)
+
+
+def evenly_lit(scene: Scene) -> dict[str, Scene]:
+    """Return a scene whose environment is one colour: the mean of its light."""
+    return {"one colour": references.evened(scene)}
+
+
+KNOBS: tuple[Knob, ...] = (
+    Knob(
+        "shadows",
+        settings=({"shadow_size": 512}, {"shadow_size": 2048}),
+        scenes=hardened,
+        reference=references.many_lights,
+        said="the mean of up to 64 hard shadows, from places all over each light",
+        when=is_soft,
+    ),
+    Knob(
+        "shadows",
+        settings=({"shadow_size": 512}, {"shadow_size": 2048}, {"shadow_taps": 1}),
+        reference=references.sharp_shadows,
+        said="shadows of maps of 4096 texels, each lookup one comparison",
+    ),
+    Knob(
+        "environment light",
+        scenes=evenly_lit,
+        reference=references.dome_of_lights,
+        said="matt surfaces lit by 256 lights of equal energy; what is mirrored is left out",
+    ),
+    Knob(
+        "ambient occlusion",
+        reference=references.rays,
+        said="pictures of the half space above 100 points, weighted by the cosine",
+    ),
+    Knob(
+        "wireframe",
+        settings=({"lines": "coverage"},),
+        reference=references.covered_lines,
+        said="the area of each pixel that a line covers",
+    ),
+    Knob(
+        LINES,
+        settings=({"samples": 4}, {"samples": 16}),
+        reference=references.sampled_lines,
+        said="64 samples, where lines are seen",
+    ),
+    Knob(
+        LENS,
+        settings=({"samples": 4}, {"samples": 16}),
+        reference=references.sampled_lens,
+        said="64 samples of the pictures that it is resampled from",
+    ),
+)
+"""What can be tried of effects; a new setting of one is a level in its row."""
+
+
+class Cost(NamedTuple):
+    """An effect to be weighed."""
+
+    effect: str
+    attempts: list[Attempt]
+    knob: Knob | None
+
+
+class Weighed(NamedTuple):
+    """An effect that was weighed; its levels are timed later."""
+
+    effect: str
+    levels: list[Contestant]
+    rmse: float | None
+    reference: str
+
+    def cost(self, standard: Contestant, clock: str) -> EffectCost:
+        """Return what was measured by a clock."""
+        levels = tuple(level.trial(standard, clock) for level in self.levels)
+        return EffectCost(self.effect, levels, self.rmse, self.reference)
+
+
+def costs_of(scene: Scene, plan: RenderPlan, lens: Lens | None) -> list[Cost]:
+    """Return what there is to weigh in a scene: what has a reference first."""
+    found = {
+        one.name: one.effect.without(scene)
+        for one in plan.effects
+        if one.used and "lines" not in one.name
+    }
+    without = {name: other for name, other in found.items() if other is not None}
+    if references.has_lines(scene):
+        without[LINES] = references.without_lines(scene)
+    costs = [Cost(name, [_left_out(name, other)], None) for name, other in without.items()]
+    if lens is not None:
+        costs.append(Cost(LENS, [], None))
+    rows = [(cost, _knob_of(cost.effect, scene)) for cost in costs]
+    known = [
+        cost._replace(knob=knob, attempts=[*cost.attempts, *_levels(knob, scene)])
+        for cost, knob in rows
+        if knob is not None
+    ]
+    return [*known, *(cost for cost, knob in rows if knob is None)]
+
+
+def _left_out(effect: str, scene: Scene) -> Attempt:
+    """Return the standard of a scene that lacks an effect."""
+    return Attempt(effect, WITHOUT, Quality.standard(), scene)
+
+
+def _knob_of(effect: str, scene: Scene) -> Knob | None:
+    """Return the row of an effect, if it has one."""
+    return next((knob for knob in KNOBS if knob.effect == effect and knob.when(scene)), None)
+
+
+def _levels(knob: Knob, scene: Scene) -> list[Attempt]:
+    """Return what a row tries."""
+    standard = Quality.standard()
+    settings = [
+        Attempt(knob.effect, in_words(changes), replace(standard, **changes), scene)
+        for changes in knob.settings
+    ]
+    scenes = knob.scenes(scene).items()
+    return [*settings, *(Attempt(knob.effect, name, standard, other) for name, other in scenes)]
+
+
+def weigh(studio: Studio, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
+    """
+    Draw the levels of an effect and its reference.
+
+    Parameters
+    ----------
+    studio : Studio
+    cost : Cost
+    standard : Contestant
+        The scene as it is.
+    seconds : float
+        That the reference may take, about.
+    """
+    truth, said, knob = None, NO_REFERENCE, cost.knob
+    if knob is not None and knob.reference is not None:
+        truth, said = knob.reference(studio, studio.scene, seconds), knob.said
+    own = studio.scene if truth is None else truth.compared(studio.scene)
+    usual = studio.light(Quality.standard(), own)
+
+    levels = []
+    for attempt in cost.attempts:
+        frame = studio.draw(attempt.quality, ("color", "linear"), attempt.scene)
+        if truth is None:
+            light = light_of(frame)[:, :, :3].astype(np.float64)
+            difference = np.abs(light - usual)
+        else:
+            light = studio.light(attempt.quality, truth.compared(attempt.scene or studio.scene))
+            difference = truth.difference(light)
+        found = _errors(difference, 1.0 if truth is None else truth.share, standard)
+        color = frame.color[:, :, :3].copy()
+        error_map = difference.max(axis=2).astype(np.float32)
+        levels.append(studio.contestant(attempt, found, color, error_map))
+    if truth is None:
+        return Weighed(cost.effect, levels, None, said)
+    rmse = math.sqrt(truth.share) * root_mean_square(truth.difference(usual))
+    return Weighed(cost.effect, levels, rmse, said)
+
+
+def _errors(difference: NDArray[np.float64], share: float, standard: Contestant) -> Errors:
+    """Return the errors of light; faces are those of the standard."""
+    rmse = math.sqrt(share) * root_mean_square(difference)
+    psnr = -20.0 * math.log10(rmse) if rmse > 0.0 else math.inf
+    wrong = standard.errors.wrong_faces
+    return Errors(rmse, float(difference.max(initial=0.0)), psnr, None, wrong, None, None, None)
