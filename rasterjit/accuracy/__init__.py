@@ -14,6 +14,7 @@ from rasterjit.accuracy.results import EffectCost, Errors, Study, Trial
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
 from rasterjit.accuracy.sentences import answer, sentences
 from rasterjit.accuracy.study import study
+from rasterjit.accuracy.together import FolderStudy, study_folder
 
 __all__ = [
     "MADE_FOR",
@@ -21,6 +22,7 @@ __all__ = [
     "Choice",
     "EffectCost",
     "Errors",
+    "FolderStudy",
     "MadeScene",
     "Study",
     "Trial",
@@ -31,6 +33,7 @@ __all__ = [
     "make",
     "sentences",
     "study",
+    "study_folder",
     "write_files",
     "write_report",
 ]

@@ -231,9 +231,11 @@ def lights_of(environment: Environment) -> list[Light]:
         weights = energy[top:bottom, left:right, np.newaxis]
         direction = (weights * toward[top:bottom, left:right]).sum(axis=(0, 1))
         strength = float(light.max())
-        if strength > 0.0 and float(np.linalg.norm(direction)) > 0.0:
+        if strength > 0.0:
+            # Towards what faces all of a part, its mean direction sheds as much, if it is as long.
+            length = float(np.linalg.norm(direction)) / float(weights.sum())
             color = tuple((light / strength).tolist())
-            lights.append(DirectionalLight(-direction, color, strength / math.pi))
+            lights.append(DirectionalLight(-direction, color, length * strength / math.pi))
     return lights
 
 

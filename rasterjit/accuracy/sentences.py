@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import ALIKE, is_measured, is_slower, noise
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, Study, Trial, front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
+
+if TYPE_CHECKING:
+    from rasterjit.accuracy.together import FolderStudy
 
 PHRASES = {
     "subpixel_bits": "{} sub-pixel bits",
@@ -120,6 +124,36 @@ def how_sure(study: Study) -> str:
     return " ".join([f"{sureness[0].upper()}{sureness[1:]}: {said}", *notes])
 
 
+def together(found: FolderStudy) -> tuple[str, str]:
+    """Return the quality to take for all scenes of a folder, and how sure that is, in words."""
+    take, standard = found.take, found.standard
+    trial, many = take.trial, len(found.studies)
+    scenes = "the one scene" if many == 1 else f"all {many} scenes"
+    name = (
+        "the standard quality" if trial.setting == STANDARD else quality_in_words(trial, standard)
+    )
+    trials = found.candidates[trial.label]
+    low, high = (figures(end(one.ratio for one in trials)) for end in (min, max))
+    worst = max(one.errors.rmse for one in trials)
+    usual = max(one.errors.rmse for one in found.candidates[STANDARD])
+    factor = f"{low}×" if low == high else f"{low}× to {high}×"
+    missed = "" if take.holds else f"Nothing holds an error of {found.max_error:.3g} on {scenes}. "
+    if trial.setting == STANDARD:
+        said = f"{missed}Take {name} for {scenes}: error at most {worst:.3g}."
+    else:
+        said = (
+            f"{missed}Take {name} for {scenes}: {factor} the time of standard, for an error of at "
+            f"most {worst:.3g} instead of {usual:.3g}."
+        )
+    what = "time × error" if found.max_error is None else "time"
+    sureness = take.sureness
+    sure = (
+        f"{sureness[0].upper()}{sureness[1:]}: {len(found.totals)} other qualities were tried on "
+        f"{scenes}, and none can be better by more than {100.0 * take.at_most:.0f} % in {what}."
+    )
+    return said, sure
+
+
 def _count(qualities: int) -> str:
     return "1 quality was" if qualities == 1 else f"{qualities} qualities were"
 
@@ -156,8 +190,6 @@ def alternatives(study: Study) -> str:
 
 def options_of(trial: Trial, standard: Trial) -> str:
     """Return what a quality is asked for with on the command line."""
-    if trial.setting == STANDARD:
-        return ""
     if trial.level in PRESETS and trial.quality == PRESETS[trial.level]():
         return f"--quality {trial.level}"
     changes = differences(trial.quality, standard.quality)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,23 +170,59 @@ def study(
     KeyboardInterrupt
         On Ctrl-C before there is anything to compare.
     """
+    options = checked(size, knobs, budget, max_error, threads, output)
+    course = begin((what, camera), options, 1.0, lens, progress)
+    with course.studio:
+        course.run()
+    found = course.result(name, options.max_error)
+    if options.folder is not None:
+        write_report(found, options.folder)
+    return found
+
+
+class Options(NamedTuple):
+    """What a study was asked for, checked."""
+
+    size: tuple[int, int]
+    knobs: tuple[str, ...]
+    seconds: float
+    max_error: float | None
+    threads: int | None
+    folder: Path | None
+
+
+def checked(
+    size: tuple[int, int],
+    knobs: Iterable[str] | None,
+    budget: float | None,
+    max_error: float | None,
+    threads: int | None,
+    output: str | Path | None,
+) -> Options:
+    """Return what a study is asked for, or raise ``ValueError`` naming what is wrong."""
     chosen, size = check_knobs(knobs), image_size("size", size)
     seconds = BUDGET if budget is None else positive_number("budget", budget)
     bound = None if max_error is None else positive_number("max_error", max_error)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
-    scene = posed_scene(as_scene(what))
-    camera = choose_camera(scene, camera, size)
+    return Options(size, chosen, seconds, bound, threads, folder)
+
+
+def begin(
+    what: tuple[Any, Camera | None],
+    options: Options,
+    share: float,
+    lens: Lens | None,
+    progress: Progress | None,
+) -> Course:
+    """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
+    scene, size = posed_scene(as_scene(what[0])), options.size
+    camera = choose_camera(scene, what[1], size)
     (camera,) = settle_together(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)
-    with Studio(scene, camera, size, threads, lens) as studio:
-        told = progress or _say_nothing
-        course = Course(studio, seconds, told, plan, chosen, folder is not None)
-        course.run()
-    found = course.result(name, bound)
-    if folder is not None:
-        write_report(found, folder)
-    return found
+    studio = Studio(scene, camera, size, options.threads, lens)
+    seconds, told = share * options.seconds, progress or _say_nothing
+    return Course(studio, seconds, told, plan, options.knobs, options.folder is not None)
 
 
 class Course:
@@ -410,6 +446,10 @@ class Studio:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let threads and memory go; a later frame takes them again."""
         self._renderer.close()
 
     @property

@@ -256,9 +256,11 @@ def take_turns(
     for number in range(MOST_ROUNDS):
         progress("timing")
         before = allowance.left()
-        are_all = len(contestants) == count
-        if are_all and (number == LEAST_ROUNDS or before < (LEAST_ROUNDS - number) * longest):
-            contestants, longest = contenders(standard, contestants), 0.0
+        is_late = before < (LEAST_ROUNDS - number) * longest
+        if len(contestants) == count and (number == LEAST_ROUNDS or is_late):
+            longest /= standard.cost + sum(one.cost for one in contestants)
+            contestants = contenders(standard, contestants)
+            longest *= standard.cost + sum(one.cost for one in contestants)
         if number > 0 and before < longest:
             break
         present = [one for one in contestants if number % rounds_between(one, standard) == 0]

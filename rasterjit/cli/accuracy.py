@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,10 +29,18 @@ from rasterjit.accuracy.results import (
     Trial,
 )
 from rasterjit.accuracy.scenes import make
-from rasterjit.accuracy.sentences import alternatives, how_sure, options_of, recommendation
+from rasterjit.accuracy.sentences import (
+    alternatives,
+    how_sure,
+    options_of,
+    recommendation,
+    together,
+)
 from rasterjit.accuracy.study import SIZE
+from rasterjit.accuracy.together import study_folder
 from rasterjit.cli.options import Effects, Look, View
 from rasterjit.cli.program import load_scene
+from rasterjit.io.folders import mesh_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -85,6 +93,41 @@ def study_scene(
     if not quiet:
         _print(found, Path(output))
     return found
+
+
+def study_files(
+    folder: Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
+) -> None:
+    """Study the scenes of a folder, print the quality for all of them, and write the reports."""
+    quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE
+    if Path(output).resolve() == folder.resolve():
+        raise click.BadOptionUsage("--output", "--output: must not be the folder of the scenes")
+    files = {file.relative_to(folder.resolve()).as_posix(): file for file in mesh_files(folder)}
+    if not files:
+        raise click.UsageError(f"no mesh files in {str(folder)!r}")
+
+    def loader(file: Path) -> Callable[[], Any]:
+        def loaded() -> Any:
+            scene = load_scene(file, look, effects, quiet)
+            return scene, view.camera(scene, size)
+
+        return loaded
+
+    with _progress(quiet) as progress:
+        found = study_folder(
+            {name: loader(file) for name, file in files.items()}, size=size, progress=progress,
+            output=output, name=folder.resolve().name,
+            **{name: options[name] for name in STUDIED},
+        )  # fmt: skip
+    if quiet:
+        return
+    for text in together(found):
+        click.echo(text)
+    click.echo(f"  {options_of(found.take.trial, found.standard)}")
+    for name, why in found.failures.items():
+        click.echo(f"not studied: {name}: {why}")
+    for name in (JSON_NAME, PAGE_NAME):
+        click.echo(f"wrote {Path(output) / name}")
 
 
 def calibrate_machine(threads: int | None, quiet: bool) -> None:

@@ -503,9 +503,10 @@ def accuracy(
     Measure what each accuracy setting costs in time and buys in error.
 
     Draws FILE with every level of every setting that matters to it, from the standard quality on,
-    and compares time and picture with those of the reference.
+    and compares time and picture with those of the reference. Names the quality to take. If FILE is
+    a folder, studies each scene in it, and names one quality for all.
     """
-    from rasterjit.cli.accuracy import calibrate_machine, study_scene
+    from rasterjit.cli.accuracy import calibrate_machine, study_files, study_scene
 
     if calibrate:
         if file is not None:
@@ -526,6 +527,9 @@ def accuracy(
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     look.check()
+    if file is not None and file.is_dir():
+        study_files(file, view, look, effects, rest)
+        return
     found = study_scene(made or file, view, look, effects, rest)
     if found.interrupted:
         context.exit(INTERRUPTED)

@@ -51,7 +51,7 @@ def render_folder(
     click.ClickException
         If there is no mesh file, or some could not be drawn.
     """
-    from rasterjit.dataset.making import mesh_files
+    from rasterjit.io.folders import mesh_files
     from rasterjit.rendering.renderer import Renderer
 
     refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")

@@ -12,9 +12,10 @@ the work was interrupted or not:
 """
 
 from rasterjit.dataset.crews import LostWorkersError
-from rasterjit.dataset.making import Outcome, Summary, make, mesh_files
+from rasterjit.dataset.making import Outcome, Summary, make
 from rasterjit.dataset.mesh import MeshError, render_views
 from rasterjit.dataset.recipe import Recipe, view_cameras
+from rasterjit.io.folders import mesh_files
 
 __all__ = [
     "LostWorkersError",

@@ -16,6 +16,7 @@ from rasterjit.dataset import crews
 from rasterjit.dataset.lock import LOCK, owned
 from rasterjit.dataset.mesh import DONE, PARTIAL, make_mesh, write_json
 from rasterjit.dataset.recipe import Recipe
+from rasterjit.io.folders import existing_folder, mesh_files
 from rasterjit.scene.validation import in_short
 
 SETTINGS = "dataset.json"
@@ -23,9 +24,6 @@ SETTINGS = "dataset.json"
 
 FAILURES = "failures.json"
 """The file that says which meshes could not be rendered, and why."""
-
-WITH_EXTRAS = (".3dxml", ".3mf", ".dae", ".xaml", ".zae")
-"""Mesh files that trimesh reads with ``rasterjit[formats]``: without it they fail, and say why."""
 
 MOST_WORKERS = 256
 
@@ -65,38 +63,6 @@ class Summary:
     made: int
     present: int
     failures: dict[str, str]
-
-
-def mesh_files(folder: str | Path) -> list[Path]:
-    """
-    Return all mesh files below a folder that trimesh reads, in the order of their names.
-
-    Hidden files and folders are left out.
-
-    Raises
-    ------
-    ValueError
-        If there is no such folder.
-    """
-    place = _folder("folder", folder)
-    suffixes = mesh_suffixes()
-    found = []
-    for root, folders, files in os.walk(place):
-        folders[:] = [name for name in folders if not name.startswith(".")]
-        for name in files:
-            if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
-                found.append(Path(root, name))
-    return sorted(found, key=lambda file: file.relative_to(place).as_posix())
-
-
-def mesh_suffixes() -> frozenset[str]:
-    """Return the extensions of mesh files, with a dot."""
-    from trimesh.exchange.load import mesh_formats
-
-    from rasterjit.io.gltf.scene import GLTF_FORMATS
-
-    known = (*mesh_formats(), *GLTF_FORMATS)
-    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
 
 
 def make(
@@ -156,7 +122,7 @@ def make(
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
     crew = _crew(workers)
-    source = _folder("folder", folder)
+    source = existing_folder("folder", folder)
     place = _checked_output(output, source)
     names = {file.relative_to(source).as_posix(): file for file in mesh_files(source)}
     names = {name: file for name, file in names.items() if not file.is_relative_to(place)}
@@ -209,14 +175,6 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, str | None]]]:
     if workers == 1:
         return crews.run_here
     return lambda task, jobs: crews.run_in_processes(task, jobs, int(workers))
-
-
-def _folder(name: str, value: Any) -> Path:
-    """Return the full path of an existing folder, or raise ``ValueError``."""
-    if not isinstance(value, (str, os.PathLike)) or not Path(value).is_dir():
-        told = repr(str(value)) if isinstance(value, os.PathLike) else in_short(value)
-        raise ValueError(f"{name} must be an existing folder, got {told}")
-    return Path(value).resolve()
 
 
 def _checked_output(output: Any, source: Path) -> Path:

@@ -64,7 +64,8 @@ def test_a_file_is_studied_and_the_report_written(tmp_path):
     held = json.loads((tmp_path / "report" / "accuracy.json").read_text())
     assert (held["scene"], held["size"], held["threads"]) == ("cube.ply", [24, 16], 1)
     assert "cube.ply, 24 x 16 pixels, 1 threads" in result.stdout
-    assert result.stdout.startswith("On this scene standard is ")
+    assert result.stdout.startswith("Take ")
+    assert "On this scene standard is " in result.stdout
     assert "worth choosing: " in result.stdout
     assert f"wrote {tmp_path / 'report' / 'accuracy.csv'}" in result.stdout
 

@@ -95,7 +95,7 @@ def test_a_point_of_a_light_is_as_far_off_as_the_light_is_large():
 def test_larger_maps_come_nearer_to_sharp_shadows():
     sun = rj.DirectionalLight((-0.6, -1.0, -0.3), shadow=rj.Shadow(64, "hard"))
     found = weighed(scene(lights=[sun]))["shadows"]
-    assert levels(found)["shadow_size=2048"] < 0.5 * found.rmse
+    assert levels(found)["shadow_size=2048"] < 0.7 * found.rmse
 
 
 def test_lights_that_stand_for_a_sky_shed_its_light():
@@ -105,14 +105,14 @@ def test_lights_that_stand_for_a_sky_shed_its_light():
     image, areas, _ = references.sky_of(sky)
     power = (image * areas[:, None, None]).sum(axis=(0, 1))
     shed = np.pi * sum(np.multiply(light.intensity, light.color) for light in lights)
-    assert shed == pytest.approx(power, rel=1e-6)
+    assert shed == pytest.approx(power, rel=0.01)
     # On a surface that faces up, by the closed form of a gradient.
     zenith, horizon = np.array(sky.sky.zenith), np.array(sky.sky.horizon)
     above = sum(
         np.multiply(light.intensity * max(-light.direction[1], 0.0), light.color)
         for light in lights
     )
-    assert above == pytest.approx(horizon / 3.0 + zenith * 2.0 / 3.0, rel=5e-3)
+    assert above == pytest.approx(horizon / 3.0 + zenith * 2.0 / 3.0, rel=2e-3)
 
 
 def test_a_turned_sky_has_its_lights_where_it_is_seen():
@@ -141,7 +141,7 @@ def test_half_spaces_are_blocked_as_closed_forms_say():
     up = np.array([(0.0, 1.0, 0.0)])
     corner.add(rj.Mesh(wall, GROUND[1]))
     # A wall at the foot of which one stands takes half.
-    assert references.blocked(corner, np.array([(0.01, 0.0, 0.0)]), up, 20.0) == pytest.approx(
+    assert references.blocked(corner, np.array([(0.2, 0.0, 0.0)]), up, 20.0) == pytest.approx(
         0.5, abs=0.03
     )
     lid = rj.Scene()

@@ -19,6 +19,7 @@ from rasterjit.cli import commands
 from rasterjit.dataset import making, mesh
 from rasterjit.dataset import recipe as dataset
 from rasterjit.dataset.recipe import Recipe
+from rasterjit.io import folders
 from rasterjit.outputs import masks
 from rasterjit.rendering import pool, together
 
@@ -48,7 +49,7 @@ def transforms_of(place, name):
 
 
 def test_mesh_files_are_found_in_order(meshes):
-    found = [file.relative_to(meshes).as_posix() for file in making.mesh_files(meshes)]
+    found = [file.relative_to(meshes).as_posix() for file in folders.mesh_files(meshes)]
     assert found == sorted((*GOOD, *BROKEN))
 
 
@@ -569,5 +570,5 @@ def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
 
 
 def test_files_that_need_an_extra_are_not_passed_over():
-    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= making.mesh_suffixes()
-    assert not {".json", ".zip", ".png", ".mtl"} & making.mesh_suffixes()
+    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= folders.mesh_suffixes()
+    assert not {".json", ".zip", ".png", ".mtl"} & folders.mesh_suffixes()
