@@ -47,6 +47,9 @@ NOT_MEASURED = "not measured well enough"
 ADVICE = "give the study more seconds"
 """What to do about it."""
 
+TOLD_ROUGHLY = 1.5
+"""Times the standard's time, or one over it, from which on a rough time is called another one."""
+
 SHARP = 0.05
 """Share of a time below which what is not known of it is not said: it prints alike."""
 
@@ -173,8 +176,12 @@ def alternatives(study: Study) -> str:
     front = [trial for trial in front_trials(study) if trial.setting != STANDARD]
     slower = [trial for trial in front if is_slower(trial, standard)]
     faster = [trial for trial in front if is_slower(standard, trial)]
+    if not front:
+        rough = _roughly_worth(study)
+        slower = [trial for trial in rough if trial.ratio > TOLD_ROUGHLY]
+        faster = [trial for trial in rough if trial.ratio < 1.0 / TOLD_ROUGHLY]
     parts = [
-        f"for {factor_in_words(trial)} the time you get {_bargain(trial, standard)}"
+        f"for {_factor_in_words(trial)} the time you get {_bargain(trial, standard)}"
         for trial in (_nearest(slower, 2.0), _nearest(faster, 0.5))
         if trial is not None
     ]
@@ -194,6 +201,25 @@ def options_of(trial: Trial, standard: Trial) -> str:
         return f"--quality {trial.level}"
     changes = differences(trial.quality, standard.quality)
     return " ".join(f"--set {name}={level}" for name, level in changes.items())
+
+
+def _roughly_worth(study: Study) -> list[Trial]:
+    """Return the trials that nothing is both as fast and as accurate as, if times were exact."""
+    tried = [study.standard, *study.trials]
+    return [
+        one
+        for one in study.trials
+        if not any(
+            other.ratio <= one.ratio and other.errors.rmse <= one.errors.rmse * ALIKE
+            for other in tried
+            if other is not one
+        )
+    ]
+
+
+def _factor_in_words(trial: Trial) -> str:
+    """Return a time over the standard's, roughly where it is not measured well."""
+    return factor_in_words(trial) if is_measured(trial) else f"about {figures(trial.ratio)}×"
 
 
 def _bargain(trial: Trial, standard: Trial) -> str:

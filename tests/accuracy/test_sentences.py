@@ -136,10 +136,20 @@ def test_the_answer_claims_no_factor_of_one_round():
     said = answered(samples(4, 2.2, rmse=0.04), trial("samples=16", (5.8,), rmse=0.01))
     assert "5.8" not in said
     assert "2.2× the time" in said
-    said = answered(trial("samples=16", (5.8,), rmse=0.01))
-    assert said.startswith("On this scene standard is 10 ms with error 0.1; what other qualities ")
-    assert NOT_MEASURED in said
-    assert "5.8" not in said
+
+
+def test_where_nothing_is_measured_well_rough_factors_are_given_as_such():
+    said = answered(
+        trial("samples=16", (5.8,), rj.Quality(samples=16), rmse=0.01),
+        trial("samples=8", (5.9,), rj.Quality(samples=8), rmse=0.02),
+        trial("shading=face", (0.4,), rj.Quality(shading="face"), rmse=0.2),
+    )
+    assert said == (
+        "On this scene standard is 10 ms with error 0.1; for about 5.8× the time you get 10.0× "
+        "less error with 16 samples, for about 0.40× the time you get 2.0× the error with light by "
+        "the face."
+    )
+    assert NOT_MEASURED in answered(trial("samples=2", (1.3,), rmse=0.05))
 
 
 def test_the_answer_says_what_to_take_what_it_costs_and_buys_and_how_sure_it_is():
