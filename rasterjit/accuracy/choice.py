@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rasterjit.accuracy.knobs import AXES
 from rasterjit.accuracy.ranking import ALIKE, INVISIBLE, inaccuracies, is_slower, noise
 from rasterjit.accuracy.results import STANDARD, Study, Trial
 
@@ -36,7 +37,8 @@ class Choice(NamedTuple):
     """Most that anything else that was tried can be better by, a share: of time times error, or of
     time where an error was asked for."""
     untried: float = 0.0
-    """Share of the qualities that there was no time for."""
+    """Share that there was no time for of the qualities that promise most: presets, and levels that
+    are combined, alone and together."""
 
     @property
     def sureness(self) -> str:
@@ -58,8 +60,9 @@ def choose(study: Study) -> Choice:
     """
     floor = max(INVISIBLE, study.reference_error)
     found = choose_among(study.standard, study.trials, study.max_error, floor)
-    left, tried = len(study.left_out), len(study.trials)
-    return found._replace(untried=left / (left + tried) if tried else 1.0)
+    left = sum(map(_is_promising, study.left_out))
+    tried = sum(_is_promising(one.label) for one in study.trials)
+    return found._replace(untried=left / max(left + tried, 1) if study.trials else 1.0)
 
 
 def choose_among(
@@ -87,6 +90,12 @@ def choose_among(
     chosen = min(good, key=lambda one: (_changes(one), price(one, floor)))
     rivals = [_gain(chosen, one, price, floor) for one in holding if one is not chosen]
     return Choice(chosen, True, max(rivals, default=0.0))
+
+
+def _is_promising(label: str) -> bool:
+    """Tell whether a quality is a preset or a combination, or of a level that is combined."""
+    setting, _, level = label.partition("=")
+    return not level or " " in label or level in map(str, AXES.get(setting, ()))
 
 
 def _is_worthwhile(trial: Trial, standard: Trial) -> bool:
