@@ -29,7 +29,9 @@ GROUPS = {
         "output", "force", "size", "outputs", "depth_file", "scale", "mask_file", "mask_of",
         "frames", "fps", "as_json", "pixel", "diagnose", "measure",
     ),
-    "Accuracy": ("preset", "samples", "changes", "time_budget", "knobs", "budget"),
+    "Accuracy": (
+        "preset", "samples", "changes", "time_budget", "knobs", "budget", "max_error",
+    ),
     "Files": ("on_invalid", "on_damage", "resource_root", "max_bytes"),
 }  # fmt: skip
 """Options by their names in Python; others are miscellaneous."""
@@ -40,7 +42,7 @@ COMMON = (
     "output", "force", "size", "outputs", "depth_file", "mask_file", "frames", "fps",
     "views", "layout", "azimuth", "elevation", "zoom", "up", "style", "background", "color",
     "light", "wireframe", "shadows", "environment", "ambient_occlusion", "outline", "tone_map",
-    "section", "samples", "preset", "backend", "pixel", "measure", "knobs", "budget",
+    "section", "samples", "preset", "backend", "pixel", "measure", "knobs", "budget", "max_error",
     "workers", "stats", "quiet",
 )  # fmt: skip
 """What ``--help`` shows of a command with many options."""

@@ -61,9 +61,7 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-s
 
 TIMES = {
     WALL: "Times are medians, each over the standard’s time in the same round.",
-    PROCESSOR: "Times are what all threads together worked for a frame, and medians of the least "
-    "half, as the machine was busy with something else; a frame takes longer on the wall clock of "
-    "such a machine, and less where threads share it.",
+    PROCESSOR: "Times are what all threads together worked for a frame: medians of the least half.",
 }
 """What is said of times, by the clock."""
 
