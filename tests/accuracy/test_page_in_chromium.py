@@ -284,6 +284,7 @@ def test_a_finger_chooses_a_point_and_moves_the_divider(tab, report):
     tab.open(report.as_uri(), PHONE)
     tab.call("Emulation.setTouchEmulationEnabled", enabled=True)
     try:
+        tab.evaluate("document.querySelector('.points').scrollIntoView({block: 'center'})")
         before = state(tab)
         (x, y) = centre(tab, LEVEL)
         points = [{"x": x, "y": y}]
