@@ -341,7 +341,7 @@ class Course:
         return {
             one.attempt.label
             for one in self.contestants
-            if one.errors == usual.errors and one.cost > USELESS * usual.cost
+            if one.errors == usual.errors and _spent(one) > USELESS * _spent(usual)
         }
 
     def _promise(self, attempt: Attempt) -> float:
@@ -560,7 +560,12 @@ class Studio:
 
 def _price(one: Contestant) -> float:
     """Return the product of time and error, as far as either is seen."""
-    return (one.least or one.cost) * max(one.errors.rmse, INVISIBLE)
+    return _spent(one) * max(one.errors.rmse, INVISIBLE)
+
+
+def _spent(one: Contestant) -> float:
+    """Return the seconds that processors worked for a frame, or that it took."""
+    return one.least or one.cost
 
 
 def _in_turns(attempts: Iterable[Attempt]) -> list[Attempt]:
