@@ -106,12 +106,7 @@ def how_sure(study: Study) -> str:
         return f"A guess: nothing else was tried; {ADVICE}."
     if not found.holds:
         return f"Sure: {known}."
-    rest = (
-        f"and nothing else that was tried can be better by more than {100.0 * found.at_most:.0f} % "
-        f"in {what}"
-        if found.at_most >= 0.005
-        else f"and nothing else that was tried can be better in {what}"
-    )
+    rest = f"and nothing else that was tried can be better{_by_more_than(found.at_most)} in {what}"
     clock = "times are processor times, as the machine is busy with something else, "
     said = f"{known}; {clock if study.clock == PROCESSOR else ''}{rest}."
     notes = []
@@ -152,9 +147,14 @@ def together(found: FolderStudy) -> tuple[str, str]:
     sureness = take.sureness
     sure = (
         f"{sureness[0].upper()}{sureness[1:]}: {len(found.totals)} other qualities were tried on "
-        f"{scenes}, and none can be better by more than {100.0 * take.at_most:.0f} % in {what}."
+        f"{scenes}, and none can be better{_by_more_than(take.at_most)} in {what}."
     )
     return said, sure
+
+
+def _by_more_than(share: float) -> str:
+    """Return a share in percent, or nothing where it prints as none."""
+    return f" by more than {100.0 * share:.0f} %" if share >= 0.005 else ""
 
 
 def _count(qualities: int) -> str:

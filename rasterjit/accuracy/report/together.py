@@ -128,7 +128,7 @@ def _qualities(found: FolderStudy) -> str:
         ]
         name = html.escape(one.label)
         is_taken = one.label == found.take.trial.label
-        rows.append(_row(f"<strong>{name}</strong>" if is_taken else name, cells))
+        rows.append(_row(f"<mark>{name}</mark>" if is_taken else name, cells))
     return _table(("quality", "time, geometric mean", "from scene to scene", "largest RMSE"), rows)
 
 
