@@ -21,6 +21,9 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 
+if not os.environ.get("EVERY_TEST"):
+    # Which of them draws which scene is asked of the scenes, which take memory.
+    pytest.skip("takes long: set EVERY_TEST=true to run it", allow_module_level=True)
 pytestmark = pytest.mark.takes_long
 
 ROOT = Path(__file__).parents[2]

@@ -12,12 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-if not os.environ.get("CI"):
-    pytest.importorskip("nbclient")
-    pytest.importorskip("ipykernel")
-import nbclient
-import nbformat
-
 BOOK = Path(__file__).parents[2] / "docs/examples/classroom.ipynb"
 
 
@@ -38,6 +32,13 @@ def results(book):
 
 
 def test_the_notebook_runs_and_shows_what_was_saved(tmp_path):
+    if not os.environ.get("CI"):
+        pytest.importorskip("nbclient")
+        pytest.importorskip("ipykernel")
+    # They take long to import, and no other test needs them.
+    import nbclient
+    import nbformat
+
     saved = nbformat.read(BOOK, as_version=4)
     nbformat.validate(saved)
     book = copy.deepcopy(saved)

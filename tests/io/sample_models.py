@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import struct
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[2] / "models"))
 
-from glb import Channel, GlbFile, encode_png
+from glb import Channel, GlbFile, encode_png, png_chunk
 from gltf_scene import ball_arrays
 
-__all__ = ["Channel", "GlbFile", "Model", "ball_arrays", "encode_png", "quad"]
+__all__ = ["Channel", "GlbFile", "Model", "ball_arrays", "blank_png", "encode_png", "quad"]
 
 QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint16)
+
+
+def blank_png(width, height, bits=8):
+    """Return a black picture, which packs into next to nothing, and is never there as a whole."""
+    row, packer = bytes(1 + (bits * width + 7) // 8), zlib.compressobj()
+    pixels = b"".join([packer.compress(row) for _ in range(height)]) + packer.flush()
+    header = struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0)
+    chunks = (b"IHDR", header), (b"IDAT", pixels), (b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(kind, data) for kind, data in chunks)
 
 
 def quad(left, bottom, right, top, z=0.0, uv=(0, 0, 1, 1), name="TEXCOORD_0"):

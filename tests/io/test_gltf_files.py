@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from moving_models import arm
 from PIL import Image
-from sample_models import QUAD_FACES, Model, encode_png, quad
+from sample_models import QUAD_FACES, Model, blank_png, encode_png, quad
 
 import rasterjit as rj
 from rasterjit.cli.options import Look
@@ -56,13 +56,6 @@ def document(model):
 # --- textures -------------------------------------------------------------------------------------
 
 
-def huge_png():
-    """Return the head of a picture of 30000 by 30000 pixels."""
-    stream = io.BytesIO()
-    Image.new("1", (30000, 30000)).save(stream, "PNG")
-    return stream.getvalue()
-
-
 def empty_png():
     """Return a picture of no pixels."""
     whole = encode_png(np.zeros((1, 1, 3), np.uint8))
@@ -70,12 +63,12 @@ def empty_png():
 
 
 BAD_PICTURES = {
-    "damaged": encode_png(GREY)[:50],
-    "no picture": b"GIF, or not",
-    "nothing": b"",
-    "KTX2": b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(64),
-    "empty": empty_png(),
-    "huge": huge_png(),
+    "damaged": lambda: encode_png(GREY)[:50],
+    "no picture": lambda: b"GIF, or not",
+    "nothing": bytes,
+    "KTX2": lambda: b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(64),
+    "empty": empty_png,
+    "huge": lambda: blank_png(30_000, 30_000, bits=1),
 }
 
 
@@ -83,7 +76,7 @@ BAD_PICTURES = {
 @pytest.mark.parametrize("field", ["baseColorTexture", "normalTexture", "emissiveTexture"])
 def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field):
     model = Model()
-    index = model.glb.add_texture(BAD_PICTURES[kind], "bad")
+    index = model.glb.add_texture(BAD_PICTURES[kind](), "bad")
     material = model.material("wall", **{field: {"index": index}}, metallicFactor=0.25)
     model.add(quad(-1, -1, 1, 1), material)
     name = {"baseColorTexture": "base_color", "normalTexture": "normal"}.get(field, "emissive")

@@ -16,8 +16,7 @@ import zipfile
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from PIL import Image
-from sample_models import Model, quad
+from sample_models import Model, blank_png, quad
 
 import rasterjit as rj
 from rasterjit.cli import commands
@@ -94,13 +93,6 @@ def refusal_of(path, most=BUDGET, read=rj.load):
     return found[1]
 
 
-def png(width, height):
-    """Return a picture of one colour, which packs into next to nothing."""
-    stream = io.BytesIO()
-    Image.new("L", (width, height)).save(stream, "PNG")
-    return stream.getvalue()
-
-
 def no_bytes(folder):
     """Write a glTF file of accessors that take no bytes."""
     model = Model()
@@ -127,7 +119,7 @@ def many_pictures(folder):
     """Write a glTF file of pictures, each of which would do."""
     model = Model()
     for number in range(4):
-        use = {"index": model.glb.add_texture(png(500, 500), f"p{number}")}
+        use = {"index": model.glb.add_texture(blank_png(500, 500), f"p{number}")}
         material = model.material(f"m{number}", baseColorTexture=use)
         model.add(quad(number, 0, number + 1, 1), material)
     return model.save(folder / "a.glb"), r"image \d, 'p\d'"
@@ -136,7 +128,7 @@ def many_pictures(folder):
 def obj_picture(folder):
     """Write an OBJ file with a large picture."""
     (folder / "a.mtl").write_text("newmtl m\nmap_Kd wall.png\n")
-    (folder / "wall.png").write_bytes(png(9000, 9000))
+    (folder / "wall.png").write_bytes(blank_png(9000, 9000))
     text = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
     (folder / "a.obj").write_text(text)
     return folder / "a.obj", r"picture 'wall\.png'"
@@ -144,7 +136,7 @@ def obj_picture(folder):
 
 def ply_picture(folder):
     """Write a PLY file with a large picture."""
-    (folder / "wall.png").write_bytes(png(9000, 9000))
+    (folder / "wall.png").write_bytes(blank_png(9000, 9000))
     head = "ply\nformat ascii 1.0\ncomment TextureFile wall.png\nelement vertex 3\n"
     head += "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
     head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
@@ -314,7 +306,7 @@ def exr(folder, width, height):
 
 def sky_png(folder, width, height):
     """Write a picture of 8 bits."""
-    (folder / "a.png").write_bytes(png(width, height))
+    (folder / "a.png").write_bytes(blank_png(width, height))
     return folder / "a.png"
 
 

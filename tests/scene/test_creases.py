@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,9 @@ def creased(vertices, faces):
     return is_creased(vertices, faces, safe_scale(vertices.min(axis=0), vertices.max(axis=0)))
 
 
-def noisy(shape, share):
-    """Return a shape whose vertices are moved to and from its origin by a share of their length."""
+def noisy_ball(subdivisions, share):
+    """Return a ball whose vertices are moved to and from its middle by a share of their length."""
+    shape = creation.icosphere(subdivisions)
     chance = np.random.default_rng(3)
     factors = 1.0 + share * chance.standard_normal((len(shape.vertices), 1))
     return trimesh.Trimesh(shape.vertices * factors, shape.faces, process=False)
@@ -54,22 +56,22 @@ def field(heights):
 
 
 WITH_CREASES = {
-    "box": creation.box(),
-    "long box": creation.box((1.0, 20.0, 0.01)),
-    "box of 768 faces": creation.box().subdivide().subdivide().subdivide(),
-    "cylinder": creation.cylinder(1.0, 2.0),
-    "cylinder of 8 sides": creation.cylinder(1.0, 2.0, sections=8),
-    "cone": creation.cone(1.0, 2.0),
-    "ring": creation.annulus(1.0, 2.0, 1.0),
-    "axes": creation.axis(),
-    "tetrahedron": trimesh.Trimesh(
+    "box": creation.box,
+    "long box": lambda: creation.box((1.0, 20.0, 0.01)),
+    "box of 768 faces": lambda: creation.box().subdivide().subdivide().subdivide(),
+    "cylinder": lambda: creation.cylinder(1.0, 2.0),
+    "cylinder of 8 sides": lambda: creation.cylinder(1.0, 2.0, sections=8),
+    "cone": lambda: creation.cone(1.0, 2.0),
+    "ring": lambda: creation.annulus(1.0, 2.0, 1.0),
+    "axes": creation.axis,
+    "tetrahedron": lambda: trimesh.Trimesh(
         [[1, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1]],
         [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]],
     ),
-    "5000 boxes": trimesh.util.concatenate(
+    "5000 boxes": lambda: trimesh.util.concatenate(
         [creation.box().apply_translation((2 * (n % 70), 2 * (n // 70), 0)) for n in range(5000)]
     ),
-    "30 boxes of 768 faces": trimesh.util.concatenate(
+    "30 boxes of 768 faces": lambda: trimesh.util.concatenate(
         [creation.box().subdivide().subdivide().subdivide() for _ in range(30)]
     ),
 }
@@ -77,43 +79,50 @@ WITH_CREASES = {
 CHANCE = np.random.default_rng(5)
 
 WITHOUT = {
-    "capsule": creation.capsule(),
-    "ball": creation.uv_sphere(),
-    "ball of 96 faces": creation.uv_sphere(count=[6, 6]),
-    "ball of 20 faces": creation.icosphere(subdivisions=0),
-    "ball of 80 faces": creation.icosphere(subdivisions=1),
-    "ball of 81920 faces": creation.icosphere(subdivisions=6),
-    "torus": creation.torus(2.0, 0.5),
-    "torus of 96 faces": creation.torus(2.0, 0.5, major_sections=8, minor_sections=6),
-    **{f"noise of {n}": noisy(creation.icosphere(subdivisions=4), n) for n in (0.003, 0.02, 0.1)},
-    "much noise": noisy(creation.icosphere(subdivisions=6), 0.1),
-    **{f"ground of {n}": field(n * CHANCE.standard_normal((50, 50))) for n in (0.01, 0.05, 0.2)},
-    "hull": trimesh.convex.convex_hull(CHANCE.standard_normal((300, 3))),
-    "hull of a ball": trimesh.convex.convex_hull(noisy(creation.icosphere(2), 0.0).vertices),
-    "chance": trimesh.Trimesh(
-        CHANCE.random((60, 3)), CHANCE.integers(0, 60, (300, 3)), process=False
+    "capsule": creation.capsule,
+    "ball": creation.uv_sphere,
+    "ball of 96 faces": lambda: creation.uv_sphere(count=[6, 6]),
+    "ball of 20 faces": lambda: creation.icosphere(subdivisions=0),
+    "ball of 80 faces": lambda: creation.icosphere(subdivisions=1),
+    "ball of 81920 faces": lambda: creation.icosphere(subdivisions=6),
+    "torus": lambda: creation.torus(2.0, 0.5),
+    "torus of 96 faces": lambda: creation.torus(2.0, 0.5, major_sections=8, minor_sections=6),
+    **{f"noise of {n}": partial(noisy_ball, 4, n) for n in (0.003, 0.02, 0.1)},
+    "much noise": partial(noisy_ball, 6, 0.1),
+    **{
+        f"ground of {n}": partial(field, n * CHANCE.standard_normal((50, 50)))
+        for n in (0.01, 0.05, 0.2)
+    },
+    "hull": partial(trimesh.convex.convex_hull, CHANCE.standard_normal((300, 3))),
+    "hull of a ball": lambda: trimesh.convex.convex_hull(noisy_ball(2, 0.0).vertices),
+    "chance": partial(
+        trimesh.Trimesh, CHANCE.random((60, 3)), CHANCE.integers(0, 60, (300, 3)), process=False
     ),
-    "one fold": trimesh.Trimesh(
+    "one fold": lambda: trimesh.Trimesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [0, 3, 1]], process=False
     ),
-    "one face": trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False),
+    "one face": lambda: trimesh.Trimesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], process=False
+    ),
 }
 
 
 @pytest.mark.parametrize("name", WITH_CREASES)
 def test_what_has_flat_sides_is_creased(name):
-    assert creased(WITH_CREASES[name].vertices, WITH_CREASES[name].faces)
+    shape = WITH_CREASES[name]()
+    assert creased(shape.vertices, shape.faces)
 
 
 @pytest.mark.parametrize("name", WITHOUT)
 def test_smooth_and_noisy_surfaces_are_not(name):
-    assert not creased(WITHOUT[name].vertices, WITHOUT[name].faces)
+    shape = WITHOUT[name]()
+    assert not creased(shape.vertices, shape.faces)
 
 
 @pytest.mark.parametrize("name", ["ball of 81920 faces", "much noise", "capsule"])
 def test_a_few_faces_tell_that_a_surface_is_smooth(name, monkeypatch):
     # It is asked for each new mesh, and so for each frame where a shape morphs.
-    shape, looked_at = WITHOUT[name], []
+    shape, looked_at = WITHOUT[name](), []
     measure = normals.area_vectors
 
     def count(vertices, faces, scale):
@@ -127,15 +136,16 @@ def test_a_few_faces_tell_that_a_surface_is_smooth(name, monkeypatch):
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])
 def test_size_place_and_order_decide_nothing(scale):
-    box, chance = WITH_CREASES["box"], np.random.default_rng(1)
+    box, torus = creation.box(), WITHOUT["torus"]()
+    chance = np.random.default_rng(1)
     faces = np.array([np.roll(face, n) for n, face in enumerate(chance.permutation(box.faces))])
     assert creased(box.vertices * scale, faces)
     assert creased(box.vertices * scale, faces[:, ::-1])
-    assert not creased(WITHOUT["torus"].vertices * scale, WITHOUT["torus"].faces)
+    assert not creased(torus.vertices * scale, torus.faces)
 
 
 def test_faces_without_an_area_and_vertices_that_are_not_finite_have_no_say():
-    box = WITH_CREASES["box"]
+    box = creation.box()
     vertices = np.concatenate([box.vertices, [[np.nan, 0.0, 0.0]]])
     faces = np.concatenate([box.faces, [[0, 0, 1], [8, 0, 1], [2, 2, 2]]])
     mesh = rj.Mesh(vertices, faces, on_invalid="drop")
