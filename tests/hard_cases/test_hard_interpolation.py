@@ -165,8 +165,8 @@ def test_slivers_far_from_the_origin_lose_nothing(points, values, pixel, size, w
     assert rj.oracle.covered_pixels(points, size, window=window) == {pixel}
     # One pixel of a large image: the kernel fills its row alone.
     geometry = geometry_of(points, 1.0, size)
-    face_id = np.full((row + 1, column + 1), -1, np.int32)
-    face_id[row, column] = 0
+    face_id = np.zeros((row + 1, column + 1), np.int32)  # Other rows take no memory.
+    face_id[row, :column] = -1
     filled = np.empty((*face_id.shape, 1), np.float32)
     attribute = np.array(values, np.float32)[:, None]
     whole = geometry
