@@ -3,7 +3,8 @@ Render pictures of the guides: ``python models/make_guide_pictures.py [FOLDER]``
 
 ``qualities.png``: a part of one scene in the four named qualities, enlarged, for
 ``docs/guides/accuracy.md``. ``primitives.png``: lines, a triangle, a circle and a curve, enlarged,
-for ``docs/guides/classics.md``.
+for ``docs/guides/classics.md``. ``materials/far_masks.png``: leaves and a fence from near to far,
+with few samples and with 256, for ``docs/guides/materials.md``.
 """
 
 from __future__ import annotations
@@ -59,10 +60,66 @@ def draw_primitives() -> Image.Image:
     return Image.fromarray(large)
 
 
+FAR = (192, 96, 48, 24, 12)
+"""How many pixels wide masks are shown, from near to far."""
+
+
+def leaves() -> np.ndarray:
+    """Return a picture of leaves on clear ground, (256, 256, 4) uint8, denser in the middle."""
+    rng, side = np.random.default_rng(3), 256
+    y, x = np.mgrid[:side, :side] + 0.5
+    image = np.zeros((side, side, 4), np.uint8)
+    for _ in range(170):
+        middle, turn = rng.random(2) * side, rng.random() * np.pi
+        if rng.random() < 0.9 * np.hypot(*(middle - side / 2)) / (side / 2):
+            continue
+        across, down = x - middle[0], y - middle[1]
+        along = (across * np.cos(turn) + down * np.sin(turn)) / 18
+        beside = (down * np.cos(turn) - across * np.sin(turn)) / 5
+        alpha = np.clip(2.5 - 2.0 * (along**2 + beside**2), 0, 1)
+        image[alpha > 0.02, :3] = 60 + 60 * rng.random(), 140 + 80 * rng.random(), 40
+        image[..., 3] = np.maximum(image[..., 3], 255 * alpha)
+    return image
+
+
+def fence() -> np.ndarray:
+    """Return a picture of crossing wires on clear ground, (256, 256, 4) uint8."""
+    y, x = np.mgrid[:256, :256]
+    wires = ((x + y) % 16 < 3) | ((x - y) % 16 < 3)
+    return np.where(wires[..., np.newaxis], (110, 110, 120, 255), (0, 0, 0, 0)).astype(np.uint8)
+
+
+def draw_far_masks() -> Image.Image:
+    """Return masks from near to far, small ones enlarged, by samples of a pixel."""
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+    height, rows = FAR[0] + GAP, []
+    for image in (leaves(), fence()):
+        material = rj.Material("unlit", base_color_texture=rj.Texture(image), alpha_mode="mask")
+        uv = corners[:, :2] / 2 + 0.5
+        mesh = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], uv=uv, material=material)
+        rows += [(mesh, samples) for samples in (1, 4, 256)]
+    sheet = Image.new("RGB", (BAR + len(FAR) * height, len(rows) * height), "white")
+    draw = ImageDraw.Draw(sheet)
+    for n, (mesh, samples) in enumerate(rows):
+        draw.text((0, n * height), str(samples), "black", font=ImageFont.load_default(12))
+        for k, pixels in enumerate(FAR):
+            camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.0)
+            frame = rj.render(
+                mesh, camera, size=(pixels, pixels), background="#d8e8ff",
+                quality=rj.Quality(samples=samples),
+            )  # fmt: skip
+            shown = Image.fromarray(frame.color[:, :, :3])
+            large = shown.resize((FAR[0], FAR[0]), Image.Resampling.NEAREST)
+            sheet.paste(large, (BAR + k * height, n * height))
+    return sheet
+
+
 def main(folder: Path) -> None:
     """Draw and write."""
     draw_qualities().quantize(128, dither=Image.Dither.NONE).save(folder / "qualities.png")
     draw_primitives().save(folder / "primitives.png")
+    far = draw_far_masks().quantize(128, dither=Image.Dither.NONE)
+    far.save(folder / "materials" / "far_masks.png")
 
 
 if __name__ == "__main__":

@@ -226,7 +226,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
-    alpha_tests = shade.find_alpha_tests(plan, cache)
+    alpha_tests = shade.find_hit_tests(plan, cache)
     primitives = primitives_of(
         arrays.primitives, views.relative_from_model, vertices.positions,
         views.clip_from_relative, plan.size,

@@ -205,9 +205,10 @@ class Desk:
         self._geometry = draw.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
         )
-        self._alpha_tests = shade.find_alpha_tests(plan, cache)
-        if self._alpha_tests is not None:
-            self._alpha_tests = self._alpha_tests._replace(geometry=self._geometry)
+        self._alpha_tests, self._hit_tests = (
+            None if tests is None else tests._replace(geometry=self._geometry)
+            for tests in (shade.find_alpha_tests(plan, cache), shade.find_hit_tests(plan, cache))
+        )
         listed = self._list_and_draw(faces, screen, viewport)
         finding = transformed, clipped, placed, *cut, *listed
         self._finding = np.array([one.words for one in finding], np.int64)
@@ -285,7 +286,7 @@ class Desk:
         )  # fmt: skip
         # Tiles.
         self._tile_depths = np.empty(tiles, np.float32)
-        tests, holes = self._alpha_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
+        tests, holes = self._hit_tests, (np.empty(0, np.int64), np.empty(0, np.float32))
         if tests is not None:
             holes = tests.face_starts, tests.cutoffs
         raised = self._calls.bound(

@@ -45,7 +45,7 @@ def shows_anything(plan: RenderPlan, stats: Stats) -> bool:
     if not plan.facts.finds_faces:
         return stats.drawn + stats.unsampled + stats.degenerate > 0
     # Faces with holes may be holes everywhere.
-    return stats.drawn > 0 and (not plan.facts.needs_alpha_tests or stats.pixels_covered > 0)
+    return stats.drawn > 0 and (not plan.facts.tests_hits or stats.pixels_covered > 0)
 
 
 def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:

@@ -57,8 +57,8 @@ def render_layers(
     Find the k nearest surfaces of each pixel, at its centre, nearest first (depth peeling).
 
     Every face that covers a pixel's centre is a layer of it, whatever its alpha, but for the holes
-    of cut-out materials. Faces at the same depth are layers in the order of their numbers. The
-    first layer holds what ``render`` shows, bit for bit.
+    of cut-out materials and what ``quality.visible_alpha`` leaves out. Faces at the same depth are
+    layers in the order of their numbers. The first layer holds what ``render`` shows, bit for bit.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _draw_layers(
     """Run the stages of a frame, and those from face numbers on for each layer."""
     plan, cache, views, _ = planned
     seen = find_visible(plan, cache, workers, clock, views)
-    finder = bands.Finder(seen.geometry, shade.find_alpha_tests(plan, cache))
+    finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, cache))
     depths, faces = peel(count, seen.coverage, finder, workers)
     clock("layers")
     compared = compare(planned, workers, clock)

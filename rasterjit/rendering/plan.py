@@ -176,6 +176,9 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and facts.finds_faces:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
+    if facts.hits_are_visible and contents.unlaid:
+        clear = np.flatnonzero(facts.inventory.is_see_through).tolist()
+        refuse_texture([scene.nodes[number] for number in clear], quality)
 
 
 def _refuse_imitating(scene: Scene, imitation: Imitation) -> None:
@@ -276,7 +279,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     if plan.lens:
         rows += lens_kernels(plan.outputs)
     if plan.surfaces is not None:
-        rows += peeling_kernels(plan.depth_format.kind, plan.facts.needs_alpha_tests)
+        rows += peeling_kernels(plan.depth_format.kind, plan.facts.tests_hits)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
@@ -309,7 +312,7 @@ def _finding_kernels(plan: RenderPlan) -> Rows:
     return draw.kernels_of(
         find_faces=plan.needs_centers, keep_lists=plan.keeps_lists,
         keep_clip_positions=plan.keeps_clip_positions,
-        has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
+        has_alpha_tests=plan.facts.tests_hits, depth_type=plan.depth_format.kind,
         precision=plan.quality.precision, kinds=plan.facts.contents.primitives,
     )  # fmt: skip
 

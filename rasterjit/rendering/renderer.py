@@ -345,7 +345,7 @@ def find_visible(
         wanted["reach"] = sampled_viewport(viewport, plan.layers.samples).reach
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
-        alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
+        alpha_tests=shade.find_hit_tests(plan, cache), depth_type=plan.depth_format.kind,
         is_affine=plan.is_affine, kept=kept, hidden=_hidden_faces(plan, arrays),
         primitives=primitives_of(
             arrays.primitives, views.relative_from_model, vertices.positions,

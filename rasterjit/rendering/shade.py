@@ -145,6 +145,17 @@ def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
     )
 
 
+def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
+    """Return what decides where surfaces are hit: holes, and what is too faint; None if nothing."""
+    facts = plan.facts
+    if not facts.hits_are_visible:
+        return find_alpha_tests(plan, cache)
+    tests = cache.tables.alpha_tests(facts.contents.textured["base_color_texture"] > 0)
+    least = np.float32(facts.quality.visible_alpha)
+    cutoffs = np.where(facts.inventory.is_see_through, least, tests.cutoffs)
+    return tests._replace(cutoffs=cutoffs.astype(np.float32))
+
+
 def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     """
     Return what the objects look like, as far as the plan has a use for it, without light.

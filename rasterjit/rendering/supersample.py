@@ -257,7 +257,7 @@ def cover_pixels(
     samples = plan.facts.picture_samples
     if samples is None:
         samples = plan.quality.samples
-        finder = bands.Finder(context.geometry, shade.find_alpha_tests(plan, context.cache))
+        finder = bands.Finder(context.geometry, shade.find_hit_tests(plan, context.cache))
         return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)

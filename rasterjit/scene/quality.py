@@ -133,10 +133,16 @@ class Quality:
         coordinates, shadows and the outputs besides ``"color"`` and ``"linear"`` take float64
         always.
 
+    visible_alpha : float
+        Where the alpha of a blended surface is below this, 0..1, the surface is not hit: depth,
+        ids, normals, coverage and all outputs but the colours show what lies behind it. Default 0:
+        the nearest surface counts, however clear. Colours stay what they are. Alpha is that of
+        material, colours and texture; that of a colour map of scalars does not count.
+
     Raises
     ------
     ValueError
-        If a setting is not one of its levels.
+        If a setting is not one of its levels, or a number out of range.
     """
 
     subpixel_bits: SubpixelBits = 8
@@ -153,8 +159,11 @@ class Quality:
     blending: Blending = "linear"
     lines: Lines = "bresenham"
     interpolation_precision: InterpolationPrecision = "adaptive"
+    visible_alpha: float = 0.0
 
     def __post_init__(self) -> None:
+        alpha = bounded_number("visible_alpha", self.visible_alpha, 0.0, 1.0)
+        object.__setattr__(self, "visible_alpha", alpha)
         for name in LEVELS:
             object.__setattr__(self, name, _level(name, getattr(self, name)))
         if self.samples != 1 and self.subpixel_bits == 0:
@@ -235,6 +244,11 @@ def parse_setting(text: str) -> dict[str, Any]:
         Naming the setting or the level that is unknown, and listing those that are possible.
     """
     name, equals, wanted = text.partition("=")
+    if name == "visible_alpha":
+        try:
+            return {name: bounded_number(name, float(wanted), 0.0, 1.0)}
+        except ValueError:
+            raise ValueError(f"{name} must be a number in 0..1; got {wanted!r}") from None
     if not equals or name not in LEVELS:
         raise ValueError(
             f"a setting must read NAME=LEVEL, with a name of {', '.join(LEVELS)}; got {text!r}"

@@ -265,6 +265,17 @@ class Facts:
         return self.finds_faces and self.seen.cut_out > 0
 
     @cached_property
+    def hits_are_visible(self) -> bool:
+        """Whether faces are drawn without what of them is too faint to be hit."""
+        seen = self.inventory.is_see_through & self.in_view
+        return self.finds_faces and self.quality.visible_alpha > 0.0 and bool(seen.any())
+
+    @cached_property
+    def tests_hits(self) -> bool:
+        """Whether the alpha of faces is looked at to find the nearest."""
+        return self.needs_alpha_tests or self.hits_are_visible
+
+    @cached_property
     def has_textured_holes(self) -> bool:
         """Whether a texture decides where those holes are."""
         return self.seen.textured_holes > 0

@@ -10,7 +10,7 @@ from __future__ import annotations
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning
-from rasterjit.survey.facts import Facts
+from rasterjit.survey.facts import Facts, settings_asked
 from rasterjit.survey.material_rows import made_opaque
 
 
@@ -18,7 +18,7 @@ class Blending(Effect):
     """Lay faces over what lies behind them."""
 
     name = "transparency"
-    settings = ("transparency_layers",)
+    settings = ("transparency_layers", "visible_alpha")
     follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
@@ -34,7 +34,8 @@ class Blending(Effect):
         nearest = "" if most == "all" else f", the nearest {most} at a sample"
         if most == 1:
             nearest = ", the nearest one at a sample"
-        return transparency.reason + nearest + mixing_note(quality)
+        hits = settings_asked(facts, "visible_alpha")
+        return transparency.reason + nearest + mixing_note(quality) + hits
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with opaque materials."""
