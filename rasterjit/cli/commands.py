@@ -22,6 +22,7 @@ from rasterjit.cli.options import (
     READING,
     Effects,
     FiniteType,
+    FormatType,
     KnobsType,
     LensType,
     Look,
@@ -120,7 +121,10 @@ def program(context: click.Context, version: bool) -> None:
     "Default: FILE's name with .png, in the current folder.",
 )  # fmt: skip
 @click.option("--force", is_flag=True,
-              help="Replace files that exist; one that OUT names is replaced anyway.")  # fmt: skip
+              help="Replace files that exist; one that OUT names is replaced anyway. Of a folder, "
+              "draw pictures anew that are there.")  # fmt: skip
+@click.option("--format", "suffix", type=FormatType(), default="png", show_default=True,
+              help="Of pictures whose names are not given: png, webp, jpg, tif ...")  # fmt: skip
 @size_option("1280x720")
 @view_options
 @moment_options
@@ -177,6 +181,7 @@ def render(
     files: tuple[Path, ...],
     output: Path | None,
     force: bool,
+    suffix: str,
     size: tuple[int, int],
     threads: int | None,
     quiet: bool,
@@ -189,7 +194,9 @@ def render(
     file's own is used, or one that fits the whole scene into the picture. If FILE is a folder,
     each mesh below it becomes a picture in the folder OUT, of 256x256 pixels unless --size says
     otherwise. Meshes that cannot be drawn are named, and the exit status is 1. OUT may be FILE
-    itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
+    itself: the picture of a.obj is a.obj.png, and replaces a file of that name. Pictures that are
+    there, drawn with the same options after their mesh was written, stay as they are; --force
+    draws them anew.
 
     Exit status: 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
@@ -206,7 +213,9 @@ def render(
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
         options = {name: rest[name] for name in ("style", "background", "cull")}
-        render_folder(files[0], output, size, threads, quiet, view, look, effects, **options)
+        render_folder(
+            files[0], output, suffix, force, size, threads, quiet, view, look, effects, **options
+        )
         return
     from rasterjit.cli.pictures import (
         Picture,
@@ -221,7 +230,7 @@ def render(
     if output is not None and str(output) == STANDARD_OUTPUT:
         to_standard_output(files, asked, *described)
         return
-    places = places_of(files, output, force)
+    places = places_of(files, output, suffix, force)
     if len(places) == 1:
         render_file(files[0], places[files[0]], asked, *described)
         return

@@ -139,6 +139,9 @@ def make_dataset(
     start = time.perf_counter()
     with progress_notice(quiet), _progress(recipe, quiet) as report:
         summary = make(folder, output, recipe, workers=workers, report=report)
+    for name, lines in list(summary.warnings.items())[:MOST_NAMED]:
+        for line in lines:
+            warn(f"{name}: {in_options(line.removeprefix(f'{name}: '))}", quiet)
     for name, reason in list(summary.failures.items())[:MOST_NAMED]:
         warn(f"left out {name}: {in_options(reason)}", quiet)
     if not quiet:
@@ -148,8 +151,11 @@ def make_dataset(
             f"wrote {output}: {summary.made} meshes, {views} views in {seconds:.1f} s; "
             f"{summary.present} were there, {len(summary.failures)} failed"
         )
-    if summary.failures and not summary.made and not summary.present:
-        raise click.ClickException(f"no mesh in {folder} can be rendered; see failures.json")
+    if summary.failures:
+        count = len(summary.failures) + summary.made + summary.present
+        raise click.ClickException(
+            f"{len(summary.failures)} of {count} mesh files could not be drawn: see failures.json"
+        )
 
 
 @contextmanager

@@ -136,6 +136,24 @@ class SizeType(click.ParamType):
             self.fail(f"{value!r}: both sides must be in 1..16384 pixels", parameter, context)
 
 
+class FormatType(click.ParamType):
+    """A format of pictures, ``png``."""
+
+    name = "format"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str:
+        """Return the suffix, ``".png"``, or raise click's usage error."""
+        from rasterjit.io.images import IMAGE_FORMATS
+
+        suffix = f".{value.strip().lower().removeprefix('.')}"
+        if suffix not in IMAGE_FORMATS:
+            known = ", ".join(one[1:] for one in IMAGE_FORMATS)
+            self.fail(f"{value!r} is none of {known}", parameter, context)
+        return suffix
+
+
 class PixelType(click.ParamType):
     """Column and row of a pixel, ``320,240``."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -41,10 +42,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.lens import Lens
 
-SUFFIX = ".png"
-"""Of pictures that no name is given for."""
-
-OPAQUE = (".jpg", ".jpeg", ".bmp")
+PNG = ".png"
 
 
 class Picture(NamedTuple):
@@ -68,7 +66,9 @@ class Picture(NamedTuple):
     quiet: bool
 
 
-def places_of(files: tuple[Path, ...], output: Path | None, force: bool) -> dict[Path, Path]:
+def places_of(
+    files: tuple[Path, ...], output: Path | None, suffix: str, force: bool
+) -> dict[Path, Path]:
     """
     Return where the picture of each file goes, or raise click's usage error.
 
@@ -77,6 +77,8 @@ def places_of(files: tuple[Path, ...], output: Path | None, force: bool) -> dict
     files : tuple of Path
     output : Path or None
         Of one file the name of the picture or a folder, of several a folder, which is made.
+    suffix : str
+        Of pictures whose names are not given, ``".png"``.
     force : bool
         Whether pictures whose names are not given replace files.
     """
@@ -98,19 +100,41 @@ def places_of(files: tuple[Path, ...], output: Path | None, force: bool) -> dict
     if output is not None:
         refuse_picture("several files", output)
     folder = Path() if output is None else output
-    places = {file: folder / file.with_suffix(SUFFIX).name for file in files}
-    by_place: dict[Path, Path] = {}
-    for file, place in places.items():
-        if place in by_place:
-            raise click.UsageError(
-                f"{by_place[place]} and {file} would both be {place}: render one with -o OUT"
-            )
-        by_place[place] = file
+    places = {file: folder / name for file, name in names_of(files, suffix).items()}
+    if output is None and any(place.parent != folder for place in places.values()):
+        raise click.UsageError(
+            "pictures of several files would have the same name: -o DIR keeps the files' folders"
+        )
+    for place in places.values():
         if place.exists() and not force:
             raise click.UsageError(f"{place} exists: --force replaces it, -o OUT names another")
     if output is not None:
         output.mkdir(exist_ok=True)
     return places
+
+
+def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
+    """
+    Return the names of the pictures of several files, each another.
+
+    ``a/b.obj`` becomes ``b.png``; where that would be two pictures, files keep the folders in which
+    they differ, and where that is not enough, their suffix: ``a/b.obj.png``.
+    """
+    places = {file: Path(os.path.abspath(file)) for file in files}
+    if len(set(places.values())) < len(files):
+        raise click.UsageError("a FILE is given twice")
+    root = Path(os.path.commonpath([place.parent for place in places.values()]))
+    below = {file: place.relative_to(root) for file, place in places.items()}
+    choices = (
+        lambda file: Path(file.with_suffix(suffix).name),
+        lambda file: below[file].with_suffix(suffix),
+        lambda file: below[file].with_name(file.name + suffix),
+    )
+    for choose in choices:
+        named = {file: choose(file) for file in files}
+        if len(set(named.values())) == len(files):
+            break
+    return named
 
 
 def to_standard_output(
@@ -127,7 +151,7 @@ def to_standard_output(
     if asked.stats or asked.diagnose:
         raise click.UsageError("--output - is the picture alone: leave --stats, --diagnose out")
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / f"picture{SUFFIX}"
+        place = Path(folder) / f"picture{PNG}"
         if len(plan_files(place, asked.outputs, {})[1]) > 1:
             raise click.UsageError("--output - is one picture: name one of --outputs")
         render_file(files[0], place, asked._replace(quiet=True), view, look, effects, moment)
@@ -148,6 +172,7 @@ def render_files(
     failed = 0
     for file, place in places.items():
         try:
+            place.parent.mkdir(parents=True, exist_ok=True)
             render_file(file, place, asked, view, look, effects, moment)
         except (click.UsageError, click.Abort, BrokenPipeError):
             raise
@@ -164,8 +189,10 @@ def render_file(
     moment: Moment,
 ) -> None:  # fmt: skip
     """Draw a file, write what is asked for, and say so."""
+    from rasterjit.io.images import OPAQUE_FORMATS
+
     size, background = size_behind(asked.background, asked.size), asked.background
-    if output.suffix.lower() in OPAQUE and not is_opaque(background):
+    if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )

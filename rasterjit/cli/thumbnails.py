@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 import time
 import warnings
 from pathlib import Path
@@ -11,7 +13,7 @@ import click
 
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
-from rasterjit.cli.program import load_scene, reason, size_behind, warn
+from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind, warn
 from rasterjit.cli.report import progress_bar, progress_notice
 
 if TYPE_CHECKING:
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
 SIZE = (256, 256)
 """Of a picture, pixels, if no size is given."""
 
-SUFFIX = ".png"
-"""What is added to the name of a mesh file."""
+SETTINGS = ".rasterjit-render"
+"""The file in the folder of pictures that tells with which settings they are drawn."""
 
 ALONE = (
     "lens", "outputs", "depth_file", "scale", "codes_per_unit", "mask_file", "mask_of", "diagnose",
@@ -30,8 +32,8 @@ ALONE = (
 
 
 def render_folder(
-    folder: Path, output: Path, size: tuple[int, int], threads: int | None, quiet: bool,
-    view: View, look: Look, effects: Effects, **options: Any,
+    folder: Path, output: Path, suffix: str, force: bool, size: tuple[int, int],
+    threads: int | None, quiet: bool, view: View, look: Look, effects: Effects, **options: Any,
 ) -> None:  # fmt: skip
     """
     Draw every mesh file below a folder; those that fail are named, and at the end the command.
@@ -40,6 +42,11 @@ def render_folder(
     ----------
     folder, output : Path
         The picture of ``folder/a/b.obj`` is ``output/a/b.obj.png``.
+    suffix : str
+        What is added to the name of a mesh file, ``".png"``: the format.
+    force : bool
+        Whether pictures are drawn anew that are there, drawn with the same settings and version
+        after their mesh was written.
     size, threads, quiet
         Of the command.
     view, look, effects : View, Look, Effects
@@ -51,7 +58,9 @@ def render_folder(
     click.ClickException
         If there is no mesh file, or some could not be drawn.
     """
+    from rasterjit import __version__
     from rasterjit.io.folders import mesh_files
+    from rasterjit.io.images import OPAQUE_FORMATS
     from rasterjit.rendering.renderer import Renderer
 
     refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")
@@ -60,8 +69,14 @@ def render_folder(
     names = [file.relative_to(root) for file in mesh_files(root)]
     if not names:
         raise click.ClickException(f"{folder} holds no mesh files")
+    if suffix in OPAQUE_FORMATS and not is_opaque(options["background"]):
+        raise click.BadOptionUsage(
+            "--background", f"--background: {suffix} cannot be transparent; choose --format png"
+        )
     _make_folder(output)
-    start, failed = time.perf_counter(), 0
+    settings = pickle.dumps((__version__, size, suffix, view, look, effects, options))
+    since = _begun(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
+    start, failed, present = time.perf_counter(), 0, 0
     with (
         progress_bar("Rendering", quiet) as show,
         progress_notice(quiet),
@@ -69,9 +84,12 @@ def render_folder(
     ):
         show(0, len(names))
         for done, name in enumerate(names, 1):
-            place = output / name.with_name(name.name + SUFFIX)
+            file, place = folder / name, output / name.with_name(name.name + suffix)
+            if _is_done(file, place, since):
+                present += 1
+                show(done, len(names))
+                continue
             try:
-                file = folder / name
                 for notice in _draw(file, place, renderer, view, look, effects, quiet, **options):
                     warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
@@ -83,9 +101,33 @@ def render_folder(
             show(done, len(names))
     if not quiet:
         seconds = time.perf_counter() - start
-        click.echo(f"wrote {output}: {len(names) - failed} pictures in {seconds:.1f} s")
+        told = f"; {present} were there, which --force draws anew" if present else ""
+        count = len(names) - failed - present
+        click.echo(f"wrote {output}: {count} pictures in {seconds:.1f} s{told}")
     if failed:
         raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
+
+
+def _begun(place: Path, settings: str, force: bool) -> int:
+    """Return since when pictures are drawn with these settings, ns; from now on with ``force``."""
+    from rasterjit.io.whole import replacing
+
+    try:
+        known = place.read_text()
+    except (OSError, UnicodeDecodeError):
+        known = ""
+    if force or known != settings:
+        with replacing(place) as temporary:
+            temporary.write_text(settings)
+    return place.stat().st_mtime_ns
+
+
+def _is_done(file: Path, place: Path, since: int) -> bool:
+    """Tell whether a picture is there that is younger than its mesh file and the settings."""
+    try:
+        return place.stat().st_mtime_ns > max(file.stat().st_mtime_ns, since)
+    except OSError:
+        return False
 
 
 def _make_folder(output: Path) -> None:

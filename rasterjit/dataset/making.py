@@ -8,13 +8,13 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rasterjit.dataset import crews
 from rasterjit.dataset.lock import LOCK, owned
-from rasterjit.dataset.mesh import DONE, PARTIAL, make_mesh, write_json
+from rasterjit.dataset.mesh import DONE, PARTIAL, Made, make_mesh, write_json
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.io.folders import existing_folder, mesh_files
 from rasterjit.scene.validation import in_short
@@ -39,10 +39,13 @@ class Outcome:
         Of its file, below the folder of meshes, with ``/``.
     failure : str or None
         Why it could not be read or rendered.
+    warnings : tuple of str
+        What reading and rendering it warned of, a line each; of a view with its number.
     """
 
     name: str
     failure: str | None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,14 @@ class Summary:
         Meshes that were done before.
     failures : dict of str to str
         Why some could not be, by name, in order.
+    warnings : dict of str to tuple of str
+        What there was to warn of, by name, in order; nothing of meshes that were done before.
     """
 
     made: int
     present: int
     failures: dict[str, str]
+    warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def make(
@@ -141,26 +147,27 @@ def _make_all(
     names: dict[str, Path],
     place: Path,
     recipe: Recipe,
-    crew: Callable[..., Iterator[tuple[Any, str | None]]],
+    crew: Callable[..., Iterator[tuple[Any, Made]]],
     report: Callable[[Outcome, int, int], None] | None,
 ) -> Summary:
     """Render the meshes that are not done, and list those that fail."""
     todo = [name for name in names if not (place / name / DONE).is_file()]
     jobs = [(names[name], name, place, recipe) for name in todo]
-    failures: dict[str, str] = {}
+    results: dict[str, Made] = {}
     # Closing it lets the workers go, whatever happens here.
-    with closing(crew(make_mesh, jobs)) as results:
-        for number, (job, failure) in enumerate(results, start=1):
-            if failure is not None:
-                failures[job[1]] = failure
+    with closing(crew(make_mesh, jobs)) as done:
+        for number, (job, made) in enumerate(done, start=1):
+            results[job[1]] = made
             if report is not None:
-                report(Outcome(job[1], failure), number, len(todo))
-    failures = {name: failures[name] for name in todo if name in failures}
+                report(Outcome(job[1], *made), number, len(todo))
+    in_order = {name: results[name] for name in todo if name in results}
+    failures = {name: made.failure for name, made in in_order.items() if made.failure is not None}
+    warned = {name: made.warnings for name, made in in_order.items() if made.warnings}
     _list_failures(place, failures)
-    return Summary(len(todo) - len(failures), len(names) - len(todo), failures)
+    return Summary(len(todo) - len(failures), len(names) - len(todo), failures, warned)
 
 
-def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, str | None]]]:
+def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, Made]]]:
     """Return who does the work, or raise ``ValueError``."""
     if isinstance(workers, str):
         if "://" not in workers:

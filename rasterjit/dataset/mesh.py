@@ -24,7 +24,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from rasterjit.io.meshes import load
 from rasterjit.io.whole import replacing
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.pool import draw_in_turns
 from rasterjit.rendering.stream import check_arguments, share_threads
 from rasterjit.scene import transforms
@@ -80,6 +81,15 @@ def _go_on() -> None:
     """Do nothing: nobody calls off the work."""
 
 
+class Made(NamedTuple):
+    """What came of a mesh."""
+
+    failure: str | None
+    """Why it cannot be read or rendered, in one line; ``None`` when it is done."""
+    warnings: tuple[str, ...]
+    """What reading and rendering warned of, a line each."""
+
+
 def make_mesh(
     source: Path,
     name: str,
@@ -87,7 +97,7 @@ def make_mesh(
     recipe: Recipe,
     threads: int | None,
     check: Callable[[], None] = _go_on,
-) -> str | None:
+) -> Made:
     """
     Render all views of a mesh file into ``output / name``, whole or not at all.
 
@@ -106,22 +116,30 @@ def make_mesh(
 
     Returns
     -------
-    str or None
-        Why the mesh cannot be read or rendered, in one line; ``None`` when it is done.
+    Made
 
     Raises
     ------
     OSError
         If a file cannot be written.
     """
-    try:
-        with built_whole(output, name) as folder:
-            with _failing(source, name):
-                scene = _load(source, recipe)
-            render_views(scene, folder, recipe, name=name, threads=threads, check=check)
-    except MeshError as error:
-        return str(error)
-    return None
+    failure = None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        try:
+            with built_whole(output, name) as folder:
+                with _failing(source, name):
+                    scene = load(
+                        source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
+                        max_bytes=recipe.max_bytes,
+                    )  # fmt: skip
+                render_views(scene, folder, recipe, name=name, threads=threads, check=check)
+        except MeshError as error:
+            failure = str(error)
+    # The same words wherever the meshes are.
+    said = (_one_line(one.message).replace(str(source), name) for one in caught)
+    return Made(failure, tuple(dict.fromkeys(said)))
 
 
 def render_views(
@@ -176,7 +194,7 @@ def render_views(
         for number, camera in enumerate(cameras):
             check()
             with _failing(place, name):
-                frame = next(drawn)
+                frame = _next(drawn, number)
             try:
                 paths = _write(frame, place, number, recipe, units_a_code)
             except ValueError as error:
@@ -252,19 +270,20 @@ def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Pat
     return Path(folder)
 
 
-def _one_line(error: Exception) -> str:
+def _next(drawn: Iterator[Frame], view: int) -> Frame:
+    """Return the next frame; what is warned of its view names that."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        frame = next(drawn)
+    for one in caught:
+        view_of = f"view {view}: " if issubclass(one.category, ViewWarning) else ""
+        warnings.warn(f"{view_of}{one.message}", one.category, stacklevel=3)
+    return frame
+
+
+def _one_line(error: Exception | Warning | str) -> str:
     """Return what went wrong as one line."""
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def _load(source: Path, recipe: Recipe) -> Scene:
-    """Read a mesh file; what is left out of it is no failure."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return load(
-            source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
-            max_bytes=recipe.max_bytes,
-        )  # fmt: skip
 
 
 def _folder(output: str) -> str:

@@ -90,7 +90,7 @@ def test_several_files_go_to_a_folder(tmp_path, monkeypatch):
     assert result.exit_code == 0, result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["cube.png", "other.png"]
     assert "--force" in run("render", CUBE, other, "-o", "out", *SIZE).stderr
-    assert "would both be" in run("render", CUBE, "cube.obj").stderr
+    assert "would have the same name" in run("render", CUBE, "cube.obj").stderr
     assert "is a file" in run("render", CUBE, other, "-o", "out/cube.png").stderr
     assert "is the name of a file" in run("render", CUBE, other, "-o", "both.png").stderr
     assert "-o new.png names what is written" in run("render", CUBE, "new.png").stderr

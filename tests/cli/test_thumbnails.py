@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from rasterjit.cli import commands
+from rasterjit.cli.thumbnails import SETTINGS
 
 MODELS = Path(__file__).parents[2] / "models"
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -31,7 +32,8 @@ def folder(tmp_path):
 
 
 def written(out):
-    return sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
+    files = (path for path in out.rglob("*") if path.is_file() and path.name != SETTINGS)
+    return sorted(path.relative_to(out).as_posix() for path in files)
 
 
 def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
@@ -116,6 +118,48 @@ def test_pictures_may_lie_beside_the_meshes_and_are_no_meshes_themselves(folder)
     pictures = ["a.off.png", "a.ply.png", "below/b.obj.png"]
     assert written(folder) == sorted(before + pictures)
     assert (folder / "a.ply").read_bytes() == (MODELS / "cube.ply").read_bytes()
+
+
+def test_pictures_that_are_there_stay_until_mesh_or_options_change(folder, tmp_path):
+    out = tmp_path / "out"
+
+    def drawn(*options):
+        before = {name: (out / name).stat().st_mtime_ns for name in written(out)}
+        result = run("render", folder, "-o", out, "--size", "8x8", "--format", "webp", *options)
+        assert result.exit_code == 0, result.output
+        present = [name for name, time in before.items() if (out / name).stat().st_mtime_ns == time]
+        assert (f"{len(present)} were there" in result.stdout) == bool(present)
+        return sorted(set(written(out)) - set(present))
+
+    every = ["a.off.webp", "a.ply.webp", "below/b.obj.webp"]
+    assert drawn() == every
+    assert drawn() == []
+    (out / "a.ply.webp").unlink()
+    (folder / "below" / "b.obj").write_text(TRIANGLE)
+    assert drawn() == ["a.ply.webp", "below/b.obj.webp"]
+    assert drawn("--color", "teal") == every
+    assert drawn("--color", "teal", "--force") == every
+    assert iio.imread(out / "a.ply.webp").shape[:2] == (8, 8)
+    opaque = run("render", folder, "-o", out, "--format", "jpg", "--background", "transparent")
+    assert opaque.exit_code == 2
+    assert "choose --format png" in opaque.stderr
+    assert "'pdf' is none of png, jpg" in run("render", folder, "-o", out, "--format", "pdf").stderr
+
+
+def test_files_of_one_name_keep_their_folders(tmp_path):
+    files = [tmp_path / name for name in ("one/model.obj", "two/model.obj", "two/model.off")]
+    for file in files:
+        file.parent.mkdir(exist_ok=True)
+        source = (MODELS / "pyramid.off").read_text() if file.suffix == ".off" else TRIANGLE
+        file.write_text(source)
+    for count, names in (
+        (2, ["one/model.png", "two/model.png"]),
+        (3, ["one/model.obj.png", "two/model.obj.png", "two/model.off.png"]),
+    ):
+        out = tmp_path / f"out{count}"
+        result = run("render", *files[:count], "-o", out, "--size", "8x8")
+        assert result.exit_code == 0, result.output
+        assert written(out) == names
 
 
 def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):

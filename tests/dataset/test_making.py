@@ -3,6 +3,7 @@
 import errno
 import json
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from rasterjit.dataset.recipe import Recipe
 from rasterjit.io import folders
 from rasterjit.outputs import masks
 from rasterjit.rendering import pool, together
+from rasterjit.rendering.notices import ViewWarning
 
 MODELS = Path(__file__).parents[2] / "models"
 W, H = SIZE = (24, 16)
@@ -490,7 +492,9 @@ def test_damage_leaves_out_a_mesh_or_is_passed_over(damaged, tmp_path):
     assert list(summary.failures) == ["a.obj"]
     assert "line 5" in summary.failures["a.obj"]
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",), on_damage="warn")
-    assert making.make(damaged, tmp_path / "other", recipe) == making.Summary(2, 0, {})
+    summary = making.make(damaged, tmp_path / "other", recipe)
+    assert (summary.made, summary.failures, list(summary.warnings)) == (2, {}, ["a.obj"])
+    assert summary.warnings["a.obj"][0].startswith("a.obj: left out what is damaged, first line 5")
     assert np.asarray(Image.open(tmp_path / "other/a.obj/mask/0000.png")).any()
     with pytest.raises(ValueError, match="made otherwise: on_damage 'error', not 'warn'"):
         making.make(damaged, tmp_path / "set", recipe)
@@ -513,13 +517,31 @@ def test_the_command_line_takes_damage_and_a_budget(damaged, tmp_path):
         run = CliRunner().invoke(commands.program, [*command, "-o", str(tmp_path / name), *options])
         return run.exit_code, run.output
 
-    assert made("set")[1].count("line 5") == 1
+    status, said = made("set")
+    assert (status, said.count("line 5")) == (1, 1)
+    assert said.endswith("error: 1 of 2 mesh files could not be drawn: see failures.json\n")
     status, said = made("other", "--on-damage", "warn")
     assert (status, "2 meshes" in said) == (0, True)
+    assert said.count("warning: a.obj: left out what is damaged, first line 5") == 1
     status, said = made("third", "--max-bytes", "1000")
     assert (status, "--max-bytes 1,000" in said) == (1, True)
     status, said = made("fourth", "--max-bytes", "0")
     assert (status, "--max-bytes must be" in said) == (1, True)
+
+
+def test_what_a_view_warns_of_names_it_once(tmp_path, monkeypatch):
+    def draw(*arguments):
+        for _ in range(2):
+            warnings.warn("nothing is in view", ViewWarning, stacklevel=2)
+            yield from draw_in_turns(*arguments)
+
+    draw_in_turns = mesh.draw_in_turns
+    monkeypatch.setattr(mesh, "draw_in_turns", draw)
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    recipe = Recipe(views=2, size=(8, 6), outputs=("mask",))
+    summary = making.make(tmp_path / "meshes", tmp_path / "set", recipe)
+    assert summary.warnings == {"a.obj": ("view 0: nothing is in view",)}
 
 
 def test_another_recipe_is_refused_and_named(made, meshes):
