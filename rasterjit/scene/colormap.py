@@ -17,7 +17,7 @@ from rasterjit.scene.validation import MaskedError, in_short, read_only, unmaske
 REVERSED = "_r"
 """What the name of a map ends with that is read from its other end."""
 
-COLORMAPS = tuple(sorted(TABLES))
+COLORMAPS = tuple(sorted(name for name in TABLES if not name.endswith(REVERSED)))
 """The names of the maps that are known, without those of reversed ones."""
 
 ColormapLike: TypeAlias = "str | ArrayLike | Colormap | Callable[..., Any]"
@@ -164,9 +164,10 @@ def _named(name: str) -> NDArray[np.uint8]:
             f"colormap must be one of {', '.join(COLORMAPS)}, or one of them with "
             f"{REVERSED!r} at its end; got {name!r}{_similar_names(name)}"
         )
-    rgb = np.frombuffer(bytes.fromhex(TABLES[plain]), np.uint8).reshape(-1, 3)
+    own = TABLES.get(name)
+    rgb = np.frombuffer(bytes.fromhex(own or TABLES[plain]), np.uint8).reshape(-1, 3)
     codes = np.full((len(rgb), 4), 255, np.uint8)
-    codes[:, :3] = rgb if plain == name else rgb[::-1]
+    codes[:, :3] = rgb if own else rgb[::-1]
     return codes
 
 

@@ -10,12 +10,24 @@ Of Matplotlib 3.11, as it writes them to pictures of 8 bits (``Colormap(..., byt
   2019. Both as Matplotlib's ``_cm_listed.py`` has them, which is CC0.
 - ``coolwarm``: Kenneth Moreland, "Diverging color maps for scientific visualization", ISVC 2009;
   free of rights, as its author published it.
-- ``gray``: the codes 0 to 255.
+- ``gray``, ``gray_r``: ``n`` steps of 1/255, and 1 minus that, times 255, rounded down in float64.
+  So the second is not the first from its other end: 26 codes are one lower.
 """
 
 from __future__ import annotations
 
+STEP = 1.0 / 255.0
+"""Between two entries of a grey map."""
+
+
+def _grays(levels: list[float]) -> str:
+    """Return entries of grey in hexadecimal."""
+    return "".join(f"{int(level * 255.0):02x}" * 3 for level in levels)
+
+
 TABLES = {
+    "gray": _grays([n * STEP for n in range(256)]),
+    "gray_r": _grays([1.0 - n * STEP for n in range(256)]),
     "viridis": (
         "44015444025544035745055845065a45085b46095c460b5e460c5f460e61470f62471163471265471466"
         "47156747166947186a48196b481a6c481c6e481d6f481e70482071482172482273482374472575472676"
@@ -162,27 +174,6 @@ TABLES = {
         "dc5e4bdb5c4ada5a48d95847d85646d75444d65243d44f42d34d40d24b3fd1493ecf463dce443ccd423a"
         "cc3f39ca3d38c93b37c83835c63534c53233c43032c22d31c12a30bf282ebe232dbc1f2cbb1a2bb9162a"
         "b81129b60d28b50827b30326"
-    ),
-    "gray": (
-        "0000000101010202020303030404040505050606060707070808080909090a0a0a0b0b0b0c0c0c0d0d0d"
-        "0e0e0e0f0f0f1010101111111212121313131414141515151616161717171818181919191a1a1a1b1b1b"
-        "1c1c1c1d1d1d1e1e1e1f1f1f202020202020222222232323242424242424262626272727282828282828"
-        "2a2a2a2b2b2b2c2c2c2c2c2c2e2e2e2f2f2f303030303030323232333333343434343434363636373737"
-        "3838383838383a3a3a3b3b3b3c3c3c3c3c3c3e3e3e3f3f3f404040414141414141434343444444454545"
-        "4646464747474848484949494949494b4b4b4c4c4c4d4d4d4e4e4e4f4f4f505050515151515151535353"
-        "5454545555555656565757575858585959595959595b5b5b5c5c5c5d5d5d5e5e5e5f5f5f606060616161"
-        "6161616363636464646565656666666767676868686969696969696b6b6b6c6c6c6d6d6d6e6e6e6f6f6f"
-        "7070707171717171717373737474747575757676767777777878787979797979797b7b7b7c7c7c7d7d7d"
-        "7e7e7e7f7f7f8080808181818282828383838383838585858686868787878888888989898a8a8a8b8b8b"
-        "8c8c8c8d8d8d8e8e8e8f8f8f909090919191929292939393939393959595969696979797989898999999"
-        "9a9a9a9b9b9b9c9c9c9d9d9d9e9e9e9f9f9fa0a0a0a1a1a1a2a2a2a3a3a3a3a3a3a5a5a5a6a6a6a7a7a7"
-        "a8a8a8a9a9a9aaaaaaabababacacacadadadaeaeaeafafafb0b0b0b1b1b1b2b2b2b3b3b3b3b3b3b5b5b5"
-        "b6b6b6b7b7b7b8b8b8b9b9b9babababbbbbbbcbcbcbdbdbdbebebebfbfbfc0c0c0c1c1c1c2c2c2c3c3c3"
-        "c3c3c3c5c5c5c6c6c6c7c7c7c8c8c8c9c9c9cacacacbcbcbcccccccdcdcdcecececfcfcfd0d0d0d1d1d1"
-        "d2d2d2d3d3d3d3d3d3d5d5d5d6d6d6d7d7d7d8d8d8d9d9d9dadadadbdbdbdcdcdcdddddddedededfdfdf"
-        "e0e0e0e1e1e1e2e2e2e3e3e3e3e3e3e5e5e5e6e6e6e7e7e7e8e8e8e9e9e9eaeaeaebebebecececededed"
-        "eeeeeeefefeff0f0f0f1f1f1f2f2f2f3f3f3f3f3f3f5f5f5f6f6f6f7f7f7f8f8f8f9f9f9fafafafbfbfb"
-        "fcfcfcfdfdfdfefefeffffff"
     ),
 }
 """The codes by name: red, green, blue of each entry, one after the other."""
