@@ -114,7 +114,28 @@ const float PI = 3.14159265358979;
 
 // glTF 2.0, appendix B: a mix of a dielectric and a metal with facets spread by GGX. Smith's
 // shadowing with correlated heights, as in Khronos' own viewer; the appendix has the separable
-// form. Without the factor 1 / PI: light of intensity 1 makes a white surface white.
+// form. Without the factor 1 / PI: light of intensity 1 makes a white surface white. Metals show as
+// well what facets send on after several bounces: a share of the light that a fit tells.
+float cubic(float x, vec4 c) { return dot(c, vec4(1.0, x, x * x, x * x * x)); }
+
+vec3 bounced(vec3 base, float n_v) {
+    float total = cubic(n_v, vec4(
+        cubic(roughness, vec4(1.03258, -1.20292, 2.74047, -1.69267)),
+        cubic(roughness, vec4(-0.0462228, 4.95571, -15.7929, 9.5428)),
+        cubic(roughness, vec4(-0.13758, -4.45289, 18.0092, -12.2217)),
+        cubic(roughness, vec4(0.126206, 1.18405, -6.3583, 4.58152))));
+    float offset = cubic(n_v, vec4(
+        cubic(roughness, vec4(1.01424, -2.06212, 0.775402, 0.347573)),
+        cubic(roughness, vec4(-4.28602, 11.3499, -9.19793, 1.87035)),
+        cubic(roughness, vec4(5.91556, -18.5306, 19.3117, -6.39416)),
+        cubic(roughness, vec4(-2.66093, 9.34343, -11.0615, 4.26546))));
+    total = clamp(total, 0.0, 1.0);
+    offset = clamp(offset, 0.0, total);
+    vec3 mean = base + (1.0 - base) / 21.0;
+    vec3 held = (1.0 - total) * mean;
+    return (base * (total - offset) + offset) * held / (1.0 - held);
+}
+
 vec3 metallic_roughness(vec3 base, vec3 normal, vec3 viewer, vec3 light, vec3 arriving) {
     vec3 half_way = normalize(light + viewer);
     float n_l = dot(normal, light);
@@ -128,7 +149,7 @@ vec3 metallic_roughness(vec3 base, vec3 normal, vec3 viewer, vec3 light, vec3 ar
     float viewer_side = n_l * sqrt(n_v * n_v * (1.0 - squared) + squared);
     float specular = distribution * 0.5 / (light_side + viewer_side);
     float grazing = pow(1.0 - abs(dot(viewer, half_way)), 5.0);
-    vec3 metal = specular * (base + (1.0 - base) * grazing);
+    vec3 metal = specular * (base + (1.0 - base) * grazing) + bounced(base, n_v) / PI;
     vec3 dielectric = mix(base / PI, vec3(specular), 0.04 + 0.96 * grazing);
     return PI * arriving * n_l * mix(dielectric, metal, metallic);
 }

@@ -16,8 +16,9 @@ adding them up. Divided by its length that is an angle. A point, relative to the
 An 8-bit sRGB code changes with the cosine of directional light by at most `SLOPE` times the light:
 12.92 times 255 codes, in the dark. Of a highlight it changes by 255 / 2.4 of the highlight's share
 of itself at most, which is ``sqrt(shininess) (1 + sqrt(2 ln peak))`` for Blinn's, as far as it
-is not white, and 4 over the width of facets for GGX. Both together, times the angle, stay below
-`NORMAL_SHARE` and `POINT_SHARE` of a code: where they may not, a sample takes float64.
+is not white, and 4 over the width of facets for GGX. What metals send on after several bounces
+changes with the cosine to the viewer, see `bounced_slopes`. All together, times the angle, stay
+below `NORMAL_SHARE` and `POINT_SHARE` of a code: where they may not, a sample takes float64.
 
 In the light of lamps
 ---------------------
@@ -87,6 +88,12 @@ LOG_2 = 0.6931472
 LEAST_ALPHA = 0.002
 """As ``lighting.pbr`` has it."""
 
+ROUGH = 0.09
+"""Alpha from which on facets are rough: of a roughness of 0.3."""
+
+BOUNCED, BOUNCED_CODES = 0.4, 950.0
+"""See `bounced_slopes`."""
+
 LARGEST_LIMIT = 0.125
 """A limit above this, for normals that do not change over a face, leaves too little to float32."""
 
@@ -98,12 +105,14 @@ class Gloss(NamedTuple):
     shininess: float
     alpha: float
     """Width of the facets of metallic-roughness materials; infinite for others."""
+    metallic: float = 0.0
 
 
 def gloss_of(material: Material) -> Gloss:
     """Return the highlights of a material without textures."""
     if material.shading == "pbr":
-        return Gloss(0.0, 1.0, max(material.roughness * material.roughness, LEAST_ALPHA))
+        alpha = max(material.roughness * material.roughness, LEAST_ALPHA)
+        return Gloss(0.0, 1.0, alpha, material.metallic)
     if material.specular > 0.0:
         return Gloss(material.specular, material.shininess, math.inf)
     return Gloss(0.0, 1.0, math.inf)
@@ -124,6 +133,20 @@ def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
         light for light in lights
         if isinstance(light, PointLight | SpotLight) and light.intensity > 0.0 and any(light.color)
     )  # fmt: skip
+
+
+def bounced_slopes(gloss: Gloss) -> tuple[float, float]:
+    """
+    Return how far codes move at most, per cosine, by what metals send on after several bounces.
+
+    The first times `SLOPE` and the light, plus the second times the root of the light, of 1 at
+    least. That share of the light is at most 1, together with what a dielectric shows. Of smooth
+    facets it may be next to nothing and changes by `BOUNCED` at most; of rough ones it is so large
+    that codes are far from their steepest, and change by `BOUNCED_CODES` in light of 1.
+    """
+    if gloss.alpha < ROUGH:
+        return BOUNCED * gloss.metallic, 0.0
+    return 0.0, BOUNCED_CODES * gloss.metallic
 
 
 def peak_of(gloss: Gloss) -> float:
@@ -171,7 +194,9 @@ def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.fl
     shares = NORMAL_SHARE, POINT_SHARE
     if has_lamps:
         shares = NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS
-    more = SLOPE * ROUNDING / shares[0]
+    steep, rooted = bounced_slopes(gloss)
+    slope = SLOPE * (1.0 + steep)
+    more = slope * ROUNDING / shares[0]
     most = MOST_BENT / (5.0 * more) if has_lamps else 0.0
     peak = (light + most) * gloss.specular
     # Its logarithm is below that of the next power of two, which has the same bits everywhere.
@@ -179,9 +204,9 @@ def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.fl
     shine = 4.0 / gloss.alpha
     if gloss.specular > 0.0:
         shine += math.sqrt(gloss.shininess) * (1.0 + math.sqrt(2.0 * LOG_2 * doublings))
-    shine *= RELATIVE_SLOPE
-    bent = (SLOPE * light + shine) * ROUNDING / shares[0]
-    moved = 20.0 * shine * ROUNDING / shares[1]
+    shine = shine * RELATIVE_SLOPE + rooted * max(1.0, math.sqrt(light + most))
+    bent = (slope * light + shine) * ROUNDING / shares[0]
+    moved = 20.0 * (shine + SLOPE * steep * (light + most)) * ROUNDING / shares[1]
     largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 2.0)
     if 5.0 * bent > largest[0] or moved > largest[1]:
         return None

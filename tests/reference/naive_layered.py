@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from naive import dot, unit
-from naive_materials import LEAST_ALPHA, ggx, masking_both, schlick
+from naive_materials import LEAST_ALPHA, bounced, ggx, masking_both, schlick
 
 LEAST_SHEEN_ROUGHNESS = 0.07
 
@@ -41,17 +41,22 @@ def specular_brdf(roughness, normal, to_light, to_viewer):
 
 
 def mixed_brdf(own, normal, to_light, to_viewer):
-    """Appendix B: mix of a metal and a dielectric, the latter by ior and specular."""
+    """
+    Appendix B: mix of a metal and a dielectric, the latter by ior and specular.
+
+    With what metals send on after several bounces.
+    """
     half = unit([p + q for p, q in zip(to_light, to_viewer, strict=True)])
     v_h = dot(to_viewer, half)
     mirrored = specular_brdf(own.roughness, normal, to_light, to_viewer)
     plain = ((own.ior - 1.0) / (own.ior + 1.0)) ** 2
     fresnel = [schlick(min(plain * tint, 1.0), v_h) for tint in own.specular_color]
     inside = 1.0 - own.specular_factor * max(fresnel)
+    n_v = max(dot(normal, to_viewer), 0.0)
     result = []
     for channel, share in zip(own.base, fresnel, strict=True):
         dielectric = inside * channel / math.pi + own.specular_factor * share * mirrored
-        metal = mirrored * schlick(channel, v_h)
+        metal = mirrored * schlick(channel, v_h) + bounced(channel, own.roughness, n_v) / math.pi
         result.append((1.0 - own.metallic) * dielectric + own.metallic * metal)
     return result
 
@@ -120,6 +125,8 @@ def layered_brdf(own, normal, coat_normal, to_light, to_viewer, albedo):
         ]
     share = own.clearcoat * schlick(0.04, abs(dot(coat_normal, to_viewer)))
     shine = specular_brdf(own.clearcoat_roughness, coat_normal, to_light, to_viewer)
+    n_v = max(dot(coat_normal, to_viewer), 0.0)
+    shine += bounced(1.0, own.clearcoat_roughness, n_v) / math.pi
     # What lies below is lit where its own normal faces the light, varnish where its normal does.
     below, above = max(dot(normal, to_light), 0.0), max(dot(coat_normal, to_light), 0.0)
     return [

@@ -2,14 +2,18 @@
 Slow and obvious twins of microfacets and maps: float64, one sample at a time, other formulas.
 
 The BRDF is written as glTF 2.0 prints it (appendix B), with angles, divided by pi and all, and then
-multiplied by pi and the cosine: what the engine shows under light of intensity 1.
+multiplied by pi and the cosine: what the engine shows under light of intensity 1. What metals send
+on after several bounces is added, by the fit of the engine, which has a test of its own.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from naive import dot, is_told, unit
+
+from rasterjit.pipeline.lighting import pbr
 
 LEAST_ALPHA = 0.002
 
@@ -35,6 +39,22 @@ def brdf(base, metallic, roughness, normal, to_light, to_viewer):
         dielectric = (1.0 - share) * channel / math.pi + share * specular
         result.append((1.0 - metallic) * dielectric + metallic * metal)
     return result
+
+
+def bounced(color, roughness, n_v):
+    """
+    Return what a mirror sends on after its first bounce: the sum over all further ones.
+
+    Each bounce leaves the facets with the share that a white mirror sends on at once, and takes
+    the mean of Schlick's share over all angles.
+    """
+    scale, offset = map(float, pbr.reflected_shares(np.float32(n_v), np.float32(roughness)))
+    mean = color + (1.0 - color) / 21.0
+    total, held = 0.0, color * scale + offset
+    for _ in range(400):
+        held *= (1.0 - (scale + offset)) * mean
+        total += held
+    return total
 
 
 def ggx(n_h, alpha):
@@ -80,8 +100,9 @@ def lit_by(base, metallic, roughness, normal, point, light, viewer):
     falloff = 1.0 / distance**2 if light[3] else 1.0
     to_light, to_viewer = unit(toward), unit(to_viewer)
     shares = brdf(base, metallic, roughness, unit(normal), to_light, to_viewer)
-    facing = max(dot(unit(normal), to_light), 0.0)
-    return [math.pi * facing * falloff * light[4 + k] * shares[k] for k in range(3)]
+    facing, n_v = max(dot(unit(normal), to_light), 0.0), dot(unit(normal), to_viewer)
+    often = [metallic * bounced(channel, roughness, n_v) for channel in base]
+    return [facing * falloff * light[4 + k] * (math.pi * shares[k] + often[k]) for k in range(3)]
 
 
 def directional_albedo(metallic, roughness, cosine, base=(1.0, 1.0, 1.0), steps=256):

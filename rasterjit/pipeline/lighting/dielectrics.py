@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.lighting.light_stages import LIGHT, directions_of, three_rows
+from rasterjit.pipeline.lighting.light_stages import BOUNCED, LIGHT, directions_of, three_rows
 from rasterjit.pipeline.lighting.pbr import bounces, find_shares, is_any_above_zero
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
@@ -34,7 +34,7 @@ LEAST_ALBEDO = np.float32(0.05)
 @disjoint_helper
 def light_channel(
     bright, parts, facing, shining, grazed, falloff, microfacet, reached, metallic, own, edge, red,
-    green, blue, head_on, base, before, out,
+    green, blue, head_on, base, bounced, before, out,
 ):  # fmt: skip
     """Write what a light adds to one channel of samples with own mirrors."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -44,8 +44,10 @@ def light_channel(
         inside = (one - metal) * (one - weight * (largest + (one - largest) * bent)) * parts[0]
         mirrored = (one - metal) * weight * (f0 + (one - f0) * bent)
         mirrored += metal * (base[i] + (one - base[i]) * bent)
+        mirrored *= shining[i]
+        mirrored += parts[1] * bounced[i]
         arriving = microfacet[i] * falloff[i] * facing[i] * reached[i] * bright
-        seen = before[i] + arriving * (base[i] * inside + shining[i] * mirrored)
+        seen = before[i] + arriving * (base[i] * inside + mirrored)
         out[i] = seen if own[i] * microfacet[i] > zero else out[i]
 
 
@@ -57,7 +59,7 @@ def light_own_mirrors(
     Light samples with own mirrors anew, from rows BEFORE_RED on.
 
     Right after `light_stages.add_lights_on_facets` of this light alone, which leaves how the light
-    falls in ``single``.
+    falls in ``single``, and what metals send on after several bounces in ``shares``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
@@ -69,6 +71,7 @@ def light_own_mirrors(
             part(s, rows.METALLIC, 0, count), part(s, rows.OWN_MIRROR, 0, count),
             part(s, rows.EDGE, 0, count), *three_rows(s, rows.HEAD_ON_RED, count),
             part(s, rows.HEAD_ON_RED + k, 0, count), part(s, rows.RED + k, 0, count),
+            part(block.shares, BOUNCED + k, 0, count),
             part(s, rows.BEFORE_RED + k, 0, count), part(s, rows.OUT_RED + k, 0, count),
         )  # fmt: skip
 

@@ -9,9 +9,11 @@ from rasterjit.pipeline.lighting import blinn_phong
 from rasterjit.pipeline.lighting.pbr import (
     add_facet_light,
     find_ambient,
+    find_bounced,
     find_facet_angles,
     find_shares,
     is_any_above_zero,
+    show_nothing,
     show_on_facets,
 )
 from rasterjit.pipeline.surface import samples as rows
@@ -32,6 +34,8 @@ SHARES, SHOWN = 0, 2
 VIEWER, LIGHT = 0, 4
 """Rows of ``single``, four each: what `blinn_phong.find_viewer` and `blinn_phong.find_light` write.
 """
+BOUNCED = 0
+"""Rows of ``shares``, three: what `find_bounced` writes."""
 
 
 @stage
@@ -156,6 +160,14 @@ def add_lights_on_facets(
         directions_of(block.single, VIEWER, count), directions_of(block.single, LIGHT, count)
     )  # fmt: skip
     blinn_phong.find_viewer(toward_viewer, *points, *viewer)
+    bounced = three_rows(block.shares, BOUNCED, count)
+    if is_any_above_zero(part(s, rows.METALLIC, 0, count)):
+        find_bounced(
+            viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),
+            part(s, rows.METALLIC, 0, count), *three_rows(s, rows.RED, count), *bounced,
+        )  # fmt: skip
+    else:
+        show_nothing(*bounced)
     for n in range(first, end):
         blinn_phong.find_light(lights[n], *points, *toward)
         facing, shine, grazed, falloff = toward
@@ -165,7 +177,7 @@ def add_lights_on_facets(
         add_facet_light(
             lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
-            *three_rows(s, rows.RED, count), *three_rows(s, rows.OUT_RED, count),
+            *three_rows(s, rows.RED, count), *bounced, *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 

@@ -15,6 +15,11 @@ Ambient light comes alike from all sides. What facets send on of it at once [3]_
 it is a fit. What they send on after several bounces is added [4]_, and the rest goes into the
 surface: under white ambient light a white surface is white, however rough and however metallic.
 
+What metals send on after several bounces is added to each light as well, spread like the light of a
+matt surface: a dome of lights and a sky of the same light show the same. That is a share of the
+light which depends on the viewer alone, so light and viewer may not be exchanged in it. Of
+dielectrics it is left out: below 0.002 of the light for glass, 0.02 for diamond.
+
 References
 ----------
 .. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), appendix B.
@@ -180,6 +185,27 @@ def show_on_facets(shown, microfacet, out):
 
 
 @disjoint_helper
+def find_bounced(
+    vx, vy, vz, nx, ny, nz, roughness, metallic, red, green, blue, out_red, out_green, out_blue
+):  # fmt: skip
+    """Write the share of light that metals send on after several bounces, channel by channel."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(nx.shape[0]):
+        n_v = nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i]
+        shares, own = reflected_shares(max(zero, n_v), roughness[i]), metallic[i]
+        out_red[i] = own * bounces(min(red[i], one), shares)[1]
+        out_green[i] = own * bounces(min(green[i], one), shares)[1]
+        out_blue[i] = own * bounces(min(blue[i], one), shares)[1]
+
+
+@disjoint_helper
+def show_nothing(red, green, blue):
+    """Write that nothing is sent on."""
+    for i in range(red.shape[0]):
+        red[i], green[i], blue[i] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+
+
+@disjoint_helper
 def find_facet_angles(
     parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz
 ):  # fmt: skip
@@ -211,7 +237,7 @@ def find_facet_angles(
 @disjoint_helper
 def add_facet_light(
     light, parts, facing, shining, grazed, falloff, metallic, microfacet, reached, red, green, blue,
-    out_red, out_green, out_blue,
+    bounced_red, bounced_green, bounced_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
     one = np.float32(1.0)
@@ -223,12 +249,15 @@ def add_facet_light(
         arriving = microfacet[i] * falloff[i] * facing[i] * reached[i]
         head_on = mirrored_head_on(red[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
+        mirrored += parts[1] * bounced_red[i]
         out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
         head_on = mirrored_head_on(green[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
+        mirrored += parts[1] * bounced_green[i]
         out_green[i] += arriving * light[5] * (green[i] * diffuse + mirrored)
         head_on = mirrored_head_on(blue[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
+        mirrored += parts[1] * bounced_blue[i]
         out_blue[i] += arriving * light[6] * (blue[i] * diffuse + mirrored)
 
 
