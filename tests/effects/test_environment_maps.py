@@ -15,11 +15,17 @@ from rasterjit.effects.environment.stage import ROUGH_LEVELS
 from rasterjit.runtime.threads import Workers
 
 
-def polynomial(terms, normal):
-    """Return the irradiance over pi for a normal."""
+def irradiance(light, normal):
+    """Return the irradiance over pi for a normal, from its three parts."""
     x, y, z = normal
     basis = np.array([1, x, y, z, x * y, y * z, z * x, 3 * y * y - 1, x * x - z * z])
-    return basis @ terms.astype(np.float64)
+    total = basis @ light.terms.astype(np.float64)
+    if len(light.bands):
+        bands = [np.polynomial.legendre.Legendre.basis(degree)(y) for degree in (4, 6)]
+        total += np.array(bands) @ light.bands.astype(np.float64)
+    for spot in light.spots.astype(np.float64):
+        total += max(spot[:3] @ normal, 0.0) * spot[3:]
+    return np.maximum(total, 0.0)
 
 
 def units(seed, count):
@@ -36,20 +42,13 @@ def levels_of(reflections):
 def test_a_picture_of_one_colour_is_that_colour(size):
     color = np.array([0.25, 0.5, 3.0], np.float32)
     sky = rj.Environment(np.broadcast_to(color, (size[1], size[0], 3))).sky
-    terms = maps._irradiance(sky)
-    assert terms[0] == pytest.approx(color, rel=1e-6)
-    assert np.abs(terms[1:]).max() < 1e-6
+    light = maps._irradiance(sky)
+    assert light.terms[0] == pytest.approx(color, rel=1e-6)
+    assert np.abs(light.terms[1:]).max() < 1e-6
+    assert np.abs(light.bands).max() < 1e-6
+    assert len(light.spots) == 0
     for level in levels_of(maps._reflections(sky, Workers(1))):
         assert np.abs(level / color - 1.0).max() < 3e-5
-
-
-def test_irradiance_keeps_the_bound_of_nine_harmonics():
-    image = skies.sunny(256, 128, brightness=300.0)
-    terms = maps._irradiance(rj.Environment(image).sky)
-    total = (image * skies.solid_angles(256, 128)[..., None]).sum(axis=(0, 1), dtype=np.float64)
-    errors = [polynomial(terms, n) - naive.irradiance(image, n) for n in units(1, 300)]
-    # A single direction's light is off by at most 3/32, straight behind the horizon.
-    assert (np.abs(errors).max(axis=0) <= (3.0 / 32.0) * total / np.pi * 1.01).all()
 
 
 def test_smooth_light_is_met_closely():
@@ -57,9 +56,9 @@ def test_smooth_light_is_met_closely():
     image = (2.0 + d[..., :1] + 0.5 * d[..., 1:2] * d[..., 2:] + 0.25 * d[..., 2:] ** 2).repeat(
         3, 2
     )
-    terms = maps._irradiance(rj.Environment(image).sky)
+    light = maps._irradiance(rj.Environment(image).sky)
     for normal in units(2, 100):
-        assert polynomial(terms, normal) == pytest.approx(naive.irradiance(image, normal), rel=3e-4)
+        assert irradiance(light, normal) == pytest.approx(naive.irradiance(image, normal), rel=3e-4)
 
 
 def test_a_gradient_is_projected_in_closed_form():
@@ -68,7 +67,24 @@ def test_a_gradient_is_projected_in_closed_form():
     closed = maps._irradiance(sky)
     image = np.array([[naive.gradient(sky, d) for d in row] for row in skies.directions(2, 256)])
     summed = maps._irradiance(rj.Environment(image.repeat(64, axis=1)).sky)
-    assert np.abs(closed - summed).max() < 2e-4
+    assert np.abs(closed.terms - summed.terms).max() < 2e-4
+    assert np.abs(closed.bands - summed.bands).max() < 5e-5
+    assert len(closed.spots) == len(summed.spots) == 0
+
+
+def test_bright_spots_are_few_and_lie_where_the_light_is():
+    sun, brightness = np.array([0.6, 0.55, 0.5]) / np.linalg.norm([0.6, 0.55, 0.5]), 4000.0
+    image = skies.sunny(256, 128, sun=sun, brightness=brightness, degrees=3.0)
+    spots = maps._bright_spots(maps._scaled(image, 128))
+    assert len(spots) == 1
+    assert np.degrees(np.arccos(spots[0, :3] @ sun)) < 0.5
+    solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(3.0)))
+    want = brightness * np.array([1.0, 0.9, 0.75]) * solid_angle / np.pi
+    assert spots[0, 3:] == pytest.approx(want, rel=0.03)
+    # Far more small lights than there may be spots: the brightest are taken.
+    many = np.zeros((64, 128, 3), np.float32)
+    many[8:-8:8, ::12] = 1.0
+    assert len(maps._bright_spots(many)) == maps.MOST_SPOTS
 
 
 @pytest.mark.parametrize("level", range(1, ROUGH_LEVELS + 1))

@@ -2,7 +2,10 @@
 Prepare environments for the kernels: once for each picture, kept as long as anyone holds it.
 
 A picture is scaled to a power of two first. Then it is projected onto the nine lowest spherical
-harmonics, which give the light on a surface [1]_, and filtered for eight degrees of roughness. The
+harmonics, and two more that depend on the height alone, which give the light on a surface [1]_.
+Where a few small places send much of the light, as the sun does, that would be off by up to 24 %:
+their light is taken out of these and falls like that of lamps. And it is filtered for eight degrees
+of roughness. The
 mean over a lobe is taken in rings: the farther from its middle, the coarser the copy of the picture
 that is read, so that a texel is never wider than a quarter of its distance from the middle.
 
@@ -26,6 +29,7 @@ from rasterjit.effects.environment.stage import (
     IRRADIANCE_TERMS,
     ROUGH_LEVELS,
     EnvironmentRecord,
+    Irradiance,
     Reflections,
 )
 from rasterjit.runtime.threads import Workers
@@ -57,6 +61,26 @@ GRADIENT_SIZE = 256
 
 PI = 3.141592653589793
 
+FOURTH = 7.0 / 8.0, -10.0 / 8.0, 3.0 / 8.0
+SIXTH = 33.0 / 16.0, -63.0 / 16.0, 35.0 / 16.0, -5.0 / 16.0
+"""Of the integrals of the Legendre polynomials of degree 4 and 6, by falling powers."""
+
+SPOTS_WIDTH = 128
+"""Columns of the copy of a picture that is searched for bright spots: 2.8 degrees a texel."""
+
+MOST_SPOTS, SPOT_COSINE = 32, 0.99026807
+"""Spots of a picture, and the cosine of 8 degrees: of one's radius."""
+
+BRIGHT, LEAST_FLUX = 4.0, 0.004
+"""A spot is what is brighter than so many times the mean; it sends at least such a share of all
+light, a sixteenth of which the harmonics are off by."""
+
+NO_LIGHT = Irradiance(
+    np.zeros((IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),
+    np.zeros((0, 6), np.float32),
+)  # fmt: skip
+"""Of an environment that is only seen."""
+
 NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.int64))
 """Of an environment that nothing mirrors, or whose light is alike on all sides."""
 
@@ -64,8 +88,7 @@ NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.i
 class Prepared(NamedTuple):
     """What follows from a sky alone, whatever its intensity and rotation."""
 
-    irradiance: NDArray[np.float32]
-    """(9, 3), see ``EnvironmentRecord``."""
+    irradiance: Irradiance
     reflections: Reflections | None
     """``None`` until something mirrors it."""
 
@@ -111,7 +134,7 @@ def backdrop_record(environment: Environment) -> EnvironmentRecord:
     else:
         gradient = np.array([sky.zenith, sky.horizon, sky.ground], np.float32)
     return EnvironmentRecord(
-        np.zeros((IRRADIANCE_TERMS, 3), np.float32),
+        NO_LIGHT,
         np.array([cosine, sine], np.float32),
         np.float32(environment.intensity),
         texels,
@@ -122,19 +145,30 @@ def backdrop_record(environment: Environment) -> EnvironmentRecord:
     )
 
 
-def _irradiance(sky: Panorama | SkyGradient) -> NDArray[np.float32]:
-    """Return the light on a surface over pi, (9, 3): a polynomial of its normal."""
+def _irradiance(sky: Panorama | SkyGradient) -> Irradiance:
+    """Return the light on a surface over pi."""
     if isinstance(sky, SkyGradient):
         return _gradient_irradiance(sky)
-    return _project(_planar(_scaled(sky.image, _copy_width(sky.image.shape[1]))))
+    width = _copy_width(sky.image.shape[1])
+    image = _scaled(sky.image, width)
+    terms, bands = _project(_planar(image))
+    while width > SPOTS_WIDTH:
+        width //= 2
+        image = _scaled(image, width)
+    spots = _bright_spots(image)
+    for x, y, z, *color in spots.tolist():
+        shares, heights = _harmonics_of_cosine(x, y, z)
+        terms -= np.outer(shares, color)
+        bands -= np.outer(heights, color)
+    return Irradiance(*(part.astype(np.float32) for part in (terms, bands, spots)))
 
 
-def _gradient_irradiance(sky: SkyGradient) -> NDArray[np.float32]:
+def _gradient_irradiance(sky: SkyGradient) -> Irradiance:
     """
     Return the polynomial of a gradient, which is ``h + (a - b)/2 y + (a + b)/2 |y|``.
 
-    A surface keeps 1, 2/3 and 1/4 of the harmonics of degree 0, 1 and 2, and |y| is
-    1/2 + 5/16 (3y² - 1) + ...
+    A surface keeps 1, 2/3, 1/4, -1/24 and 1/64 of the harmonics of degree 0, 1, 2, 4 and 6, and |y|
+    is 1/2 + 5/16 (3y² - 1) - 3/16 P4 + 13/128 P6 + ...
     """
     zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
     up, down = zenith - horizon, ground - horizon
@@ -142,7 +176,55 @@ def _gradient_irradiance(sky: SkyGradient) -> NDArray[np.float32]:
     terms[0] = horizon + (up + down) / 4.0
     terms[2] = (up - down) / 3.0
     terms[7] = (up + down) * (5.0 / 128.0)
-    return terms.astype(np.float32)
+    bands = np.array([(up + down) / 256.0, (up + down) * (13.0 / 16384.0)])
+    if not bands.any():
+        bands = bands[:0]
+    return Irradiance(terms.astype(np.float32), bands.astype(np.float32), NO_LIGHT.spots)
+
+
+def _harmonics_of_cosine(x: float, y: float, z: float) -> tuple[list[float], list[float]]:
+    """Return a cosine to a direction, 0 at least, as nine terms and two bands: see `Irradiance`."""
+    s = y * y
+    terms = [
+        1.0 / 4.0, x / 2.0, y / 2.0, z / 2.0, 15.0 / 16.0 * x * y, 15.0 / 16.0 * y * z,
+        15.0 / 16.0 * z * x, 5.0 / 64.0 * (3.0 * s - 1.0), 15.0 / 64.0 * (x * x - z * z),
+    ]  # fmt: skip
+    four = ((35.0 * s - 30.0) * s + 3.0) / 8.0
+    six = (((231.0 * s - 315.0) * s + 105.0) * s - 5.0) / 16.0
+    return terms, [-3.0 / 32.0 * four, 13.0 / 256.0 * six]
+
+
+def _bright_spots(image: NDArray[np.float32]) -> NDArray[np.float64]:
+    """
+    Return the directions of small places that send much light, and what falls from there, (N, 6).
+
+    What is brighter than `BRIGHT` times the mean is given to spots, the brightest texel and what
+    lies around it first.
+    """
+    height, width = image.shape[:2]
+    longitudes = [sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
+    sines, cosines = np.array(longitudes).T
+    y, s, area = (column[:, np.newaxis] for column in _latitudes(height))
+    away = np.stack(np.broadcast_arrays(s * cosines, y, s * sines), axis=2).reshape(-1, 3)
+    colors = image.astype(np.float64).reshape(-1, 3)
+    level = colors[:, 0] + colors[:, 1] + colors[:, 2]
+    areas = np.repeat(area[:, 0] / width, width)
+    least = _added(level * areas) * LEAST_FLUX
+    excess = np.maximum(level - BRIGHT / (4.0 * PI) * _added(level * areas), 0.0)
+    spots: list[list[float]] = []
+    while len(spots) < MOST_SPOTS and excess.any():
+        x, y, z = away[excess.argmax()].tolist()
+        cosine = away[:, 0] * x + away[:, 1] * y + away[:, 2] * z
+        (near,) = np.nonzero((cosine >= SPOT_COSINE) & (excess > 0.0))
+        flux = excess[near] * areas[near]
+        if _added(flux) < least:
+            break
+        toward = [_added(flux * away[near, k]) for k in range(3)]
+        length = math.sqrt(toward[0] ** 2 + toward[1] ** 2 + toward[2] ** 2)
+        falling = [_added(flux * colors[near, k] / level[near]) / PI for k in range(3)]
+        spots.append([*(part / length for part in toward), *falling])
+        excess[near] = 0.0
+    return np.array(spots).reshape(-1, 6)
 
 
 def _copy_width(width: int) -> int:
@@ -185,9 +267,11 @@ def _planar(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(np.moveaxis(image, 2, 0))
 
 
-def _project(channels: NDArray[np.float32]) -> NDArray[np.float32]:
+def _project(
+    channels: NDArray[np.float32],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
-    Return the irradiance polynomial of a picture, channel by channel.
+    Return the terms, (9, 3), and bands, (2, 3), of a picture's irradiance, channel by channel.
 
     The harmonics that do not depend on longitude are integrated exactly over each row, so that a
     picture of one colour gives that colour.
@@ -200,8 +284,10 @@ def _project(channels: NDArray[np.float32]) -> NDArray[np.float32]:
     top, bottom = edges[:-1], edges[1:]
     first = (top * top - bottom * bottom) / 2.0
     second = top * top * top - bottom * bottom * bottom - (top - bottom)
+    fourth = _legendre_sum(top, FOURTH) - _legendre_sum(bottom, FOURTH)
+    sixth = _legendre_sum(top, SIXTH) - _legendre_sum(bottom, SIXTH)
     y, s, area = _latitudes(height)
-    terms = np.empty((IRRADIANCE_TERMS, 3))
+    terms, bands = np.empty((IRRADIANCE_TERMS, 3)), np.empty((2, 3))
     for k in range(3):
         prefilter_stage.project_rows(writable(channels[k]), cosines, sines, sums)
         # What each texel of a row stands for: a share of the row's area, over 4 pi.
@@ -218,7 +304,16 @@ def _project(channels: NDArray[np.float32]) -> NDArray[np.float32]:
             5.0 / 16.0 * _added(plain * second),
             15.0 / 16.0 * _added(double_cosine * s * s * share),
         ]
-    return terms.astype(np.float32)
+        bands[:, k] = -3.0 / 8.0 * _added(plain * fourth), 13.0 / 64.0 * _added(plain * sixth)
+    return terms, bands
+
+
+def _legendre_sum(y: NDArray[np.float64], factors: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return the integral of a Legendre polynomial of even degree up to y."""
+    s, total = y * y, np.zeros_like(y)
+    for factor in factors:
+        total = total * s + factor
+    return total * y
 
 
 def _added(values: NDArray[np.float64]) -> float:

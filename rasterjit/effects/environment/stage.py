@@ -1,7 +1,9 @@
 """
 Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
 
-The light that falls on a surface from all sides is a polynomial of its normal [1]_. What it mirrors
+The light that falls on a surface from all sides is a polynomial of its normal [1]_, and for each of
+some small, bright spots the cosine to it: what a polynomial of low degree cannot follow. What it
+mirrors
 is looked up once in a picture filtered for its roughness, and weighted by the share of the light
 that its facets send on at once [2]_; what they send on after several bounces [3]_ comes from all
 sides. A white surface under white light is white, however rough and however metallic.
@@ -69,8 +71,22 @@ LEAST_ROUGHNESS = np.float32(0.08838835)
 TOWARD, LEVEL, FACING, PLACE = 0, 3, 4, 5
 """Rows of ``single``: what `find_mirrors` writes, three for a direction, and `find_places`, two."""
 
+FALLING = 3
+"""Rows of ``colors``, three: what `find_irradiance` writes."""
+
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+
+
+class Irradiance(NamedTuple):
+    """The light on a surface over pi, by its normal: the sum of three parts, 0 at least."""
+
+    terms: float32[:, ::1]
+    """(9, 3) float32: of the polynomial of degree 2."""
+    bands: float32[:, ::1]
+    """(2, 3) float32: of the Legendre polynomials of y of degree 4 and 6 | (0, 3): none."""
+    spots: float32[:, ::1]
+    """(N, 6) float32: direction, and what falls straight from there."""
 
 
 class Reflections(NamedTuple):
@@ -85,8 +101,7 @@ class Reflections(NamedTuple):
 class EnvironmentRecord(NamedTuple):
     """Light from all around, and what is seen behind all faces."""
 
-    irradiance: float32[:, ::1]
-    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
+    irradiance: Irradiance
     turn: float32[::1]
     """(2,) float32: cosine and sine of the angle that it is turned by about y."""
     intensity: float32
@@ -232,27 +247,65 @@ def mirrored_color(level, place, height, environment, reflections):
 
 
 @helper
-def light_from_all_sides(x, y, z, terms, k):
-    """Return the irradiance over pi of one channel, for a normal that is turned already."""
+def polynomial(x, y, z, terms, k):
+    """Return the irradiance over pi of one channel to degree 2, for a normal turned already."""
     one, three = np.float32(1.0), np.float32(3.0)
     total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
     total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
     total += terms[7, k] * (three * y * y - one) + terms[8, k] * (x * x - z * z)
-    return max(np.float32(0.0), total)
+    return total
+
+
+@helper
+def legendre(y):
+    """Return the Legendre polynomials of degree 4 and 6."""
+    s = y * y
+    four = (np.float32(35.0) * s - np.float32(30.0)) * s + np.float32(3.0)
+    six = ((np.float32(231.0) * s - np.float32(315.0)) * s + np.float32(105.0)) * s
+    return np.float32(0.125) * four, np.float32(0.0625) * (six - np.float32(5.0))
+
+
+@disjoint_helper
+def find_irradiance(irradiance, turn, nx, ny, nz, red, green, blue):
+    """Write the light that falls on samples from all sides, over pi."""
+    zero = np.float32(0.0)
+    terms, bands = irradiance.terms, irradiance.bands
+    for i in range(red.shape[0]):
+        x, z = turned(nx[i], nz[i], turn)
+        red[i] = polynomial(x, ny[i], z, terms, 0)
+        green[i] = polynomial(x, ny[i], z, terms, 1)
+        blue[i] = polynomial(x, ny[i], z, terms, 2)
+    if bands.shape[0] > 0:
+        for i in range(red.shape[0]):
+            four, six = legendre(ny[i])
+            red[i] += bands[0, 0] * four + bands[1, 0] * six
+            green[i] += bands[0, 1] * four + bands[1, 1] * six
+            blue[i] += bands[0, 2] * four + bands[1, 2] * six
+    for n in range(irradiance.spots.shape[0]):
+        spot = irradiance.spots[n]
+        # Turned back, as normals are not turned here.
+        y = spot[1]
+        x, z = turn[0] * spot[0] + turn[1] * spot[2], turn[0] * spot[2] - turn[1] * spot[0]
+        for i in range(red.shape[0]):
+            cosine = max(zero, x * nx[i] + y * ny[i] + z * nz[i])
+            red[i] += spot[3] * cosine
+            green[i] += spot[4] * cosine
+            blue[i] += spot[5] * cosine
+    for i in range(red.shape[0]):
+        red[i], green[i], blue[i] = max(zero, red[i]), max(zero, green[i]), max(zero, blue[i])
 
 
 @disjoint_helper
 def add_irradiance(
-    terms, turn, intensity, occlusion, nx, ny, nz, shares, red, green, blue, out_red, out_green,
-    out_blue,
+    intensity, occlusion, shares, light_red, light_green, light_blue, red, green, blue, out_red,
+    out_green, out_blue,
 ):  # fmt: skip
     """Add to each sample its share of the light from all sides, times its base colour."""
     for i in range(out_red.shape[0]):
-        x, z = turn[0] * nx[i] - turn[1] * nz[i], turn[1] * nx[i] + turn[0] * nz[i]
         arriving = shares[i] * intensity * occlusion[i]
-        out_red[i] += arriving * (red[i] * light_from_all_sides(x, ny[i], z, terms, 0))
-        out_green[i] += arriving * (green[i] * light_from_all_sides(x, ny[i], z, terms, 1))
-        out_blue[i] += arriving * (blue[i] * light_from_all_sides(x, ny[i], z, terms, 2))
+        out_red[i] += arriving * (red[i] * light_red[i])
+        out_green[i] += arriving * (green[i] * light_green[i])
+        out_blue[i] += arriving * (blue[i] * light_blue[i])
 
 
 @helper
@@ -347,26 +400,21 @@ def read_mirrored(
 
 @disjoint_helper
 def add_mirrored(
-    terms, turn, intensity, k, occlusion, nx, ny, nz, metallic, roughness, microfacet, facing, base,
-    mirrored, out,
+    intensity, occlusion, light, metallic, roughness, microfacet, facing, base, mirrored, out
 ):  # fmt: skip
-    """Write what is seen of channel ``k`` in place of what is mirrored, by split sum."""
+    """Write what is seen of one channel in place of what is mirrored, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
         shares = reflected_shares(facing[i], clamped(roughness[i], zero, one))
         dielectric = bounces(DIELECTRIC, shares)
         metal = clamped(metallic[i], zero, one)
         direct, around = shares_of_channel(base[i], metal, dielectric, shares)
-        x, z = turned(nx[i], nz[i], turn)
-        light = light_from_all_sides(x, ny[i], z, terms, k)
         arriving = microfacet[i] * intensity * occlusion[i]
-        mirrored[i] = out[i] + arriving * (direct * mirrored[i] + around * light)
+        mirrored[i] = out[i] + arriving * (direct * mirrored[i] + around * light[i])
 
 
 @stage
-def shed_light(
-    block: Block, count, irradiance: float32[:, ::1], turn: float32[::1], intensity: float32
-):
+def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], intensity: float32):
     """
     Add the light that comes from all sides to samples, but to those of microfacets.
 
@@ -381,11 +429,11 @@ def shed_light(
     """
     s = block.samples
     if is_any_above_zero(s[rows.LIT, :count]):
+        light = three_rows(block.colors, FALLING, count)
+        find_irradiance(irradiance, turn, *three_rows(s, rows.NORMAL_X, count), *light)
         add_irradiance(
-            irradiance, turn, intensity, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
-            s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.LIT, :count],
-            s[rows.RED, :count], s[rows.GREEN, :count], s[rows.BLUE, :count],
-            s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+            intensity, part(s, rows.OCCLUSION, 0, count), part(s, rows.LIT, 0, count), *light,
+            *three_rows(s, rows.RED, count), *three_rows(s, rows.OUT_RED, count),
         )  # fmt: skip
 
 
@@ -427,12 +475,14 @@ def mirror_environment(
         environment, environment.reflections, microfacet, across, down, y, level,
         part(c, 0, 0, count), part(c, 1, 0, count), part(c, 2, 0, count),
     )  # fmt: skip
+    light = three_rows(c, FALLING, count)
+    find_irradiance(environment.irradiance, environment.turn, *normals, *light)
     for k in range(3):
         mirrored, out = part(c, k, 0, count), part(s, rows.OUT_RED + k, 0, count)
         add_mirrored(
-            environment.irradiance, environment.turn, environment.intensity, k,
-            part(s, rows.OCCLUSION, 0, count), *normals, part(s, rows.METALLIC, 0, count),
-            roughness, microfacet, facing, part(s, rows.RED + k, 0, count), mirrored, out,
+            environment.intensity, part(s, rows.OCCLUSION, 0, count), light[k],
+            part(s, rows.METALLIC, 0, count), roughness, microfacet, facing,
+            part(s, rows.RED + k, 0, count), mirrored, out,
         )  # fmt: skip
         show_on_facets(mirrored, microfacet, out)
 
