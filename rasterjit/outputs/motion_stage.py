@@ -4,10 +4,14 @@ Find where the points that are seen now were on the screen before, and whether t
 A point of a face has the same weights at both times; it moves with its vertices. Both places are
 found by the same arithmetic, so what has not moved has moved by exactly nothing.
 
-A point was seen if nothing hid it at the pixel that held it. The face that was seen at the centre
-of that pixel hides it if it lies nearer both at that centre, than the plane of the point's own
-face, and at the place of the point, there with its own plane. Of two faces that meet at an edge one
-of the two does not hold, whichever way the surface bends; of a face in front both do.
+A point was seen if its face was seen at the centre of the pixel that held it; or if no face hid it
+that was seen there, or at the centre of one of the eight pixels around. A face hides it if it
+covers the place of the point and is nearer there. Where faces are smaller than pixels, what covers
+that place may not have been seen at any centre. So the face at the centre of the point's own pixel
+hides it too, whatever it covers, if it is nearer both at that centre, than the plane of the point's
+own face, and at the place of the point, there with its own plane. Of two faces that meet at an edge
+one of the two does not hold, if the surface bends one way; faces that share a vertex hide nothing
+but what they cover.
 """
 
 from __future__ import annotations
@@ -96,7 +100,8 @@ def beside_place(vertex, owner, positions, matrices, x, y):
 @helper
 def plane_at(corners, owner, positions, matrices, x, y):
     """
-    Return the stored depth of a face's plane at a place on the screen, and which way it turns.
+    Return the stored depth of a face's plane at a place on the screen, which way the face turns,
+    and whether it covers that place.
 
     The depth is not a number where the plane is seen edge on. The turn is positive if the corners
     run clockwise. That of a segment is 0, its depth that of the foot of the perpendicular, and a
@@ -109,18 +114,30 @@ def plane_at(corners, owner, positions, matrices, x, y):
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
         t = share_along(first, second, w0, w1)
-        return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0
+        return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0, False
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     turn = b0 * w0 + b1 * w1 + b2 * w2
     if turn == 0.0:
-        return np.nan, turn
-    return (b0 * d0 + b1 * d1 + b2 * d2) / turn, turn
+        return np.nan, turn, False
+    covers = min(b0 * turn, b1 * turn, b2 * turn) >= 0.0
+    return (b0 * d0 + b1 * d1 + b2 * d2) / turn, turn, covers
 
 
 @helper
 def is_nearer(one, other):
     """Return whether a stored depth is nearer than another, by more than they are rounded."""
     return one - other > DEPTH_STEP * (abs(one) + abs(other))
+
+
+@helper
+def share_vertex(corners, others, positions):
+    """Return whether two faces of an object have a corner at the same place."""
+    found = False
+    for a in corners:
+        for b in others:
+            alike = positions[a, 0] == positions[b, 0] and positions[a, 1] == positions[b, 1]
+            found = found or (alike and positions[a, 2] == positions[b, 2])
+    return found
 
 
 @helper
@@ -144,26 +161,42 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     """
     positions, matrices, faces, face_id, culled_turns = before
     column, row = np.int64(x), np.int64(y)
-    other = np.int64(face_id[row, column])
-    if other == face:
+    if face_id[row, column] == face:
         return True
     z = row_at(matrices, owner, DEPTH, point[0], point[1], point[2])
     w = row_at(matrices, owner, DEEP, point[0], point[1], point[2])
     if not abs(z) <= w:
         return False
     center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
-    own, turn = plane_at(corners, owner, positions, matrices, center_x, center_y)
+    own, turn, _ = plane_at(corners, owner, positions, matrices, center_x, center_y)
     if turn * np.float64(culled_turns[owner]) > 0.0:
         return False
+    depth = row_at(matrices, owner, NEARNESS, point[0], point[1], point[2]) / w
+    # Is it hidden by what was seen around, at its own place?
+    last = np.int64(face)
+    for i in range(max(row - 1, 0), min(row + 2, face_id.shape[0])):
+        for j in range(max(column - 1, 0), min(column + 2, face_id.shape[1])):
+            other = np.int64(face_id[i, j])
+            is_known, last = other == last, other
+            if other < 0 or other == face or is_known:
+                continue
+            there = find_object(other, face_starts, owner)
+            hiding = lowest_first(faces, other)
+            beside, _, covers = plane_at(hiding, there, positions, matrices, x, y)
+            if covers and is_nearer(beside, depth):
+                return False
+    # Is it behind the surface that was seen at the centre of its pixel?
+    other = np.int64(face_id[row, column])
     if other < 0:
         return True
     there = find_object(other, face_starts, owner)
     hiding = lowest_first(faces, other)
-    nearest, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
+    if there == owner and share_vertex(corners, hiding, positions):
+        return True
+    nearest, _, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
     if not is_nearer(nearest, own):
         return True
-    beside, _ = plane_at(hiding, there, positions, matrices, x, y)
-    depth = row_at(matrices, owner, NEARNESS, point[0], point[1], point[2]) / w
+    beside, _, _ = plane_at(hiding, there, positions, matrices, x, y)
     return not is_nearer(beside, depth)
 
 
