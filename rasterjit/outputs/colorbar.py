@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from decimal import ROUND_DOWN, Decimal
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.lettering import width_of, write
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.field import ColorScale
 from rasterjit.scene.validation import index_below
-
-if TYPE_CHECKING:
-    from PIL import ImageFont
 
 PAPER, INK = (255, 255, 255), (0, 0, 0)
 """The colours of a bar's ground, and of its text and lines."""
@@ -64,7 +63,9 @@ def scale_of(scales: Sequence[ColorScale | None], node: int | None) -> ColorScal
     return (with_nan or found)[0]._replace(lines=tuple(lines))
 
 
-def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np.uint8]:
+def draw_colorbar(
+    scale: ColorScale, height: int, title: str = "", font: str | os.PathLike[str] | None = None
+) -> NDArray[np.uint8]:
     """
     Draw the bar of a scale, the highest value on top, with its contours as lines across it.
 
@@ -78,16 +79,17 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
         Pixels.
     title : str
         Above the bar.
+    font : str or path, optional
+        As `Label` takes it.
 
     Returns
     -------
     (height, W, 4) uint8
         sRGB, opaque; W follows from the labels.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw
 
     size = max(LEAST_FONT, round(FONT_SHARE * height))
-    font = ImageFont.load_default(size)
     low, high = scale.range
     top, bottom = size * (3 if title else 1), height - size
     if scale.nan_color is not None:
@@ -105,9 +107,12 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
         ticks, note = [low, high], ""
         labels = [f"{end:.{PLAIN_DIGITS}g}" for end in ticks]
     texts = [*labels, *(["NaN"] if scale.nan_color is not None else [])]
-    widest = max(_width(font, text) for text in texts)
+    widest = max(width_of(text, size, font) for text in texts)
     text_left = right + size
-    width = max(text_left + widest, left + max(_width(font, one) for one in (title, note))) + size
+    width = (
+        max(text_left + widest, left + max(width_of(one, size, font) for one in (title, note)))
+        + size
+    )
     image = Image.new("RGB", (width, height), PAPER)
     pen = ImageDraw.Draw(image)
     # The bar itself, entry by entry.
@@ -120,22 +125,25 @@ def draw_colorbar(scale: ColorScale, height: int, title: str = "") -> NDArray[np
         y = bottom - 1 - round(_share(level, low, high) * (length - 1))
         pen.line((left, y, right - 1, y), fill=tuple(opaque_codes(color)[:3].tolist()))
     pen.rectangle((left - 1, top - 1, right, bottom), outline=INK)
+    written: list[tuple[str, tuple[float, float], tuple[float, float]]] = []
     for tick, label in zip(ticks, labels, strict=True):
         y = bottom - 1 - round(_share(tick, low, high) * (length - 1))
         pen.line((right + 1, y, right + size // 2, y), fill=INK)
-        pen.text((text_left, y), label, fill=INK, font=font, anchor="lm")
+        written.append((label, (text_left, y), (0.0, 0.5)))
     if scale.nan_color is not None:
         box = (left - 1, bottom + size, right, bottom + 2 * size)
         nan = tuple(opaque_codes(scale.nan_color)[:3].tolist())
         pen.rectangle(box, fill=nan, outline=INK)
         middle = (box[1] + box[3]) // 2
-        pen.text((text_left, middle), "NaN", fill=INK, font=font, anchor="lm")
+        written.append(("NaN", (text_left, middle), (0.0, 0.5)))
     if title:
-        pen.text((left, size), title, fill=INK, font=font, anchor="lt")
+        written.append((title, (left, size), (0.0, 0.0)))
     if note:
-        pen.text((left, top - 2 * size), note, fill=INK, font=font, anchor="lt")
+        written.append((note, (left, top - 2 * size), (0.0, 0.0)))
     drawn = np.full((height, width, 4), 255, np.uint8)
     drawn[..., :3] = np.array(image)
+    for text, place, anchor in written:
+        write(drawn[..., :3], text, place, size, INK, anchor=anchor, font=font)
     return drawn
 
 
@@ -231,11 +239,6 @@ def _signed(value: Decimal) -> str:
 def _unsigned_zero(text: str) -> str:
     """Return a text of zero without its sign."""
     return text.removeprefix("-") if not float(text) else text
-
-
-def _width(font: ImageFont.FreeTypeFont | ImageFont.ImageFont, text: str) -> int:
-    """Return how wide a text is, pixels."""
-    return math.ceil(font.getlength(text)) if text else 0
 
 
 def _on_paper(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields, replace
 from pathlib import Path
@@ -534,7 +535,10 @@ class Frame:
         names = [name.removesuffix("s" if count == 1 else "") for name, has in kinds.items() if has]
         return f"{count:,} {' and '.join(', '.join(names).rsplit(', ', 1))}"
 
-    def colorbar(self, title: str = "", *, node: int | None = None) -> NDArray[np.uint8]:
+    def colorbar(
+        self, title: str = "", *, node: int | None = None,
+        font: str | os.PathLike[str] | None = None,
+    ) -> NDArray[np.uint8]:  # fmt: skip
         """
         Draw which colours stand for which scalars, as high as the frame, the highest on top.
 
@@ -547,6 +551,8 @@ class Frame:
         node : int, optional
             Index in ``scene.nodes`` of the object whose bar it is. Default: all objects with
             scalars must have one colormap and range.
+        font : str or path, optional
+            Of its texts, as `Label` takes it.
 
         Returns
         -------
@@ -561,7 +567,7 @@ class Frame:
         if not isinstance(title, str):
             raise ValueError(f"title must be a text, got {in_short(title)}")
         scale = scale_of(self.plan.facts.inventory.color_scales, node)
-        return draw_colorbar(scale, self.plan.size[1], title)
+        return draw_colorbar(scale, self.plan.size[1], title, font)
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.lettering import write
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
 from rasterjit.scene.validation import in_short, index_below
@@ -33,6 +35,7 @@ def grid(
     labels: Sequence[str] | None = None,
     gap: int = 8,
     background: ColorLike = "white",
+    font: str | os.PathLike[str] | None = None,
 ) -> Image.Image:
     """
     Lay pictures out in rows, as a contact sheet.
@@ -50,6 +53,8 @@ def grid(
         Pixels between cells and around them.
     background : color
         Of the sheet; also what transparent pixels show.
+    font : str or path, optional
+        Of the labels, as `Label` takes it.
 
     Returns
     -------
@@ -69,7 +74,7 @@ def grid(
     ...          for a in range(0, 360, 60)]
     >>> rj.grid(views, columns=3, labels=[f"{a}°" for a in range(0, 360, 60)]).save("around.png")
     """
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image
 
     if isinstance(pictures, (Frame, Image.Image)):
         raise ValueError(f"pictures must be a sequence of pictures, got one, {in_short(pictures)}")
@@ -97,16 +102,16 @@ def grid(
         paper,
     )
     ink = (0, 0, 0) if sum(paper) / 3 >= LIGHT else (255, 255, 255)
-    font = ImageFont.load_default(FONT_SIZE)
     for number, image in enumerate(images):
         row, column = divmod(number, columns)
         left, top = gap + column * (width + gap), gap + row * (height + text + gap)
         place = left + (width - image.width) // 2, top + (height - image.height) // 2
         sheet.paste(image, place, image)
         if labels is not None:
-            strip = Image.new("RGB", (width, LINE), paper)
-            ImageDraw.Draw(strip).text((width / 2, LINE / 2), labels[number], ink, font, "mm")
-            sheet.paste(strip, (left, top + height))
+            strip = np.full((LINE, width, 3), paper, np.uint8)
+            middle = width / 2, LINE / 2
+            write(strip, labels[number], middle, FONT_SIZE, ink, anchor=(0.5, 0.5), font=font)
+            sheet.paste(Image.fromarray(strip), (left, top + height))
     return sheet
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -46,11 +47,12 @@ class Label:
     to it; a scene of labels alone cannot be rendered. It is as large as the finished picture's
     pixels, however many samples these have, and upright under any lens.
 
-    The font is Aileron Regular, which Pillow brings: the characters of ASCII and a few more;
-    others are drawn as its empty box. Its outlines are drawn without hints or kerning, by the area
-    that they cover, in the package itself: pixels are the same with any version of Pillow that has
-    this font, on every machine. Texts are moved to whole pixels, and each character to quarters of
-    one.
+    The font is Aileron Regular, which Pillow brings: the characters of ASCII and a few more.
+    Others come from the first font that has them: DejaVu Sans, which Matplotlib brings, then those
+    of the system; what no font has is an empty box, with a warning. Outlines are drawn without
+    hints, kerned, by the area that they cover, in the package itself: pixels follow from the font
+    alone, on every machine that has it. Texts are moved to whole pixels, and each character to
+    quarters of one; they run from left to right, without the ligatures of Arabic or Indic scripts.
 
     Parameters
     ----------
@@ -77,6 +79,10 @@ class Label:
         lines, their centres and their farther ends count.
     offset : (float, float)
         How far the text is moved to the right and down, pixels.
+    font : str or path, optional
+        A font file (.ttf, .ttc; .otf with fontTools installed), or the name of a font that
+        Matplotlib brings or the system has, such as ``"DejaVu Serif"``. One that is not there is an
+        error when the label is drawn.
 
     Raises
     ------
@@ -101,6 +107,7 @@ class Label:
     background: ColorLike | None = None
     hidden: bool = False
     offset: tuple[float, float] = (0.0, 0.0)
+    font: str | os.PathLike[str] | None = None
 
     def __post_init__(self) -> None:
         changes: dict[str, Any] = {
@@ -111,6 +118,7 @@ class Label:
             "color": tuple(linear_color("color", self.color).tolist()),
             "hidden": _checked_flag(self.hidden),
             "offset": _checked_offset(self.offset),
+            "font": _checked_font(self.font),
         }
         if self.background is not None:
             changes["background"] = tuple(linear_color("background", self.background).tolist())
@@ -149,6 +157,15 @@ def _checked_flag(value: Any) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"hidden must be True or False, got {in_short(value)}")
     return value
+
+
+def _checked_font(value: Any) -> str | None:
+    """Return the name of a font, or raise ``ValueError``; whether there is one is seen later."""
+    if value is None:
+        return None
+    if not isinstance(value, str | os.PathLike) or not str(value).strip():
+        raise ValueError(f"font must be the name of a font or of its file, got {in_short(value)}")
+    return os.fspath(value)
 
 
 def _checked_offset(value: Any) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.io.lettering import lay_out, width_of, write
 from rasterjit.outputs.frame import Frame
 
 OUTPUTS_OF = {
@@ -172,30 +173,26 @@ def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float =
 @lru_cache(maxsize=64)
 def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the colours of a panel, (H, W, 3) float32 in 0..255, and its opacity, (H, W, 1)."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    font = ImageFont.load_default(FONT_SIZE * ratio)
+    em = FONT_SIZE * ratio
     margin, gap = MARGIN * ratio, COLUMN_GAP * ratio
-    ascent, descent = font.getmetrics()
-    line = ascent + descent + round(ratio)
+    line = lay_out("x", em).height + round(ratio)
     columns = max(map(len, rows))
     # A cell that is alone in its row is a heading, and makes no column wider.
     widths = [
-        max((font.getlength(row[k]) for row in rows if k < len(row) > 1), default=0.0)
+        max((width_of(row[k], em) for row in rows if k < len(row) > 1), default=0)
         for k in range(columns)
     ]
     starts = [margin]
     for cells in widths[:-1]:
         starts.append(starts[-1] + cells + gap)
-    ends = (starts[k] + font.getlength(cell) for row in rows for k, cell in enumerate(row))
-    size = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
-    image = Image.new("RGB", size, PANEL)
-    draw = ImageDraw.Draw(image)
+    ends = (starts[k] + width_of(cell, em) for row in rows for k, cell in enumerate(row))
+    width, height = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
+    panel = np.full((height, width, 3), PANEL, np.uint8)
     for number, row in enumerate(rows):
         for k, (start, cell) in enumerate(zip(starts, row, strict=False)):
             place = start, margin + number * line
-            draw.text(place, cell, fill=FAINT if k else TEXT, font=font)
-    colors = np.asarray(image, dtype=np.float32)
+            write(panel, cell, place, em, FAINT if k else TEXT)
+    colors = panel.astype(np.float32)
     is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
     return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import hashlib
+import io
 import math
 import pickle
 
@@ -13,7 +14,8 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.distributed import render_partitions
-from rasterjit.effects.label import LABELS, box_of, font, text
+from rasterjit.effects.label import LABELS, box_of
+from rasterjit.io import fonts, lettering
 from rasterjit.rendering.tiles import RegionRenderer
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 from rasterjit.scene.label import ANCHORS
@@ -22,6 +24,8 @@ SIZE = (96, 64)
 FRONT = rj.PerspectiveCamera(eye=(0, 0, 10), target=(0, 0, 0), near=0.5, far=50.0)
 """The middle of its picture is the origin, between four pixels."""
 
+FONT = fonts.shipped_font()
+GLYPHS = FONT.characters
 FONT_HASH = "69853909b940023570964e29cffe30da95aea8de3627736b5cd15ab30143169f"
 
 
@@ -53,15 +57,15 @@ def columns_and_rows(mask):
 
 
 def test_the_font_is_the_one_that_pixels_are_promised_for():
-    found = font.shipped_font()
+    found = FONT
     assert (found.em, found.ascent, found.descent, found.gap) == (1000, 970, 230, 0)
     from PIL import ImageFont
 
     assert hashlib.sha256(ImageFont.load_default(20).font_bytes).hexdigest() == FONT_HASH
     printable = "".join(map(chr, range(33, 127)))
-    assert len({found.glyph_of(one) for one in printable}) == len(printable)
-    assert found.glyph_of("\N{SNOWMAN}") == 0
-    assert found.outline(found.glyph_of(" ")) == []
+    assert len({GLYPHS[ord(one)] for one in printable}) == len(printable)
+    assert ord("\N{SNOWMAN}") not in GLYPHS
+    assert found.outline(GLYPHS[ord(" ")]) == []
 
 
 def test_outlines_are_those_of_freetype():
@@ -69,13 +73,123 @@ def test_outlines_are_those_of_freetype():
     from PIL import ImageFont
 
     size = 200
-    for character in "ABgQ8@&}é":
+    for character in "ABgQ8@&}":
         mask = ImageFont.load_default(size).getmask(character)
         theirs = np.array(mask).reshape(mask.size[::-1])
         theirs = theirs[:, theirs.any(axis=0)]
-        own = text.cover_glyph(font.shipped_font().glyph_of(character), float(size), 0).cover
+        own = lettering.cover_glyph(FONT, GLYPHS[ord(character)], float(size), 0).cover
         assert np.abs(np.subtract(own.shape, theirs.shape)).max() <= 2
         assert own.sum() == pytest.approx(theirs.sum(), rel=0.02)
+
+
+def write_font(place, glyphs, *, postscript=False, kern=None, names=("Made", "Regular")):
+    """Write a font whose glyphs are squares of some sizes, by character."""
+    from fontTools.fontBuilder import FontBuilder
+    from fontTools.pens.t2CharStringPen import T2CharStringPen
+    from fontTools.pens.ttGlyphPen import TTGlyphPen
+
+    order = [".notdef", *(f"g{ord(one):X}" for one in glyphs)]
+    builder = FontBuilder(1000, isTTF=not postscript)
+    builder.setupGlyphOrder(order)
+    builder.setupCharacterMap({ord(one): f"g{ord(one):X}" for one in glyphs})
+    drawn = {}
+    for name, side in zip(order, (500, *glyphs.values()), strict=True):
+        pen = T2CharStringPen(side, None) if postscript else TTGlyphPen(None)
+        pen.moveTo((0, 0))
+        for corner in ((0, side), (side, side), (side, 0)):
+            pen.lineTo(corner)
+        pen.closePath()
+        drawn[name] = pen.getCharString() if postscript else pen.glyph()
+    builder.setupCFF("Made", {}, drawn, {}) if postscript else builder.setupGlyf(drawn)
+    builder.setupHorizontalMetrics({name: (1000, 0) for name in order})
+    builder.setupHorizontalHeader(ascent=800, descent=-200)
+    builder.setupNameTable({"familyName": names[0], "styleName": names[1]})
+    builder.setupOS2()
+    builder.setupPost()
+    if kern:
+        builder.addOpenTypeFeatures("feature kern {" + kern + "} kern;")
+    builder.save(str(place))
+    return place
+
+
+def test_a_font_may_be_given_by_its_file(tmp_path, cube):
+    for postscript, suffix in ((False, "ttf"), (True, "otf")):
+        place = write_font(
+            tmp_path / f"made.{suffix}", {"A": 500, "\u6f22": 750}, postscript=postscript
+        )
+        for text, side in (("A", 10), ("\u6f22", 15)):
+            mask = touched(scene_of(cube, rj.Label((0, 0, 0), text, size=20, font=place)))
+            left, right, top, bottom = columns_and_rows(mask)
+            assert (right - left + 1, bottom - top + 1) == (side, side)
+
+
+@pytest.mark.parametrize(
+    "kern", ["pos A B -250; pos B A 100;", "@a = [A]; @b = [B C]; pos @a @b -250; pos B A 100;"]
+)
+def test_neighbours_are_kerned(tmp_path, kern):
+    kern = kern.replace("A", "g41").replace("B", "g42").replace("C", "g43")
+    place = write_font(tmp_path / "made.ttf", dict.fromkeys("ABC", 500), kern=kern)
+    found = fonts.font_named(place)
+    numbers = [found.characters[ord(one)] for one in "ABC"]
+    assert [found.kerning(numbers[0], one) for one in numbers[:2]] == [0, -250]
+    assert found.kerning(numbers[1], numbers[0]) == 100
+    assert lettering.lay_out("AB", 100.0, font=place).width == 175
+    assert lettering.lay_out("BA", 100.0, font=place).width == 210
+
+
+def test_kerning_is_that_of_freetype():
+    """Beside FreeType's by Raqm, of the font that Pillow ships, where this Pillow has Raqm."""
+    from PIL import ImageFont, features
+
+    if not features.check("raqm"):
+        pytest.skip("this Pillow has no Raqm")
+    own = ImageFont.load_default(1000)
+    theirs = ImageFont.truetype(
+        io.BytesIO(own.font_bytes), 1000, layout_engine=ImageFont.Layout.RAQM
+    )
+    for pair in ("AV", "To", "nn", "P,", "LT"):
+        units = FONT.kerning(*(GLYPHS[ord(one)] for one in pair))
+        found = theirs.getlength(pair) - sum(map(theirs.getlength, pair))
+        assert units == pytest.approx(found, abs=1.0), pair
+
+
+def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
+    snow = write_font(tmp_path / "snow.ttf", {"\N{SNOWMAN}": 700}, names=("Snow", "Book"))
+    monkeypatch.setattr(fonts, "font_files", lambda: (str(snow),))
+    fonts.font_for.cache_clear()
+    lettering._lay_out.cache_clear()
+    try:
+        layout = lettering.lay_out("a\N{SNOWMAN}\N{COMET}\t\x00\u202e", 20.0)
+        assert [one.font is FONT for one in layout.placed[:3]] == [True, False, True]
+        assert layout.missing == "\N{COMET}"
+        assert len(layout.placed) == 7
+        pixels = np.full((40, 90, 3), 255, np.uint8)
+        with pytest.warns(UserWarning, match=r"no font has '.' \(U\+2604\).*font="):
+            lettering.write(pixels, "\N{COMET}", (0, 0), 20.0, (0, 0, 0))
+        assert fonts.font_named("snow").characters == {0x2603: 1}
+        with pytest.raises(ValueError, match=r"font must be .* got 'Rain'"):
+            fonts.font_named("Rain")
+    finally:
+        fonts.font_for.cache_clear()
+        lettering._lay_out.cache_clear()
+
+
+def test_accents_that_stand_alone_are_joined_with_their_letters():
+    assert lettering.lay_out("e\u0301", 20.0) == lettering.lay_out("\u00e9", 20.0)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\0" * 40, b"ttcf" + b"\xff" * 60, b"OTTO\0\1" + b"x" * 50]
+)
+def test_what_is_no_font_is_named(tmp_path, content):
+    place = tmp_path / "bad.ttf"
+    place.write_bytes(content)
+    with pytest.raises(ValueError, match=r"font must be a font, got .*bad\.ttf"):
+        fonts.font_named(place)
+    with pytest.raises(ValueError, match=r"font must be a file that is there, got .*none\.ttf"):
+        fonts.font_named(tmp_path / "none.ttf")
+    with pytest.raises(ValueError, match="font must be"):
+        rj.Label((0, 0, 0), "x", font=3)
 
 
 def area_in_pixel(polygon, column, row):
@@ -122,7 +236,7 @@ POLYGONS = [
 @pytest.mark.parametrize("turned", [1, -1])
 def test_areas_are_those_of_the_slow_twin(polygons, turned):
     polygons = [np.array(one, float)[::turned] for one in polygons]
-    found = text.cover_area(lines_of(polygons), (3, 4))
+    found = lettering.cover_area(lines_of(polygons), (3, 4))
     for row in range(3):
         for column in range(4):
             area = sum(area_in_pixel(one.tolist(), column, row) for one in polygons)
@@ -132,11 +246,11 @@ def test_areas_are_those_of_the_slow_twin(polygons, turned):
 @pytest.mark.parametrize("character", ["8", "W", "%", "g"])
 def test_a_glyph_covers_what_its_outlines_enclose(character):
     size, quarter = 13.0, 3
-    number = font.shipped_font().glyph_of(character)
-    glyph = text.cover_glyph(number, size, quarter)
+    number = GLYPHS[ord(character)]
+    glyph = lettering.cover_glyph(FONT, number, size, quarter)
     pieces = math.ceil(math.sqrt(size))
     polygons = []
-    for curves in font.shipped_font().outline(number):
+    for curves in FONT.outline(number):
         points = []
         for a, b, c in curves:
             for n in range(pieces):
@@ -173,13 +287,13 @@ def test_places_are_rounded_to_whole_pixels_half_up_and_moved_by_the_offset(cube
 
 
 def test_lines_lie_below_each_other_and_begin_or_end_together():
-    layouts = {align: text.lay_out("wide one\nI", 20.0, align) for align in ("left", "right")}
+    layouts = {align: lettering.lay_out("wide one\nI", 20.0, align) for align in ("left", "right")}
     for layout in layouts.values():
         assert layout.height == 2 * 24 + 1
         assert [one.row for one in layout.placed] == [20] * 8 + [44]
     first, last = layouts["left"].placed[0], layouts["left"].placed[-1]
     assert (first.column, first.quarter) == (last.column, last.quarter) == (0, 0)
-    advance = font.shipped_font().advance(font.shipped_font().glyph_of("I")) * 20 / 1000
+    advance = FONT.advance(GLYPHS[ord("I")]) * 20 / 1000
     last = layouts["right"].placed[-1]
     assert abs(last.column + last.quarter / 4 + advance - layouts["right"].width) <= 0.125
 
@@ -194,9 +308,9 @@ def test_the_slow_twin_of_a_label_has_the_same_pixels(cube, camera):
         plain = shown(LABELS.without(scene), camera, **options).color
         found = shown(scene, camera, **options).color
         box = box_of(label, camera.project(label.position, SIZE).pixels.tolist())
-        layout = text.lay_out(label.text, label.size, "left")
+        layout = lettering.lay_out(label.text, label.size, "left")
         window = (-box.padding, -box.padding, box.width, box.height)
-        cover = text.cover_text(layout, label.size, window)
+        cover = lettering.cover_text(layout, label.size, window)
         assert box.padding == 4
         wanted = plain.copy()
         for row in range(box.height):
@@ -360,6 +474,18 @@ def test_out_of_the_picture_it_is_drawn_only_if_nothing_may_hide_it(cube):
 def test_behind_the_camera_it_is_not_drawn(cube, hidden):
     for z in (10.0, 10.5, 30.0):
         assert not is_shown(scene_of(cube, rj.Label((0, 0, z), "behind", hidden=hidden)))
+
+
+@pytest.mark.parametrize("kind", [rj.OrthographicCamera, rj.PerspectiveCamera])
+def test_it_is_seen_where_a_face_would_be(cube, kind):
+    options = {"height": 4.0} if kind is rj.OrthographicCamera else {"fov_y": 40.0}
+    given = kind((0, 0, 5), (0, 0, 0), near=2.0, far=7.0, **options)
+    open_planes = kind((0, 0, 5), (0, 0, 0), **options)
+    for camera, seen in ((given, (2.9, 0, -1.9)), (open_planes, (4.99, 0, -500.0))):
+        for z in (50.0, 5.5, 4.99, 2.9, 0.0, -1.9, -2.1, -500.0):
+            mask = touched(scene_of(cube, rj.Label((0.0, 0.0, z), "A", size=40)), camera)
+            is_seen = z in seen or (camera is open_planes and z <= 4.99)
+            assert mask.any() == is_seen, (z, camera)
 
 
 def test_holes_and_lone_edges_hide_nothing(cube):

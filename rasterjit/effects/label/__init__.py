@@ -15,8 +15,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.label.text import PADDING, Float64, cover_text, lay_out
+from rasterjit.io.lettering import PADDING, Float64, cover_text, lay_out, warn_of_missing
 from rasterjit.pipeline.encode import BUCKET_BITS, encoding_table
+from rasterjit.scene.camera import planes_of
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
 from rasterjit.scene.pixels import clip_from_relative, project
@@ -63,7 +64,7 @@ class Box(NamedTuple):
 
 def box_of(label: Label, place: Sequence[float]) -> Box:
     """Return the pixels of a label whose anchor lies at a place, pixels of the whole picture."""
-    layout = lay_out(label.text, label.size, _side(label, "left", "right"))
+    layout = lay_out(label.text, label.size, _side(label, "left", "right"), label.font)
     padding = 0 if label.background is None else math.floor(PADDING * label.size + 0.5)
     width, height = layout.width + 2 * padding, layout.height + 2 * padding
     corner = []
@@ -106,7 +107,8 @@ def draw_label(
     bottom = min(box.top - corner[1] + box.height, height)
     if left >= right or top >= bottom:
         return
-    layout = lay_out(label.text, label.size, _side(label, "left", "right"))
+    layout = lay_out(label.text, label.size, _side(label, "left", "right"), label.font)
+    warn_of_missing(layout)
     first = (
         left + corner[0] - box.left - box.padding,
         top + corner[1] - box.top - box.padding,
@@ -219,7 +221,17 @@ def places_of(texts: Texts, plan: RenderPlan) -> Float64:
     """Return where the points are seen, (N, 2): pixels of the whole picture, NaN if not."""
     if texts.places is not None:
         return texts.places
-    return project(plan.camera, texts.points, plan.size).pixels
+    found = project(plan.camera, texts.points, plan.size)
+    planes = planes_of(plan.camera)
+    least, most = 0.0, math.inf
+    if planes is not None:
+        # A plane that is not given is put where it cuts nothing.
+        if not planes.is_near_open and planes.near_steps is None:
+            least = planes.near
+        if not planes.is_far_open and planes.far_steps is None:
+            most = planes.far
+    is_between = (found.depth >= least) & (found.depth <= most)
+    return np.where(is_between[:, np.newaxis], found.pixels, np.nan)
 
 
 def _moved(matrix: Float64, position: Float64) -> list[float]:

@@ -1,20 +1,24 @@
 """
 Lay out texts, and cover pixels with them: by the exact area of flattened outlines.
 
-Each character's coverage is found once for a size and a quarter of a pixel, and kept.
+Each character's coverage is found once for a size and a quarter of a pixel, and kept. A character
+that the font lacks comes from another one that has it; one that none has is an empty box.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from itertools import accumulate
+import os
+import unicodedata
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.label.font import Float64, shipped_font
+from rasterjit.io.fonts import Float64, Font, font_for, font_named
+from rasterjit.scene.warning import warn_caller
 
 QUARTERS = 4
 """Places of a character between two pixels."""
@@ -25,6 +29,12 @@ PADDING = 0.25
 ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
 """Share of what a line is narrower than its text that lies to its left."""
 
+PAST = 2
+"""Pixels by which the last character may reach beyond the width of its text."""
+
+MOST_NAMED = 8
+"""Missing characters that a warning names."""
+
 MOST_GLYPHS = 1024
 """Characters kept, each of one size and place."""
 
@@ -32,6 +42,7 @@ MOST_GLYPHS = 1024
 class Placed(NamedTuple):
     """A character of a text."""
 
+    font: Font
     glyph: int
     column: int
     """Pixel that its origin is in, from the left of the text."""
@@ -49,6 +60,8 @@ class Layout(NamedTuple):
     height: int
     """Pixels."""
     placed: tuple[Placed, ...]
+    missing: str
+    """Characters that no font has."""
 
 
 class Glyph(NamedTuple):
@@ -62,38 +75,130 @@ class Glyph(NamedTuple):
     """(R, C): the share of each pixel, of 255."""
 
 
-@functools.lru_cache(maxsize=MOST_GLYPHS)
-def lay_out(text: str, size: float, align: str) -> Layout:
+def lay_out(
+    text: str, size: float, align: str = "left", font: str | os.PathLike[str] | None = None
+) -> Layout:
     """
     Return where the characters of a text stand.
 
     Parameters
     ----------
     text : str
-        With line breaks between its lines.
+        With line breaks between its lines. Tabs are four spaces; other signs that nobody sees are
+        left out. It runs from left to right.
     size : float
         Of an em, pixels.
     align : {"left", "center", "right"}
         Where lines of different widths meet.
+    font : str, path or None
+        See `rasterjit.io.fonts.font_named`.
     """
-    font, lines = shipped_font(), text.split("\n")
+    return _lay_out(unicodedata.normalize("NFC", text), size, align, font_named(font))
+
+
+def warn_of_missing(layout: Layout) -> None:
+    """Warn of characters of a text that no font has."""
+    if layout.missing:
+        named = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MOST_NAMED])
+        more = f" and {len(layout.missing) - MOST_NAMED} more" * (len(layout.missing) > MOST_NAMED)
+        warn_caller(
+            f"no font has {named}{more}: drawn as empty boxes. Give font= a file or a name that "
+            "has them, or install one: Matplotlib brings DejaVu Sans, Debian has fonts-noto-cjk",
+            UserWarning,
+        )
+
+
+@functools.lru_cache(maxsize=MOST_GLYPHS)
+def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
+    """Return where the characters of a text stand."""
+    lines = text.replace("\t", "    ").split("\n")
+    missing: dict[str, None] = {}
     scale = size / font.em
     ascent = math.ceil(scale * font.ascent)
     pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.gap) + 0.5))
-    glyphs = [[font.glyph_of(character) for character in line] for line in lines]
-    # Where each character begins, and the last one ends, units.
-    units = [[*accumulate(map(font.advance, line), initial=0)] for line in glyphs]
+    found, units = [], []
+    for line in lines:
+        glyphs = [_glyph(one, font, missing) for one in line if unicodedata.category(one)[0] != "C"]
+        # Where each character begins, and the last one ends, units of the font.
+        starts = [0.0]
+        for n, (own, glyph) in enumerate(glyphs):
+            following = glyphs[n + 1] if n + 1 < len(glyphs) else None
+            kern = own.kerning(glyph, following[1]) if following and following[0] is own else 0
+            starts.append(starts[-1] + (own.advance(glyph) + kern) * (font.em / own.em))
+        found.append(glyphs)
+        units.append(starts)
     widths = [scale * own[-1] for own in units]
     width = math.ceil(max(widths))
     placed = []
-    for number, line in enumerate(glyphs):
+    for number, glyphs in enumerate(found):
         start = ALIGNED[align] * (width - widths[number])
-        for glyph, place in zip(line, units[number][:-1], strict=True):
+        for (own, glyph), place in zip(glyphs, units[number][:-1], strict=True):
             quarters = math.floor(QUARTERS * (start + scale * place) + 0.5)
             column, quarter = divmod(quarters, QUARTERS)
-            placed.append(Placed(glyph, column, quarter, ascent + number * pitch))
+            placed.append(Placed(own, glyph, column, quarter, ascent + number * pitch))
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
-    return Layout(width, height, tuple(placed))
+    return Layout(width, height, tuple(placed), "".join(missing))
+
+
+def _glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, int]:
+    """Return the font and the glyph of a character; note one that no font has."""
+    own = font_for(character, font)
+    if own is not None:
+        return own, own.characters[ord(character)]
+    if not character.isspace():
+        missing[character] = None
+    return font, 0
+
+
+def width_of(text: str, size: float, font: str | os.PathLike[str] | None = None) -> int:
+    """Return how wide a line of text is, pixels; 0 without one."""
+    return lay_out(text, size, "left", font).width if text else 0
+
+
+def write(
+    pixels: NDArray[np.uint8],
+    text: str,
+    place: tuple[float, float],
+    size: float,
+    color: Sequence[int],
+    *,
+    anchor: tuple[float, float] = (0.0, 0.0),
+    font: str | os.PathLike[str] | None = None,
+) -> None:
+    """
+    Write a text over a picture; codes are mixed.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8
+        Changed.
+    text : str
+    place : (float, float)
+        Column and row of its anchor, pixels.
+    size : float
+        Of an em, pixels.
+    color : (3,) sequence of int
+    anchor : (float, float)
+        Share of its width and height that lies to the left of the anchor, and above it.
+    font : str, path or None
+    """
+    layout = lay_out(text, size, "left", font)
+    warn_of_missing(layout)
+    left, top = (
+        math.floor(at - share * length + 0.5)
+        for at, share, length in zip(place, anchor, (layout.width, layout.height), strict=True)
+    )
+    height, width = pixels.shape[:2]
+    first, last = (max(left, 0), max(top, 0)), (
+        min(left + layout.width + PAST, width),
+        min(top + layout.height, height),
+    )  # fmt: skip
+    if first[0] >= last[0] or first[1] >= last[1]:
+        return
+    window = (first[0] - left, first[1] - top, last[0] - first[0], last[1] - first[1])
+    share = cover_text(layout, size, window)[..., np.newaxis]
+    under = pixels[first[1] : last[1], first[0] : last[0]]
+    under[...] = np.floor(under + share * (np.array(color, np.float64) - under) + 0.5)
 
 
 def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -> Float64:
@@ -116,7 +221,7 @@ def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -
     left, top, width, height = window
     total = np.zeros((height, width), np.int64)
     for one in layout.placed:
-        glyph = cover_glyph(one.glyph, size, one.quarter)
+        glyph = cover_glyph(one.font, one.glyph, size, one.quarter)
         column, row = one.column + glyph.left - left, one.row + glyph.top - top
         rows, columns = glyph.cover.shape
         first_row, first_column = max(0, -row), max(0, -column)
@@ -129,9 +234,8 @@ def cover_text(layout: Layout, size: float, window: tuple[int, int, int, int]) -
 
 
 @functools.lru_cache(maxsize=MOST_GLYPHS)
-def cover_glyph(glyph: int, size: float, quarter: int) -> Glyph:
+def cover_glyph(font: Font, glyph: int, size: float, quarter: int) -> Glyph:
     """Return the pixels of a glyph whose em has a size, and which stands at a quarter of one."""
-    font = shipped_font()
     pieces = math.ceil(math.sqrt(size))
     shares = np.arange(pieces + 1)[:, np.newaxis, np.newaxis] / pieces
     ends = []
