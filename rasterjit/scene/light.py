@@ -227,8 +227,8 @@ class SpotLight:
         it is ``intensity / d**2``.
     inner_angle, outer_angle : float, degrees
         Angles from the axis, ``0 <= inner <= outer <= 90`` and outer above 0: full light inside
-        the inner one, none outside the outer one, between them the square of a ramp in the cosine
-        (of which 0.001 is the narrowest).
+        the inner one, none outside the outer one, between them the square of a ramp in the cosine.
+        Beams narrower than 5e-5 degrees are as wide as that.
     range : float, optional, scene units
         Where the light ends, as for `PointLight`.
     shadow : Shadow, optional

@@ -42,9 +42,13 @@ FARTHEST_LIGHT = 1e18
 """Coordinates of a light relative to the eye are clamped to this: their squares stay finite in
 float32, and no light of an allowed intensity is seen from there."""
 
-NARROWEST_RAMP = 0.001
-"""Least difference of the cosines between which the light of a cone ends, by KHR_lights_punctual:
-the edge of a cone whose angles are the same is no step."""
+NARROWEST_CONE = 2.0**-41
+"""Cones end no nearer to their axis, as one less the cosine: 9.5e-7 radians, a few roundings of a
+direction in float32, so that there is light on the axis whatever the angle."""
+
+NARROWEST_RAMP = 2.0**-21
+"""Where the angles of a cone are the same its light ends over so much of one less the cosine: what
+float32 tells, and less than what a light reaches is widened by."""
 
 WIDEST_MAP = 60.0
 """Spot lights wider than so many degrees from their axis get six maps, as point lights do."""
@@ -480,13 +484,19 @@ def _row(light: Light, eye: Sequence[float]) -> list[float]:
 
 
 def _cone(light: Light) -> tuple[float, float, float, float, float]:
-    """Return axis, scale and offset of a light's cone."""
+    """Return axis, scale and offset of a light's cone: full light inside, whatever the angles."""
     if not isinstance(light, SpotLight):
         return NO_CONE
-    _, inner = transforms.sine_cosine(light.inner_angle)
-    _, outer = transforms.sine_cosine(light.outer_angle)
-    scale = 1.0 / max(NARROWEST_RAMP, inner - outer)
-    return (*light.direction, scale, -outer * scale)
+    inner, outer = _versine(light.inner_angle), max(_versine(light.outer_angle), NARROWEST_CONE)
+    outer = max(outer, inner * (1.0 + NARROWEST_RAMP))
+    scale = 1.0 / (outer - inner)
+    return (*light.direction, scale, outer * scale)
+
+
+def _versine(angle: float) -> float:
+    """Return one less the cosine of an angle in degrees, of which small ones lose nothing."""
+    sine, _ = transforms.sine_cosine(angle / 2.0)
+    return 2.0 * sine * sine
 
 
 def _ending(end: float | None) -> float:

@@ -169,8 +169,8 @@ def rows_of_lamps(rows: NDArray[np.float32], exposed: float) -> NDArray[np.float
     lamps = np.empty((*rows.shape[:-1], LAMP_COLUMNS), np.float32)
     colors, scale, offset = rows[..., 4:7].astype(np.float64), rows[..., 10], rows[..., 11]
     light = exposed * colors.max(axis=-1)
-    cosine = -offset.astype(np.float64) / np.where(scale > 0.0, scale, np.float32(1.0))
-    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
+    versine = offset.astype(np.float64) / np.where(scale > 0.0, scale, np.float32(1.0))
+    sine = np.sqrt(np.maximum(versine * (2.0 - versine), 0.0))
     lamps[..., :3] = rows[..., :3]
     lamps[..., LIGHT] = light
     lamps[..., RAMP] = CODES_PER_RAMP * np.sqrt(light) * scale

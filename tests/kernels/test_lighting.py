@@ -313,17 +313,38 @@ def test_range_is_the_same_at_any_scale(scale):
 
 
 @pytest.mark.parametrize("angle", [0, 5, 10, 15, 20, 29, 30, 31, 60, 89, 120, 180])
-@pytest.mark.parametrize(("inner", "outer"), [(0, 30), (10, 30), (0, 90), (29.999, 30), (5, 15)])
+@pytest.mark.parametrize(("inner", "outer"), [(0, 30), (10, 30), (0, 90), (29.9, 30), (5, 15)])
 def test_cone_is_the_ramp_of_khr_lights_punctual(angle, inner, outer):
-    # The light hangs over the sample and looks down, tilted.
-    tilt = math.radians(angle)
-    light = rj.SpotLight(
-        (0, 0, 2), (math.sin(tilt), 0, -math.cos(tilt)), inner_angle=inner, outer_angle=outer
-    )
-    width = max(0.001, math.cos(math.radians(inner)) - math.cos(math.radians(outer)))
-    share = (math.cos(tilt) - math.cos(math.radians(outer))) / width
+    width = math.cos(math.radians(inner)) - math.cos(math.radians(outer))
+    share = (math.cos(math.radians(angle)) - math.cos(math.radians(outer))) / width
     expected = min(max(share, 0.0), 1.0) ** 2 / 4.0
-    assert shown(light) == pytest.approx(expected, rel=2e-3 if width < 0.01 else 1e-5, abs=1e-6)
+    found = shown(tilted_spot(angle, inner, outer))
+    assert found == pytest.approx(expected, rel=1e-5 if width > 0.01 else 2e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("outer", [90.0, 40.0, 2.5, 1.0, 0.1, 0.01, 1e-6, 1e-300])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.999, 1.0])
+def test_light_inside_the_inner_angle_is_full_and_outside_the_outer_one_none(outer, share):
+    seen = max(outer, 1e-3)
+    inside = 0.0 if outer < 1e-3 else 0.998 * share * outer
+    spot = tilted_spot(inside, share * outer, outer)
+    assert shown(spot) == pytest.approx(0.25, rel=1e-5)
+    assert shown(tilted_spot(1.002 * seen, share * outer, outer)) == 0.0
+
+
+@pytest.mark.parametrize("outer", [3.0, 1.0, 0.1, 0.02])
+def test_narrow_cones_fall_off_as_wide_ones_do(outer):
+    # As angles become small, one less the cosine goes with their square.
+    for part in (0.2, 0.5, 0.8):
+        expected = (1.0 - part * part) ** 2 / 4.0
+        assert shown(tilted_spot(part * outer, 0.0, outer)) == pytest.approx(expected, rel=0.01)
+
+
+def tilted_spot(angle, inner, outer):
+    """Return a spot light that hangs 2 over the sample and looks down, tilted by an angle."""
+    tilt = math.radians(angle)
+    direction = (math.sin(tilt), 0, -math.cos(tilt))
+    return rj.SpotLight((0, 0, 2), direction, inner_angle=inner, outer_angle=outer)
 
 
 def test_cone_and_range_that_end_nothing_leave_the_bits_of_a_point_light():

@@ -171,8 +171,8 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
         falloff = 1.0 / (distance * distance) if light[3] else 1.0
         toward = unit(toward)
         if len(light) > 7:
-            along = -dot(toward, light[7:10])
-            falloff *= min(max(along * light[10] + light[11], 0.0), 1.0) ** 2
+            versine = 1.0 + dot(toward, light[7:10])
+            falloff *= min(max(light[11] - versine * light[10], 0.0), 1.0) ** 2
             falloff *= min(max(1.0 - distance**4 * light[12] ** 2, 0.0), 1.0)
         facing = max(dot(normal, toward), 0.0)
         half = unit([t + e for t, e in zip(toward, eye, strict=True)])

@@ -48,7 +48,7 @@ def arriving(light, point):
     way = [p - q for p, q in zip(light[:3], point, strict=True)]
     toward, factor = unit(way), 1.0 / dot(way, way)
     if light[10] != 0.0:
-        factor *= held(-dot(toward, light[7:10]) * light[10] + light[11], 0.0, 1.0) ** 2
+        factor *= held(light[11] - (1.0 + dot(toward, light[7:10])) * light[10], 0.0, 1.0) ** 2
     return toward, factor
 
 

@@ -37,7 +37,12 @@ PLACED = 3
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
 CONE_SCALE, CONE_OFFSET = 10, 11
-"""Columns: ramp in the cosine from the axis, clamped to 0..1 and squared; (0, 1) for no cone."""
+"""
+Columns: the ramp ``offset - scale v``, clamped to 0..1 and squared; (0, 1) for no cone.
+
+``v`` is one less the cosine from the axis, half the square of the way between both unit vectors:
+float32 tells angles by it that have the same cosine.
+"""
 ENDING = 12
 """Column: one over the range squared; 0 for no end."""
 LIGHT_COLUMNS = 13
@@ -79,10 +84,15 @@ def reach(squared, ending):
 
 
 @helper
-def cone(cosine, scale, offset):
-    """Return the share of light that its cone lets through at a cosine from its axis, 0 for NaN."""
+def cone(dx, dy, dz, scale, offset):
+    """
+    Return the share of light that its cone lets through, 0 for NaN.
+
+    Takes the way from the axis to the direction of the light, both of unit length.
+    """
     one, zero = np.float32(1.0), np.float32(0.0)
-    share = max(zero, min(cosine * scale + offset, one))
+    versine = np.float32(0.5) * (dx * dx + dy * dy + dz * dz)
+    share = max(zero, min(offset - versine * scale, one))
     return share * share
 
 
@@ -98,8 +108,8 @@ def light_at(light, px, py, pz):
     falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
     falloff *= reach(lx * lx + ly * ly + lz * lz, light[ENDING])
     lx, ly, lz = lx * scale, ly * scale, lz * scale
-    cosine = -(lx * light[DIRECTION_X] + ly * light[DIRECTION_Y] + lz * light[DIRECTION_Z])
-    return lx, ly, lz, falloff * cone(cosine, light[CONE_SCALE], light[CONE_OFFSET])
+    dx, dy, dz = lx + light[DIRECTION_X], ly + light[DIRECTION_Y], lz + light[DIRECTION_Z]
+    return lx, ly, lz, falloff * cone(dx, dy, dz, light[CONE_SCALE], light[CONE_OFFSET])
 
 
 @disjoint_helper
