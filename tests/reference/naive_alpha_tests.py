@@ -43,14 +43,15 @@ def alpha_levels(texture, cutoff):
 
 
 def cutoff_of_cell(column, row):
-    """Return the cutoff of a cell of the lattice: blocks of 2 x 2 have one of each quarter."""
-    strata = ""
-    for n in range(3):
-        right, up = column >> n & 1, row >> n & 1
-        quarter = {(0, 0): 0, (1, 1): 1, (1, 0): 2, (0, 1): 3}[right, up]
+    """Return the cutoff of a cell of the lattice: 2 x 2 texels, or cells, have all quarters."""
+    quarters = {(0, 0): 0, (1, 1): 1, (1, 0): 2, (0, 1): 3}
+    strata = []
+    for n in (1, 2, 3):
         block = hashed(column >> n + 1, row >> n + 1, n) // 256
-        strata += f"{quarter ^ block % 4:02b}"
-    share = Fraction(int(strata, 2) * 2**16 + hashed(column, row, 3) // 2**15, 2**22)
+        strata.append(quarters[column >> n & 1, row >> n & 1] ^ block % 4)
+    strata[0] ^= quarters[column & 1, row & 1]
+    rest = Fraction(hashed(column, row, 0) // 2**15, 2**16)
+    share = (16 * strata[0] + 4 * strata[1] + strata[2] + rest) / 64
     return Fraction(1, 256) + Fraction(254, 256) * share
 
 

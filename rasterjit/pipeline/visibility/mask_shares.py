@@ -8,8 +8,9 @@ samples is there that the texels say themselves, whatever lies around, by any fi
 
 Places are the cells of a lattice on the texture, two to a texel of the finer level, so that the
 same place gets the same cutoff however the picture is cut, and samples of a pixel get different
-ones. Of each 2 x 2 cells one gets a cutoff from each quarter of 0..1, in an order that a hash of
-the block decides; so do blocks of blocks. That keeps shares even of few pixels [3]_.
+ones. Of each 2 x 2 texels one gets a cutoff from each quarter of 0..1, in an order that a hash of
+the block decides; so do blocks of blocks, and the four cells of a texel. That keeps shares even of
+few pixels, be there one sample in each or some [3]_.
 
 References
 ----------
@@ -34,13 +35,13 @@ ALPHA = 3
 """The channel of colours."""
 
 CELLS = 2.0
-"""Cells of the lattice along a texel of the finer level that is read."""
+"""Cells of the lattice along a texel of the finer level that is read; `cutoff_of_cell` knows."""
 
 FARTHEST_CELL = float(1 << 30)
 """Cells beyond have the cutoff of the first."""
 
 BLOCKS = 3
-"""Blocks of cells, each of 2 x 2 smaller ones, in which cutoffs are even: 64 strata."""
+"""Blocks of texels, each of 2 x 2 smaller ones, in which cutoffs are even: 64 strata."""
 
 LOW_BITS = 0x7FFFFFFF
 """What is kept of a product, so that the next fits int64."""
@@ -59,16 +60,21 @@ def hashed(column, row, salt):
 
 
 @helper
+def quarter_of(column, row):
+    """Return which of four cells one is; those next to each other in order lie across."""
+    right, up = column & 1, row & 1
+    return ((right ^ up) << 1) | up
+
+
+@helper
 def cutoff_of_cell(column, row):
     """Return the cutoff of a cell of the lattice, float32, between 0 and 1."""
-    strata = np.int64(0)
-    for n in range(BLOCKS):
-        right, up = (column >> n) & 1, (row >> n) & 1
-        # Quarters next to each other lie across.
-        quarter = ((right ^ up) << 1) | up
+    strata, own = np.int64(0), quarter_of(column, row)
+    for n in range(1, BLOCKS + 1):
         turned = hashed(column >> (n + 1), row >> (n + 1), np.int64(n)) >> 8
-        strata = (strata << 2) | (quarter ^ (turned & 3))
-    rest = hashed(column, row, np.int64(BLOCKS)) >> 15
+        strata = (strata << 2) | (quarter_of(column >> n, row >> n) ^ own ^ (turned & 3))
+        own = np.int64(0)
+    rest = hashed(column, row, np.int64(0)) >> 15
     exact = np.float32((strata << 16) | rest) * np.float32(2.0 ** -(2 * BLOCKS + 16))
     return LEAST_SHARE + (np.float32(1.0) - LEAST_SHARE - LEAST_SHARE) * exact
 
