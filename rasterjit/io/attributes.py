@@ -1,4 +1,4 @@
-"""Attributes of one's own that files bring, as a mesh can take them."""
+"""What files bring, as a mesh can take it: attributes of one's own, and normals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut
-from rasterjit.scene.mesh import value_rows
+from rasterjit.scene.mesh import Mesh, value_rows
+from rasterjit.scene.warning import told_elsewhere
 
 
 def usable_attributes(
@@ -45,3 +46,12 @@ def usable_attributes(
         except ValueError:
             left_out.note(f"{said} with NaN, infinity or what no float32 holds")
     return usable
+
+
+def mesh_of(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
+    """Return the mesh of what `Mesh` takes, and note how many of its normals had to be made."""
+    with told_elsewhere():
+        mesh = Mesh(**arrays)
+    if mesh._repaired_normals:
+        left_out.note(f"normals of length 0 of {label}: made from faces", mesh._repaired_normals)
+    return mesh

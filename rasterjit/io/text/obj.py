@@ -419,10 +419,11 @@ class _ObjFile:
         rows, which = joined(numbers)
         picked = refs[rows]
         uv = self._tables["vt"][picked[:, 1]] if has_uv and len(self._tables["vt"]) else None
-        normals = None
+        normals, has_none = None, picked[:, 2] < 0
         if has_normals:
             normals = self._tables["vn"][picked[:, 2]]
-            normals[picked[:, 2] < 0] = 0.0
+            # Any will do: these belong to bare faces alone.
+            normals[has_none] = (0.0, 0.0, 1.0)
         table = self._tables["v"][picked[:, 0]]
         material = self._library.material(material_name)
         if material is None and uv is not None:
@@ -434,7 +435,9 @@ class _ObjFile:
             colors = _colors(table)
         is_even = bool((counts == counts[0]).all())
         corners, _ = triangles(counts, by_size=is_even)
-        return Part(name, table[:, :3], which[corners], normals, uv, colors, material)
+        faces = which[corners]
+        bare = has_none[faces].any(axis=1) if has_normals else None
+        return Part(name, table[:, :3], faces, normals, uv, colors, material, bare=bare)
 
 
 def _colors(table: NDArray[np.float64]) -> NDArray[np.float32] | None:

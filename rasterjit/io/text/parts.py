@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.attributes import mesh_of, usable_attributes
 from rasterjit.io.drawings import Drawing, lines_of
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.resources import LONGEST_NAME
@@ -49,7 +49,8 @@ class Part:
     vertices : (V, 3) float64
     faces : (F, 3) int
     normals : (V, 3) float, optional
-        Zero where a vertex has none: faces that touch such a one get made normals.
+    bare : (F,) bool, optional
+        Faces of which a corner has no normal, whatever stands there: they get made ones.
     uv : (V, 2) float, optional
     colors : (V, 4) or (F, 4) float32, optional
         Linear RGBA.
@@ -71,6 +72,7 @@ class Part:
     face_attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
     scalars: NDArray[Any] | None = None
     face_scalars: NDArray[Any] | None = None
+    bare: NDArray[np.bool_] | None = None
 
 
 Thing: TypeAlias = Part | Cloud | Drawing
@@ -105,8 +107,9 @@ def scene_of_parts(
         if uv is None and material is not None:
             material = without_textures(part.name, material, left_out)
         try:
-            mesh = Mesh(
-                part.vertices, part.faces, normals=normals, uv=uv, material=material,
+            mesh = mesh_of(
+                f"mesh {part.name[:LONGEST_NAME]!r}", left_out, vertices=part.vertices,
+                faces=part.faces, normals=normals, uv=uv, material=material,
                 colors=part.colors if part.face_scalars is None else None, on_invalid=on_invalid,
                 scalars=part.scalars if part.colors is None else None,
                 attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
@@ -115,7 +118,7 @@ def scene_of_parts(
             with_face_values(mesh, mesh.face_colors, of_faces)
             if part.face_scalars is not None:
                 with_face_scalars(mesh, part.face_scalars)
-            mesh = _with_all_normals(mesh, crease_angle, on_invalid)
+            mesh = _with_all_normals(mesh, part.bare, crease_angle, on_invalid)
         except ValueError as error:
             raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
         scene.add(mesh, name=part.name or None)
@@ -123,25 +126,26 @@ def scene_of_parts(
 
 
 def _usable_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
-    """Return normals, zero, with a note, where one is not finite; None if all are zero."""
+    """Return normals, zero, with a note, where one is not finite."""
     if values is None:
         return None
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         left_out.note("normals with NaN or infinity")
         values = np.where(finite[:, np.newaxis], values, 0.0)
-    return values if values.any() else None
+    return values
 
 
-def _with_all_normals(mesh: Mesh, crease_angle: float, on_invalid: str) -> Mesh:
+def _with_all_normals(
+    mesh: Mesh, bare: NDArray[np.bool_] | None, crease_angle: float, on_invalid: str
+) -> Mesh:
     """Return a mesh in which faces with a corner without a normal have made ones."""
     if mesh.normals is None:
         return mesh.split_creases(crease_angle)
-    kept = mesh.normals.any(axis=1)[mesh.faces].all(axis=1)
-    if kept.all():
+    if bare is None or not bare.any():
         return mesh
     made = mesh.split_creases(crease_angle)
-    faces = np.where(kept[:, np.newaxis], mesh.faces, made.faces + len(mesh.vertices))
+    faces = np.where(bare[:, np.newaxis], made.faces + len(mesh.vertices), mesh.faces)
     used, which = np.unique(faces, return_inverse=True)
 
     def of_both(one: NDArray[Any] | None, other: NDArray[Any] | None) -> NDArray[Any] | None:

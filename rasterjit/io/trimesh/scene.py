@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.attributes import usable_attributes
+from rasterjit.io.attributes import mesh_of, usable_attributes
 from rasterjit.io.drawings import drawing_of_path, lines_of
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
@@ -193,12 +193,13 @@ class TrimeshAdapter:
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
             if uv is None and material is not None:
                 material = without_textures(name, material, self.left_out)
-        normals = self._own_normals(geometry)
         try:
-            mesh = Mesh(
-                geometry.vertices,
-                geometry.faces,
-                normals=normals,
+            mesh = mesh_of(
+                f"mesh {name!r}",
+                self.left_out,
+                vertices=geometry.vertices,
+                faces=geometry.faces,
+                normals=self._own_normals(geometry),
                 uv=uv,
                 material=material,
                 colors=colors,
@@ -211,7 +212,7 @@ class TrimeshAdapter:
                 geometry.face_attributes, len(geometry.faces), self.left_out
             )
             with_face_values(mesh, mesh.face_colors, of_faces)
-            return mesh if normals is not None else mesh.split_creases(self.crease_angle)
+            return mesh if mesh.normals is not None else mesh.split_creases(self.crease_angle)
         except ValueError as error:
             raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
 
@@ -229,8 +230,6 @@ class TrimeshAdapter:
             return None
         normals = np.asarray(geometry.vertex_normals)
         if not self.from_file and _are_averaged(normals, geometry):
-            return None
-        if not normals.any():
             return None
         return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
 
