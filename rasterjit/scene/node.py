@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,7 +93,7 @@ class Node(Placed, Guarded):
     _label: Label | None
     _children: list[Node]
     _scene: weakref.ref[Scene] | None
-    """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
+    """The scene that it is in, as all above and below it, which it does not keep."""
     # Most nodes have none of them, and take no room for that.
     _skin: Skin | None = None
     _weights: NDArray[np.float64] | None = None
@@ -284,7 +284,8 @@ class Node(Placed, Guarded):
 
     def _hang(self, parent: Node | None, is_new: bool = False) -> None:
         """Move to another parent, or raise ``ValueError``; what is new is in no scene's list."""
-        above, scene = parent, scene_of(self)
+        # What has nothing below it lies above nothing: chains grow without a look at all of them.
+        above, scene = parent if self._children or parent is self else None, scene_of(self)
         while above is not None:
             if above is self:
                 raise ValueError(
@@ -300,7 +301,7 @@ class Node(Placed, Guarded):
         self._place(self._transform, parent)
         if self._parent is not None:
             self._parent._children.remove(self)
-        self._parent, self._scene = parent, None
+        self._parent = parent
         if parent is not None:
             parent._children.append(self)
         if joined is not None:
@@ -377,9 +378,24 @@ def topmost(node: Node) -> Node:
     return node
 
 
+def tops_of(nodes: Iterable[Node]) -> list[Node]:
+    """Return the topmost nodes above some, in order, passing each node on the way once."""
+    tops: dict[Node, Node] = {}
+    found: dict[Node, None] = {}
+    for node in nodes:
+        passed = []
+        while node not in tops and node._parent is not None:
+            passed.append(node)
+            node = node._parent
+        top = tops.setdefault(node, node)
+        tops.update(dict.fromkeys(passed, top))
+        found[top] = None
+    return list(found)
+
+
 def scene_of(node: Node) -> Scene | None:
     """Return the scene that a node was added to, ``None`` if it was to none."""
-    kept = topmost(node)._scene
+    kept = node._scene
     return None if kept is None else kept()
 
 

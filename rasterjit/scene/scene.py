@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import itertools
 import os
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
@@ -26,7 +27,7 @@ from rasterjit.scene.label import Label
 from rasterjit.scene.light import Light
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
+from rasterjit.scene.node import Node, scene_of, topmost, tops_of, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.preview import Previewed
@@ -177,8 +178,8 @@ class Scene(Guarded, Previewed):
             if node.parent is None:
                 node._link(parent, transform, trs)
         self.__dict__.update(state)
-        for top in map(topmost, (*self.nodes, *self._groups)):
-            top._scene = weakref.ref(self)
+        for node in self.every_node():
+            node._scene = weakref.ref(self)
 
     def __repr__(self) -> str:
         counts = {"triangles": 0, "lines": 0, "points": 0}
@@ -316,12 +317,12 @@ class Scene(Guarded, Previewed):
             raise ValueError(f"node must be in the scene, got {node!r}")
         self._refuse_shared("node", node)
         node.parent = None
-        node._scene = None
         gone = set(with_all_below(node))
         left = [one for one in self.nodes if one not in gone]
         self._removed += len(self.nodes) - len(left)
         self.nodes[:] = left
         for one in gone:
+            one._scene = None
             self._groups.pop(one, None)
             self._labelled.pop(one, None)
 
@@ -463,7 +464,7 @@ class Scene(Guarded, Previewed):
                 )
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
-        own = set(map(id, self._all_tops()))
+        own = set(map(id, self._all_nodes()))
         if animation is None:
             return [_first_moving(self.animations, own)]
         if isinstance(animation, list | tuple):
@@ -491,10 +492,10 @@ class Scene(Guarded, Previewed):
         """Return the animations without what they move of nodes that are not in the scene."""
         if not self.animations:
             return []
-        own = set(map(id, self._all_tops()))
+        own = set(map(id, self._all_nodes()))
         found = []
         for one in self.animations:
-            channels = [channel for channel in one.channels if id(topmost(channel.node)) in own]
+            channels = [channel for channel in one.channels if id(channel.node) in own]
             if len(channels) == len(one.channels):
                 found.append(one)
             elif channels:
@@ -516,10 +517,9 @@ class Scene(Guarded, Previewed):
     def _copied(self, moved: dict[int, dict[str, Any]]) -> Scene:
         """Return a copy with nodes of its own, some moved: by their ids what is new of each."""
         copies: dict[int, Node] = {}
-        for top in self._all_tops():
-            for node in with_all_below(top):
-                above = None if node.parent is None else copies[id(node.parent)]
-                copies[id(node)] = _moved_copy(node, above, moved.get(id(node), {}))
+        for node in self._all_nodes():
+            above = None if node.parent is None else copies[id(node.parent)]
+            copies[id(node)] = _moved_copy(node, above, moved.get(id(node), {}))
         _set_skins(copies)
         other = copy.copy(self)
         other.nodes = [copies[id(node)] for node in self.nodes]
@@ -527,28 +527,29 @@ class Scene(Guarded, Previewed):
         other.animations = [one._with_nodes(copies) for one in self.animations]
         other._groups = {copies[id(node)]: None for node in self._groups}
         other._labelled = {copies[id(node)]: None for node in self._labelled}
-        for top in map(topmost, (*other.nodes, *other._groups)):
-            top._scene = weakref.ref(other)
+        for node in other.every_node():
+            node._scene = weakref.ref(other)
         return other
 
     def _all_tops(self, others: Iterable[Node] = ()) -> list[Node]:
         """Return the topmost nodes of all trees, of joints besides and of other nodes too."""
-        found = {id(top): top for top in map(topmost, (*self.nodes, *self._groups, *others))}
-        if Posable.was_made:
-            waiting = list(found.values())
-            for top in waiting:
-                for node in with_all_below(top):
-                    for joint in () if node._skin is None else node._skin.joints:
-                        above = topmost(joint)
-                        if id(above) not in found:
-                            found[id(above)] = above
-                            waiting.append(above)
-        return list(found.values())
+        found = dict.fromkeys(tops_of((*self.nodes, *self._groups, *others)))
+        waiting = list(found) if Posable.was_made else []
+        while waiting:
+            skins = [node._skin for top in waiting for node in with_all_below(top)]
+            joints = [one.joints for one in dict.fromkeys(skins) if one is not None]
+            waiting = [top for top in tops_of(itertools.chain(*joints)) if top not in found]
+            found.update(dict.fromkeys(waiting))
+        return list(found)
+
+    def _all_nodes(self) -> Iterator[Node]:
+        """Yield all nodes of these trees, each before those below it."""
+        return itertools.chain.from_iterable(map(with_all_below, self._all_tops()))
 
     def every_node(self) -> list[Node]:
         """Return all nodes, with a mesh or without: tree by tree, each before those below it."""
-        tops = {id(top): top for top in map(topmost, (*self.nodes, *self._groups))}
-        return [node for top in tops.values() for node in with_all_below(top)]
+        tops = tops_of((*self.nodes, *self._groups))
+        return [node for top in tops for node in with_all_below(top)]
 
     @property
     def labelled(self) -> list[Node]:
@@ -641,14 +642,16 @@ class Scene(Guarded, Previewed):
 
         What is new is in no list yet.
         """
-        top = topmost(node)
-        if top._scene is None or top._scene() is not self:
-            top._scene = weakref.ref(self)
-            node = top if not is_new else node
-        if top.mesh is None:
-            self._groups[top] = None
+        above = node.parent
+        if above is None or scene_of(above) is not self:
+            top = topmost(node)
+            if scene_of(top) is not self:
+                node = top
+            if top.mesh is None:
+                self._groups[top] = None
         drawn = []
         for one in with_all_below(node):
+            one._scene = weakref.ref(self)
             if one.mesh is not None:
                 drawn.append(one)
             if one.label is not None:
@@ -800,7 +803,7 @@ def _copied(
     """
     group = Node(None, transform, name)
     drawn, copies = set(map(id, scene.nodes)), {}
-    for node in (one for top in scene._all_tops() for one in with_all_below(top)):
+    for node in scene._all_nodes():
         above = group if node.parent is None else copies[id(node.parent)]
         copied = copies[id(node)] = _moved_copy(node, above, {})
         if id(node) not in drawn:
@@ -812,9 +815,9 @@ def _copied(
 
 
 def _first_moving(animations: Sequence[Animation], own: set[int]) -> Animation:
-    """Return the first that moves a node of trees, by the ids of their tops, or raise."""
+    """Return the first that moves one of some nodes, by their ids, or raise."""
     for one in animations:
-        if any(id(topmost(channel.node)) in own for channel in one.channels):
+        if any(id(channel.node) in own for channel in one.channels):
             return one
     raise ValueError(
         f"animation must move a node of the scene, got {animations[0]!r}, whose nodes are not in it"

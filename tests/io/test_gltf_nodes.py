@@ -1,5 +1,6 @@
 """EXT_mesh_gpu_instancing, KHR_node_visibility and KHR_mesh_quantization."""
 
+import sys
 import warnings
 
 import numpy as np
@@ -167,3 +168,46 @@ def test_accessors_of_every_type(tmp_path, kind, width, normalized):
     for number, whole in enumerate((rows, mixed)):
         wanted = np.maximum(whole / held.max, -1.0) if normalized else whole
         np.testing.assert_array_equal(found.array(number), wanted)
+
+
+def lines_run(action):
+    """Return how many lines of the package an action runs."""
+    counts = [0]
+
+    def trace(frame, event, _):
+        if "rasterjit" not in frame.f_code.co_filename:
+            return None
+        counts[0] += event == "line"
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        action()
+    finally:
+        sys.settrace(before)
+    return counts[0]
+
+
+def read_chain(tmp_path, count, **each):
+    file = Draft().use("KHR_lights_punctual")
+    mesh = file.mesh(quad())
+    file.header["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    for number in range(count):
+        below = {"children": [number + 1]} if number + 1 < count else {"mesh": mesh}
+        file.add("nodes", translation=[1, 0, 0], **{**each, **below})
+    file.header["scenes"] = [{"nodes": [0]}]
+    return load(file, tmp_path)
+
+
+@pytest.mark.parametrize("each", [
+    {}, {"mesh": 0}, {"extensions": {"KHR_lights_punctual": {"light": 0}}},
+])  # fmt: skip
+def test_reading_a_chain_of_nodes_takes_work_by_its_length(tmp_path, each):
+    few = lines_run(lambda: read_chain(tmp_path, 100, **each))
+    many = lines_run(lambda: read_chain(tmp_path, 400, **each))
+    assert many < 5 * few
+    scene = read_chain(tmp_path, 50, **each)
+    assert scene.nodes[-1].world_matrix[0, 3] == 50.0
+    for number, light in enumerate(scene.lights):
+        assert light.position == (number + 1.0, 0.0, 0.0)

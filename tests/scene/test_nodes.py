@@ -11,6 +11,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.io.skipped import LoadWarning
+from rasterjit.scene.node import tops_of
 from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
 
 TRIANGLE = [[0, 0, 0], [2, 0, 0], [0, 2, 0]]
@@ -239,6 +240,33 @@ def test_trees_of_a_thousand_nodes_in_a_row_are_copied():
         node = scene.add(triangle(), translate((1, 0, 0)), parent=node)
     for twin in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
         assert twin.nodes[-1].world_matrix[0, 3] == 1000.0
+
+
+def test_the_topmost_of_nodes_are_in_the_order_in_which_they_are_met():
+    tops = [rj.Node(name=name) for name in "ab"]
+    first, other = ([top, rj.Node(parent=top)] for top in tops)
+    for chain in (first, other):
+        chain.append(rj.Node(parent=chain[-1]))
+    assert tops_of([other[2], first[1], other[0], first[2], first[0]]) == tops[::-1]
+    assert tops_of([first[0], first[2], other[1]]) == tops
+    assert tops_of([]) == []
+
+
+def test_all_below_a_node_are_in_its_scene_until_it_is_removed():
+    scene, base, upper, *_ = arm()
+    loose = rj.Node(name="loose")
+    tip = rj.Node(triangle(), name="tip", parent=loose)
+    loose.parent = upper
+    assert tip in scene.nodes
+    scene.remove(upper)
+    assert tip not in scene.nodes
+    with pytest.raises(ValueError, match="must be in the scene"):
+        scene.remove(tip)
+    other = rj.Scene()
+    other.add(upper)
+    assert tip in other.nodes
+    with pytest.raises(ValueError, match="must be in the node's scene"):
+        tip.parent = base
 
 
 def test_a_scene_without_a_tree_goes_when_nobody_holds_it():

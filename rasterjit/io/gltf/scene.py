@@ -49,7 +49,7 @@ from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirror
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.transforms import compose
+from rasterjit.scene.transforms import compose, product_of
 from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb", "vrm")
@@ -108,6 +108,8 @@ class _GltfScene:
         self._note_what_is_not_read()
         self._groups: dict[int, Node] = {}
         """What stands for nodes of the file that others may hang below, by their numbers."""
+        self._places: dict[int, tuple[list[list[float]], bool]] = {}
+        """Rows of ``world_from_node`` where lights and cameras stand, and whether that moves."""
         self._moving = MovingReader(file, left_out)
         for place in walk_nodes(file.header):
             try:
@@ -156,12 +158,10 @@ class _GltfScene:
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
         if "camera" in place.entry:
-            self._note_moved(place, "camera")
-            self._add_camera(place.entry["camera"], place.world_from_node())
+            self._add_camera(place.entry["camera"], self._standing(place, "camera"))
         light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
         if light is not None and not place.is_hidden:
-            self._note_moved(place, "light")
-            self._add_light(light, place.world_from_node())
+            self._add_light(light, self._standing(place, "light"))
         if "mesh" in place.entry and not place.is_hidden:
             self._add_meshes(place)
         if place.number in self._moving.wanted and place.number not in self._groups:
@@ -169,13 +169,26 @@ class _GltfScene:
         if place.number in self._moving.targets and "matrix" not in place.entry:
             self._groups[place.number]._trs = trs_of(place.entry)
 
-    def _note_moved(self, place: Place | None, what: str) -> None:
-        """Note that what is no node does not move with one that an animation moves."""
-        while place is not None:
-            if place.number in self._moving.targets:
-                self._left_out.note(f"movement of a {what}")
-                return
-            place = place.above
+    def _standing(self, place: Place, what: str) -> NDArray[np.float64]:
+        """
+        Return ``world_from_node``, the product from the topmost on, where something stands.
+
+        Note that what is no node does not move with one that an animation moves.
+        """
+        missing, above = [], place
+        while above is not None and above.number not in self._places:
+            missing.append(above)
+            above = above.above
+        rows, is_moved = (
+            (np.eye(4).tolist(), False) if above is None else self._places[above.number]
+        )
+        for one in reversed(missing):
+            rows = product_of(rows, one.parent_from_node.tolist())
+            is_moved = is_moved or one.number in self._moving.targets
+            self._places[one.number] = rows, is_moved
+        if is_moved:
+            self._left_out.note(f"movement of a {what}")
+        return np.array(rows)
 
     def _add_meshes(self, place: Place) -> None:
         """Add the mesh of a node, a part for each primitive, or its instances."""
@@ -331,14 +344,6 @@ class Place(NamedTuple):
     parent_from_node: NDArray[np.float64]
     is_hidden: bool
     """Whether it, or a node above it, is said to be invisible."""
-
-    def world_from_node(self) -> NDArray[np.float64]:
-        """Return where it stands: the product from the topmost on."""
-        chain, place = [self.parent_from_node], self.above
-        while place is not None:
-            chain.append(place.parent_from_node)
-            place = place.above
-        return compose(*reversed(chain))
 
     @property
     def name(self) -> str:

@@ -51,7 +51,7 @@ from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLi
 from rasterjit.scene.lines import Lines
 from rasterjit.scene.material import Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node, with_all_below
+from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -236,7 +236,7 @@ class _Writer:
         drawn, order = set(map(id, scene.nodes)), []
         moved = {id(one.node) for every in self._animations for one in every.channels}
         self._numbers = numbers = {}
-        every_node = [node for top in scene._all_tops() for node in with_all_below(top)]
+        every_node = list(scene._all_nodes())
         skinned: list[tuple[dict[str, Any], Skin]] = []
         for node in every_node:
             entry: dict[str, Any] = {"name": str(node.name)}

@@ -26,7 +26,7 @@ from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, Spo
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh, with_face_values
-from rasterjit.scene.node import Node, topmost
+from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
@@ -102,8 +102,8 @@ class TrimeshAdapter:
         drawn = self._drawn_nodes(loaded.graph, meshes)
         if not drawn:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
-        for top in dict.fromkeys(map(topmost, drawn)):
-            scene.add(top)
+        for top in tops_of(drawn):
+            scene._take(top, is_new=True)
         # Objects are numbered as trimesh has them, whatever they hang below.
         scene.nodes[:] = drawn
         self._take_camera(loaded, scene)
