@@ -8,7 +8,7 @@ from typing import Any
 
 from rasterjit.scene.validation import in_short
 
-WITH_EXTRAS = (".3dxml", ".3mf", ".dae", ".xaml", ".zae")
+WITH_EXTRAS = (".3dxml", ".dae", ".xaml", ".zae")
 """Mesh files that trimesh reads with ``rasterjit[formats]``: without it they fail, and say why."""
 
 
@@ -40,7 +40,7 @@ def mesh_suffixes() -> frozenset[str]:
 
     from rasterjit.io.gltf.scene import GLTF_FORMATS
 
-    known = (*mesh_formats(), *GLTF_FORMATS)
+    known = (*mesh_formats(), *GLTF_FORMATS, "3mf")
     return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
 
 

@@ -30,6 +30,8 @@ from rasterjit.io.text.parts import Thing, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
+from rasterjit.io.threemf.package import XML_BYTES
+from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
@@ -69,11 +71,11 @@ _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
 _NEEDED = {"svg": ("svg.path", "lxml")}
 """Modules without which trimesh takes a format for one that it does not know."""
 
-_XML_FORMATS = ("3mf", "3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
+_XML_FORMATS = ("3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
 """Formats that are XML or may hold it, packed or not."""
 
-_XML_BYTES, _OTHER_BYTES = 24, 4
-"""What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
+_OTHER_BYTES = 4
+"""What a byte takes of a file that trimesh reads and that is no XML."""
 
 _UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
 """Turns a page over, whose y points down."""
@@ -108,9 +110,9 @@ def load(
     """
     Read a file of a mesh, a point cloud or a drawing, or take an object of another package.
 
-    Meshes: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads. Point clouds, as
-    `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of OBJ and
-    glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
+    Meshes: OBJ, PLY, STL, OFF, glTF, GLB, 3MF, binvox and whatever else trimesh reads. Point
+    clouds, as `Points`: PLY without faces, PCD, XYZ, PTS, ASC, TXT and CSV, LAS and LAZ, points of
+    OBJ and glTF. Drawings, as `Lines`: DXF and SVG, edges of PLY, lines of OBJ and glTF. Cells of
     simulations, solids by their outer faces: VTK, VTU, VTP, MSH and whatever else meshio reads.
     Objects of trimesh, PyVista, Open3D and meshio are taken as their files would be.
 
@@ -226,6 +228,8 @@ def _load(
     extension, budget = _extension(file), resources.budget
     if extension in GLTF_FORMATS:
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
+    if extension == "3mf":
+        return load_3mf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources)
     if extension in PART_FORMATS:
@@ -454,7 +458,7 @@ def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
         shown = ", ".join(f".{name}" for name in named)
         kind = f"the extension .{extension}" if extension else "no extension"
         raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
-    factor = _XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
+    factor = XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
     budget.take("the file", file.stat().st_size * factor)
     try:
         for module in _NEEDED.get(extension, ()):

@@ -97,7 +97,8 @@ class LeftOut:
 
         Of those that are left out for one reason, such as ``": it is missing"``, a few are named.
         """
-        self._noted.setdefault(reason or what, Counter())[what] += count
+        if count:
+            self._noted.setdefault(reason or what, Counter())[what] += count
 
     def found(self, what: str, count: int = 1) -> None:
         """Add ``count`` things of a kind that the file holds."""

@@ -97,32 +97,44 @@ def scene_of_parts(
         if isinstance(part, Drawing):
             scene.add(lines_of(part, source, on_invalid, left_out, budget), name=part.name or None)
             continue
-        each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
-        needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
-        own = (*part.attributes.values(), *part.face_attributes.values())
-        needed += _VALUE_BYTES * sum(values.size for values in own)
-        budget.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
-        normals = _usable_normals(part.normals, left_out)
-        uv, material = _finite_uv(part.uv, left_out), part.material
-        if uv is None and material is not None:
-            material = without_textures(part.name, material, left_out)
-        try:
-            mesh = mesh_of(
-                f"mesh {part.name[:LONGEST_NAME]!r}", left_out, vertices=part.vertices,
-                faces=part.faces, normals=normals, uv=uv, material=material,
-                colors=part.colors if part.face_scalars is None else None, on_invalid=on_invalid,
-                scalars=part.scalars if part.colors is None else None,
-                attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
-            )  # fmt: skip
-            of_faces = usable_attributes(part.face_attributes, len(part.faces), left_out)
-            with_face_values(mesh, mesh.face_colors, of_faces)
-            if part.face_scalars is not None:
-                with_face_scalars(mesh, part.face_scalars)
-            mesh = _with_all_normals(mesh, part.bare, crease_angle, on_invalid)
-        except ValueError as error:
-            raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
+        mesh = mesh_of_part(part, source, on_invalid, crease_angle, left_out, budget)
         scene.add(mesh, name=part.name or None)
     return scene
+
+
+def mesh_of_part(
+    part: Part,
+    source: str,
+    on_invalid: str,
+    crease_angle: float,
+    left_out: LeftOut,
+    budget: MemoryBudget,
+) -> Mesh:
+    """Return a mesh with normals, or raise `MeshFileError`, naming ``source`` and its name."""
+    each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
+    needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
+    own = (*part.attributes.values(), *part.face_attributes.values())
+    needed += _VALUE_BYTES * sum(values.size for values in own)
+    budget.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
+    normals = _usable_normals(part.normals, left_out)
+    uv, material = _finite_uv(part.uv, left_out), part.material
+    if uv is None and material is not None:
+        material = without_textures(part.name, material, left_out)
+    try:
+        mesh = mesh_of(
+            f"mesh {part.name[:LONGEST_NAME]!r}", left_out, vertices=part.vertices,
+            faces=part.faces, normals=normals, uv=uv, material=material,
+            colors=part.colors if part.face_scalars is None else None, on_invalid=on_invalid,
+            scalars=part.scalars if part.colors is None else None,
+            attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
+        )  # fmt: skip
+        of_faces = usable_attributes(part.face_attributes, len(part.faces), left_out)
+        with_face_values(mesh, mesh.face_colors, of_faces)
+        if part.face_scalars is not None:
+            with_face_scalars(mesh, part.face_scalars)
+        return _with_all_normals(mesh, part.bare, crease_angle, on_invalid)
+    except ValueError as error:
+        raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
 
 
 def _usable_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:

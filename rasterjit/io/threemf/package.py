@@ -1,0 +1,114 @@
+"""
+Read the package of a 3MF file: a ZIP archive of models in XML, and of pictures.
+
+References
+----------
+.. [1] ECMA-376-2, "Open Packaging Conventions": names of parts, relationships.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from urllib.parse import unquote
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from rasterjit.io.archives import take_members
+from rasterjit.io.resources import shown_name
+from rasterjit.io.skipped import MissingFileError
+from rasterjit.scene.memory import MemoryBudget
+
+_ROOT_RELATIONS = "_rels/.rels"
+_MODEL_RELATION = "/3dmodel"
+"""What the type of the relationship to the root model ends with, in every edition."""
+
+_USUAL_MODEL = "3d/3dmodel.model"
+
+XML_BYTES = 24
+"""What a byte of XML takes as a tree."""
+
+
+class Package:
+    """
+    The parts of a 3MF file.
+
+    Parameters
+    ----------
+    path : Path
+    budget : MemoryBudget
+        Counts all members before any is unpacked.
+
+    Raises
+    ------
+    zipfile.BadZipFile, ValueError
+        If it is no sound archive.
+    """
+
+    def __init__(self, path: Path, budget: MemoryBudget) -> None:
+        budget.take("the file", path.stat().st_size)
+        take_members(path, "3mf", XML_BYTES, budget)
+        self._archive = zipfile.ZipFile(path)
+        self._members = {_key(one): one for one in self._archive.namelist()}
+
+    def close(self) -> None:
+        """Close the archive."""
+        self._archive.close()
+
+    def root_model(self) -> str:
+        """Return the name of the model whose build is shown, or raise `MissingFileError`."""
+        if _ROOT_RELATIONS in self._members:
+            for one in self.tree(_ROOT_RELATIONS):
+                if one.get("Type", "").lower().endswith(_MODEL_RELATION):
+                    return _key(one.get("Target", ""))
+        models = [name for name in self._members if name.endswith(".model")]
+        usual = [name for name in models if name.endswith(_USUAL_MODEL)]
+        for name in (*usual, *models):
+            return name
+        raise MissingFileError("a model")
+
+    def content(self, name: str) -> bytes:
+        """Return the content of a part, or raise `MissingFileError`."""
+        if _key(name) not in self._members:
+            raise MissingFileError(f"its part {shown_name(name)} is missing")
+        return self._archive.read(self._members[_key(name)])
+
+    def tree(self, name: str) -> ElementTree.Element:
+        """Return the root element of a part that is XML, or raise ``ValueError``."""
+        content = self.content(name)
+        try:
+            _refuse_definitions(content)
+            return ElementTree.fromstring(content)
+        except (ElementTree.ParseError, expat.ExpatError) as error:
+            raise ValueError(f"its part {shown_name(name)}: {error}") from error
+
+
+def _key(name: str) -> str:
+    """Return the name of a part as names are compared: without regard to case."""
+    return unquote(name.replace("\\", "/")).lstrip("/").lower()
+
+
+def _refuse_definitions(content: bytes) -> None:
+    """Raise ``ValueError`` about a document type, which could define entities."""
+
+    def refuse(*_: object) -> None:
+        raise ValueError("it must have no document type definition")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(content, True)
+
+
+def local_name(tag: object) -> str:
+    """Return the name of an element or attribute without its name space."""
+    return tag.rpartition("}")[2] if isinstance(tag, str) else ""
+
+
+def children(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
+    """Return the elements of a name right below another."""
+    return [one for one in element if local_name(one.tag) == name]
+
+
+def attribute(element: ElementTree.Element, name: str) -> str | None:
+    """Return an attribute by its name, whatever its name space."""
+    return next((value for key, value in element.items() if local_name(key) == name), None)
