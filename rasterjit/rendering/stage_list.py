@@ -41,6 +41,7 @@ from rasterjit.pipeline.surface import (
     float32_weights,
     maps,
     point_shapes,
+    set_aside,
     texture_gradients,
     texture_lookup,
     texture_places,
@@ -86,7 +87,7 @@ def surface_steps(
     steps = []
     own = surface.textures
     if is_mixed:
-        steps += float32_steps(geometry, placement, surface, lighting.lamps, effects)
+        steps += float32_steps(geometry, placement, surface, lighting, effects)
     is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
     if surface.in_float32 and lighting is not None:
         steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
@@ -112,7 +113,7 @@ def surface_steps(
         steps.append(Step(attributes.show_vertex_colors, shown))
     if is_mixed:
         steps += [
-            *place_steps(placement, surface), Step(float32_planes.take_back_sure, ()),
+            *place_steps(placement, surface), Step(set_aside.take_back_sure, ()),
         ]  # fmt: skip
     if are_apart:
         steps += set_colors_apart(own_materials)
@@ -190,14 +191,15 @@ def reads_weights(surface: Surface, effects: Sequence[Active]) -> bool:
 
 
 def float32_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, lamps: NDArray[np.float32],
+    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting,
     effects: Sequence[Active],
 ) -> list[Step]:  # fmt: skip
     """Return the stages that find what objects are like in float32, and set that aside."""
     colors, own = surface.vertex_colors, surface.textures
     colors = np.empty((0, 4), np.float32) if colors is None else colors
     shown = (
-        geometry, placement, surface.normals, surface.materials, colors, lamps, surface.limits,
+        geometry, placement, surface.normals, surface.materials, colors, lighting.lamps,
+        lighting.lights, surface.limits,
     )  # fmt: skip
     weighed = [Step(weights.find_weights, (geometry, placement))]
     steps = [Step(float32_planes.find_float32_surface, shown)]
@@ -208,8 +210,8 @@ def float32_steps(
         are_read = are_read and own is not None and has_levels(own)
     if are_read:
         steps += weighed
-    if len(lamps) or surface.mixes_precision:
-        steps.append(Step(float32_planes.set_aside_sure, ()))
+    if len(lighting.lamps) or surface.mixes_precision:
+        steps.append(Step(set_aside.set_aside_sure, ()))
     return steps
 
 
@@ -218,12 +220,12 @@ def planar_steps(
     effects: Sequence[Active],
 ) -> list[Step]:  # fmt: skip
     """Return the stages that find what surfaces are like where all take float32."""
-    lamps, materials = lighting.lamps, surface.materials
+    materials = surface.materials
     are_apart = shows_colors_apart(surface, lighting)
     if are_apart:
         surface = surface._replace(materials=whitened(materials))
-    steps = float32_steps(geometry, placement, surface, lamps, effects)
-    if len(lamps):
+    steps = float32_steps(geometry, placement, surface, lighting, effects)
+    if len(lighting.lamps):
         if not (geometry.viewport.reach != 0 or reads_weights(surface, effects)):
             steps.append(Step(weights.find_weights, (geometry, placement)))
         turned = surface.normals, placement.normal_matrices, materials
@@ -231,7 +233,7 @@ def planar_steps(
             Step(attributes.gather_positions, (placement.positions,)),
             Step(attributes.find_points, (placement, materials, 0)),
             Step(attributes.find_smooth_normals, turned),
-            Step(float32_planes.take_back_sure, ()),
+            Step(set_aside.take_back_sure, ()),
         ]
     if are_apart:
         steps += set_colors_apart(materials)

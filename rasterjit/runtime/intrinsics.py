@@ -37,9 +37,11 @@ Colours of the vertices, their greatest, their least; the first normal, the ways
 second and third; points likewise.
 """
 RATIO_B, RATIO_C, LEAST_NORMAL, LEAST_POINT, SIDE = 3, 7, 11, 15, 19
+OFF_NORMAL, OFF_POINT, IS_CALM = 23, 27, 31
 """
 Elements to spare: w of the first vertex over that of the others; squared lengths of normals and
-points below which these are doubtful; -1 where the back of the face is seen, else 1.
+points below which these are doubtful; -1 where the back of the face is seen, else 1; what normals
+and points are off by at most; 1 where no sample is at a jump or a steep place of light, else 0.
 """
 
 _ADDING = forks.lock()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.surface.lamps import LIMITS
+from rasterjit.pipeline.surface.steep import GLOSS, MATT
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
@@ -23,7 +24,7 @@ from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
-from rasterjit.survey.precision import gloss_of, limits_of_all
+from rasterjit.survey.precision import Brightness, gloss_of, limits_of_all
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -180,7 +181,7 @@ class Inventory:
         self._textures = [textures_read(mesh.material) for mesh in numbers]
         self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
         self._glosses = [gloss_of(mesh.material) if _is_plain(mesh) else None for mesh in numbers]
-        self._limits: dict[tuple[float, bool], NDArray[np.float32]] = {}
+        self._limits: dict[tuple[Brightness, bool], NDArray[np.float32]] = {}
         self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
@@ -202,7 +203,7 @@ class Inventory:
         """Tell of each object, (O,), whether it counts in a field of `Contents`."""
         return self._rows[self._numbers, Contents._fields.index(field)] > 0
 
-    def limits(self, brightness: float, has_lamps: bool) -> NDArray[np.float32]:
+    def limits(self, brightness: Brightness, has_lamps: bool) -> NDArray[np.float32]:
         """Return what bounds errors in float32 of each object: see ``precision.limits_of_all``."""
         key = brightness, has_lamps
         if key not in self._limits:
@@ -215,7 +216,9 @@ class Inventory:
     def free_limits(self) -> NDArray[np.float32]:
         """The same, where errors of float32 are of no account: all that is plain takes it."""
         bounds = np.array([-1.0 if gloss is None else 0.0 for gloss in self._glosses], np.float32)
-        return np.repeat(bounds[self._numbers, np.newaxis], LIMITS, axis=1)
+        limits = np.repeat(bounds[self._numbers, np.newaxis], LIMITS, axis=1)
+        limits[:, GLOSS] = MATT
+        return limits
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.encode import Encoding
+from rasterjit.pipeline.surface.steep import EXPOSED
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.imitation import Imitation
@@ -23,6 +24,7 @@ from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transp
 from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
 from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.lights import (
+    HEADLIGHT_AMBIENT,
     HEADLIGHT_INTENSITY,
     NO_LIGHTS,
     PlannedLights,
@@ -30,7 +32,7 @@ from rasterjit.survey.lights import (
 )
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
-from rasterjit.survey.precision import EXPOSED, MOST_STOPS, brightness_of, lamps_among
+from rasterjit.survey.precision import MOST_STOPS, Brightness, brightness_of, is_steep, lamps_among
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -77,7 +79,7 @@ class Facts:
     rounding."""
     attributes: dict[str, Attribute]
     """The attributes of meshes that are outputs, by the output's name."""
-    brightness: float
+    brightness: Brightness
     """The sum of all light from directions."""
     lamps: tuple[Light, ...]
     """The lights of the scene that have a place, whatever they reach."""
@@ -193,9 +195,8 @@ class Facts:
 
     @cached_property
     def is_exposed(self) -> bool:
-        """Whether light is made much brighter before it is shown."""
-        tones = self.asked["tone_map"]
-        return tones is not None and tones.exposure > MOST_STOPS
+        """Whether light is made much brighter, or dark light much steeper, before it is shown."""
+        return is_steep(self.asked["tone_map"])
 
     @cached_property
     def is_dimmed(self) -> bool:
@@ -207,7 +208,7 @@ class Facts:
     def exposed(self) -> float:
         """What light of lamps is multiplied by at most before it is shown."""
         tones = self.asked["tone_map"]
-        return 1.0 if tones is None or tones.is_neutral else EXPOSED
+        return 1.0 if tones is None or tones.is_neutral else float(EXPOSED)
 
     @cached_property
     def own_limits(self) -> NDArray[np.float32]:
@@ -411,10 +412,12 @@ def look(
     in_view = boxes.in_view
     is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
     asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
-    brightness = brightness_of(scene.lights) if scene.lights else HEADLIGHT_INTENSITY
+    brightness = brightness_of(scene.lights, asked["tone_map"], asked["fog"])
+    if not scene.lights:
+        brightness = brightness._replace(straight=HEADLIGHT_INTENSITY, around=HEADLIGHT_AMBIENT)
     lamps = lamps_among(scene.lights)
     if scene._imitation is not None:
-        brightness, lamps = 0.0, ()
+        brightness, lamps = Brightness(0.0), ()
     picture = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
@@ -532,7 +535,7 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
         return []
     return [
         (facts.is_surrounded, "the scene has an environment"),
-        (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}"),
+        (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}, or the tone curve too steep"),
         (facts.is_dimmed, "lamps shine, and the exposure is below 0"),
         (seen.plain > 0, "lights are too bright, or highlights too sharp"),
         *furnished_reasons(facts),

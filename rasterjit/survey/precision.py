@@ -42,7 +42,14 @@ most ``|first| + way``, and rounded once more in float64. Over ``d`` that is an 
   steeper than `CODES_PER_RAMP` times the root of ``k``.
 
 Roundings of the light itself, `LIGHT_ERROR`, move a code likewise, but for the sine. The sum over
-all lamps stays below `LAMP_SHARE`. All shares together are a sixteenth.
+all lamps stays below `LAMP_SHARE`.
+
+At jumps and steep places
+-------------------------
+Highlights move by a share of themselves but where they end, where light or viewer graze the
+surface, and where both are opposite: samples there take float64 (``surface.steep``), as far as they
+come to more than `STEEP_SHARE`. Ambient light on facets, fog and tone curves add their largest
+slopes (`Brightness`). All shares together are a sixteenth.
 """
 
 from __future__ import annotations
@@ -65,25 +72,29 @@ from rasterjit.pipeline.surface.lamps import (
     ROUNDING,
     SLOPE,
 )
-from rasterjit.scene.light import DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.pipeline.surface.steep import BLINN, EXPOSED, MATT, STEEP_SHARE
+from rasterjit.scene.fog import Fog
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material
+from rasterjit.scene.tone_map import ToneMap
 
 RELATIVE_SLOPE = 255.0 / 2.4
-NORMAL_SHARE, POINT_SHARE = 3.0 / 64.0, 1.0 / 64.0
-"""Of a code that errors of normals, and of points, may come to."""
+NORMAL_SHARE, POINT_SHARE = 5.0 / 128.0, 2.0 / 128.0
+"""Of a code that errors of normals, and of points, may come to; `STEEP_SHARE` is the rest."""
 
-NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS = 4.0 / 128.0, 1.0 / 128.0
-"""The same in scenes that have lamps, which take the rest."""
+NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS = 3.0 / 128.0, 1.0 / 128.0
+"""The same in scenes that have lamps, which take `LAMP_SHARE`."""
 
 LARGEST_LIMIT_BY_LAMPS, MOST_BENT = 0.25, 0.5
 """As `LARGEST_LIMIT`, in scenes that have lamps, and on the brightest faces that take float32."""
 
 CODES_PER_RAMP = 370.0
 
-MOST_STOPS, EXPOSED = 1.0, 2.0
-"""Exposures above this take float64; those below are reckoned as this. What it multiplies by."""
+MOST_STOPS = 1.0
+"""Exposures above this take float64; those below are reckoned as this: ``steep.EXPOSED``."""
 
 LOG_2 = 0.6931472
+"""A little above the logarithm."""
 
 LEAST_ALPHA = 0.002
 """As ``lighting.pbr`` has it."""
@@ -98,6 +109,49 @@ LARGEST_LIMIT = 0.125
 """A limit above this, for normals that do not change over a face, leaves too little to float32."""
 
 
+LEAST_SHININESS, STEADY_SHININESS = 1.0, 10.0
+"""
+Highlights that are wider than the first begin with an endless slope, and take float64.
+
+From the second on they are nearly Gaussian, which the shares of `steepest` hold for.
+"""
+
+AMBIENT_SLOPE, AMBIENT_CODES = 3.0, 1100.0
+"""
+By which ambient light on facets changes with the cosine of the viewer, over itself.
+
+And codes by which it does at most, over the root of that light if it is above 1: both found by
+trying all cosines and widths.
+"""
+
+
+FOG_SLOPE = 0.43
+"""By which fog changes with the distance, over its share: at most where it falls as exp2 does."""
+
+CURVE_GAINS = {"none": 1.0, "reinhard": 2.0, "neutral": 2.0, "aces": 4.0}
+"""
+By how much more of itself what is seen may change than light does, by the name of a tone curve.
+
+Of the last one channel may be the difference of others that are much larger.
+"""
+
+LEAST_WHITE = 1.0
+"""Curves whose white is darker are steeper than light itself."""
+
+
+class Brightness(NamedTuple):
+    """What there is of light, as far as it is known without looking at places."""
+
+    straight: float
+    """The sum of all light from directions."""
+    around: float = 0.0
+    """Of ambient light."""
+    gain: float = 1.0
+    """Of `CURVE_GAINS`."""
+    fog: float = 0.0
+    """By how much the share of fog moves over that by which a distance does; infinite: by any."""
+
+
 class Gloss(NamedTuple):
     """The highlights of an object."""
 
@@ -106,6 +160,11 @@ class Gloss(NamedTuple):
     alpha: float
     """Width of the facets of metallic-roughness materials; infinite for others."""
     metallic: float = 0.0
+
+    @property
+    def mirrored(self) -> float:
+        """What facets mirror of light straight on at most."""
+        return 0.04 + 0.96 * self.metallic
 
 
 def gloss_of(material: Material) -> Gloss:
@@ -118,13 +177,32 @@ def gloss_of(material: Material) -> Gloss:
     return Gloss(0.0, 1.0, math.inf)
 
 
-def brightness_of(lights: Sequence[Light]) -> float:
-    """Return the sum of all light from directions."""
-    total = 0.0
+def brightness_of(
+    lights: Sequence[Light], tones: ToneMap | None = None, fog: Fog | None = None
+) -> Brightness:
+    """Return what there is of light, by the lights of a scene and what they are seen through."""
+    totals = {DirectionalLight: 0.0, AmbientLight: 0.0}
     for light in lights:
-        if isinstance(light, DirectionalLight):
-            total += light.intensity * max(light.color)
-    return total
+        if type(light) in totals:
+            totals[type(light)] += light.intensity * max(light.color)
+    gain = 1.0 if tones is None else CURVE_GAINS[tones.curve]
+    return Brightness(totals[DirectionalLight], totals[AmbientLight], gain, fog_slope(fog))
+
+
+def fog_slope(fog: Fog | None) -> float:
+    """Return by how much the share of fog moves over that by which a distance does."""
+    if fog is None:
+        return 0.0
+    if fog.height is not None:
+        return math.inf
+    return FOG_SLOPE if fog.mode != "linear" else fog.end / (fog.end - fog.start)
+
+
+def is_steep(tones: ToneMap | None) -> bool:
+    """Tell whether a tone curve makes dark light change more than `EXPOSED` times itself."""
+    if tones is None:
+        return False
+    return tones.exposure > MOST_STOPS or tones.white < LEAST_WHITE
 
 
 def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
@@ -151,7 +229,7 @@ def bounced_slopes(gloss: Gloss) -> tuple[float, float]:
 
 def peak_of(gloss: Gloss) -> float:
     """Return what a white surface and its highlight make of light at most."""
-    facets = 0.25 / (gloss.alpha * gloss.alpha * gloss.alpha)
+    facets = 0.5 / (gloss.alpha * gloss.alpha * gloss.alpha)
     return 1.0 + max(gloss.specular, facets)
 
 
@@ -179,18 +257,19 @@ def rows_of_lamps(rows: NDArray[np.float32], exposed: float) -> NDArray[np.float
     return lamps
 
 
-def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.float32] | None:
+def limits_of(gloss: Gloss, brightness: Brightness, has_lamps: bool) -> NDArray[np.float32] | None:
     """
-    Return what lengths of normals and points are compared with, (9,) float32.
+    Return what lengths of normals and points are compared with, (12,) float32.
 
     A normal is to be as long as the first times that of the first vertex, plus the second times
     the longer way from there to another vertex's; the square of a point's distance as large as the
     third times that of the longer way to another vertex. The fourth and fifth are what the light of
     lamps adds to the first and second; the sixth is most of that light. What an error of a point
     does to a code: the seventh, times light, near the end of a range, and the eighth; the ninth is
-    what a cone's is multiplied by. None if float32 is good for nothing.
+    what a cone's is multiplied by. The others tell jumps and steep places: see ``surface.steep``.
+    None if float32 is good for nothing.
     """
-    light = brightness * EXPOSED
+    light = brightness.straight * float(EXPOSED)
     shares = NORMAL_SHARE, POINT_SHARE
     if has_lamps:
         shares = NORMAL_SHARE_BY_LAMPS, POINT_SHARE_BY_LAMPS
@@ -199,29 +278,73 @@ def limits_of(gloss: Gloss, brightness: float, has_lamps: bool) -> NDArray[np.fl
     more = slope * ROUNDING / shares[0]
     most = MOST_BENT / (5.0 * more) if has_lamps else 0.0
     peak = (light + most) * gloss.specular
-    # Its logarithm is below that of the next power of two, which has the same bits everywhere.
-    doublings = math.frexp(peak)[1] if peak > 1.0 else 0
-    shine = 4.0 / gloss.alpha
-    if gloss.specular > 0.0:
-        shine += math.sqrt(gloss.shininess) * (1.0 + math.sqrt(2.0 * LOG_2 * doublings))
-    shine = shine * RELATIVE_SLOPE + rooted * max(1.0, math.sqrt(light + most))
-    bent = (slope * light + shine) * ROUNDING / shares[0]
-    moved = 20.0 * (shine + SLOPE * steep * (light + most)) * ROUNDING / shares[1]
+    if peak > 0.0 and gloss.shininess < LEAST_SHININESS:
+        return None
+    shine = 4.0 / gloss.alpha * RELATIVE_SLOPE
+    if peak > 0.0:
+        shine += steepest(gloss.shininess, peak)
+    shine = brightness.gain * (shine + rooted * max(1.0, math.sqrt(light + most)))
+    around = 0.0
+    if gloss.alpha < math.inf:
+        ambient = brightness.around * float(EXPOSED)
+        around = min(SLOPE * AMBIENT_SLOPE * ambient, AMBIENT_CODES * math.sqrt(max(ambient, 1.0)))
+    bent = (slope * light + around + shine) * ROUNDING / shares[0]
+    turned = shine + SLOPE * (steep * (light + most) + brightness.fog)
+    moved = 20.0 * turned * ROUNDING / shares[1]
     largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 2.0)
     if 5.0 * bent > largest[0] or moved > largest[1]:
         return None
-    limits = [5.0 * bent, 17.0 * bent, moved * moved, *[0.0] * 6]
+    limits = [5.0 * bent, 17.0 * bent, moved * moved, *[0.0] * 9]
     if has_lamps:
         limits[3:6] = 5.0 * more, 17.0 * more, most - bent / more
         peak = peak_of(gloss)
-        limits[6:] = SLOPE * peak, 2.0 * CODES_PER_SHARE + shine, math.sqrt(peak)
+        limits[6:9] = SLOPE * peak, 2.0 * CODES_PER_SHARE + shine, math.sqrt(peak)
+    limits[9:] = float(MATT), 0.0, shine / shares[1]
+    if gloss.alpha < math.inf:
+        limits[9:11] = gloss.alpha, gloss.mirrored
+    elif gloss.specular > 0.0:
+        limits[9:11] = float(BLINN), least_shown(gloss.shininess, (light + most) * gloss.specular)
     return np.array(limits, np.float32)
 
 
+def steepest(shininess: float, peak: float) -> float:
+    """
+    Return the codes by which a highlight that is ``peak`` at most moves over an angle, at most.
+
+    Logarithms of the peak are those of the next power of two, which has the same bits everywhere.
+    """
+    doublings = math.frexp(peak)[1] if peak > 1.0 else 0
+    if shininess >= STEADY_SHININESS:
+        root = math.sqrt(2.0 * LOG_2 * doublings)
+        wider = 1.02 if shininess >= 30.0 else 1.25
+        return wider * RELATIVE_SLOPE * math.sqrt(shininess) * (1.0 + root)
+    # In the dark the power's slope counts; else the tangent, at the end of what is white at most.
+    dark = SLOPE * peak * shininess
+    if shininess <= 3.0:
+        return dark
+    tangent = math.sqrt(math.ldexp(1.0, math.ceil(2.0 * doublings / shininess)) - 1.0)
+    wide = 1.0 / math.sqrt(shininess / 2.4 - 1.0)
+    return min(dark, CODES_PER_SHARE * shininess * (wide + tangent))
+
+
+def least_shown(shininess: float, peak: float) -> float:
+    """
+    Return a cosine below which a highlight is darker than `STEEP_SHARE` of a code.
+
+    A little below the root of it, and of the same bits everywhere.
+    """
+    dark = math.frexp(STEEP_SHARE / (SLOPE * peak))[1] - 1 if peak > 0.0 else 0
+    if dark >= 0:
+        return 2.0
+    # 2**-t is convex: it lies above its tangent.
+    octaves = -dark / shininess
+    return 1.0 - LOG_2 * octaves if octaves < 1.0 else math.ldexp(1.0, -math.ceil(octaves))
+
+
 def limits_of_all(
-    glosses: Sequence[Gloss | None], brightness: float, has_lamps: bool
+    glosses: Sequence[Gloss | None], brightness: Brightness, has_lamps: bool
 ) -> NDArray[np.float32]:
-    """Return `limits_of` each of some objects, (O, 9) float32; -1 where they take float64."""
+    """Return `limits_of` each of some objects, (O, 12) float32; -1 where they take float64."""
     none = np.full(LIMITS, -1.0, np.float32)
     rows = {None: none}
     for gloss in {*glosses} - {None}:

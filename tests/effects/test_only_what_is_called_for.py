@@ -160,8 +160,8 @@ GONE = {
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
 FLOAT32 = {
-    "float32_planes.find_float32_surface", "float32_planes.set_aside_sure",
-    "float32_planes.take_back_sure",
+    "float32_planes.find_float32_surface", "set_aside.set_aside_sure",
+    "set_aside.take_back_sure",
 }  # fmt: skip
 """What finds objects in float32, where no environment lights them."""
 

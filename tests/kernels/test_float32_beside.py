@@ -177,7 +177,7 @@ def stages(scene, camera=EYES["above"]):
 def test_stages_of_float32_run_where_an_object_in_view_takes_it():
     both = beside(MATERIALS["textured"], (SUN,))
     quick = "float32_planes.find_float32_surface"
-    assert {quick, "float32_planes.set_aside_sure", "attributes.find_points"} <= stages(both)
+    assert {quick, "set_aside.set_aside_sure", "attributes.find_points"} <= stages(both)
     # The ground lies behind.
     up = rj.PerspectiveCamera((0.4, 0.5, 2.2), (0.4, 0.5, 0.0), fov_y=1.0)
     alone = rj.Scene()
@@ -188,7 +188,7 @@ def test_stages_of_float32_run_where_an_object_in_view_takes_it():
     apart = hills(12)
     apart.add(lattice(MATERIALS["textured"]), rj.transforms.translate((0.0, 50.0, 0.0)))
     assert quick in stages(apart)
-    assert "float32_planes.set_aside_sure" not in stages(apart)
+    assert "set_aside.set_aside_sure" not in stages(apart)
 
 
 @pytest.mark.parametrize(

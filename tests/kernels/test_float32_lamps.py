@@ -15,7 +15,13 @@ from rasterjit.rendering.stage_list import BLOCKS
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.survey.facts import float64_reason
 from rasterjit.survey.lights import lighting_of
-from rasterjit.survey.precision import gloss_of, lamps_among, limits_of, rows_of_lamps
+from rasterjit.survey.precision import (
+    Brightness,
+    gloss_of,
+    lamps_among,
+    limits_of,
+    rows_of_lamps,
+)
 
 POINT = rj.PointLight((0.3, 1.2, -0.4), intensity=1.5)
 SPOT = rj.SpotLight((-0.8, 1.6, 0.5), (0.3, -1.0, -0.2), intensity=2.0)
@@ -237,7 +243,7 @@ def test_textures_take_float64(lights):
 def test_the_bound_holds_at_every_point_of_a_face():
     random = np.random.default_rng(7)
     gloss = gloss_of(hills().nodes[0].mesh.material)
-    limits = limits_of(gloss, 0.0, True)
+    limits = limits_of(gloss, Brightness(0.0), True)
     sure, f = 0, np.float32
     eye = rj.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))
     for number in range(3000):

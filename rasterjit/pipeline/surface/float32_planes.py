@@ -12,10 +12,10 @@ from one row to the next. Where faces show about one sample a row, that costs mo
 vertices are gathered there, a face for each lane. Both take the same steps, and what a sample shows
 depends on its face and its pixel alone.
 
-In the light of lamps a face that is not sure (``lamps``) is doubtful as a whole, and samples are
-not found in float64 one by one: `set_aside_sure` hides the segments without any from the stages of
-float64, and `take_back_sure` takes what these found of doubtful samples alone. Objects that take
-float64 whatever they show, such as those with textures, are left to these stages at once.
+Samples at jumps and steep places of light (``steep``) are found in float64 as well. In the light of
+lamps a face that is not sure (``lamps``) is doubtful as a whole, and samples are not found in
+float64 one by one, but by stages that follow (``set_aside``). Objects that take float64 whatever
+they show, such as those with textures, are left to these stages at once.
 """
 
 from __future__ import annotations
@@ -68,7 +68,6 @@ from rasterjit.pipeline.surface.samples import (
     KIND,
     KNOWS_PLANES,
     OWNER,
-    PLACE_OWNER,
     PLANES,
     ROW,
     ROW_OF,
@@ -82,11 +81,24 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
+from rasterjit.pipeline.surface.steep import (
+    GLOSS,
+    MATT,
+    MOST_STEEP,
+    add_steep,
+    is_calm,
+    normal_error,
+    note_steep,
+    point_error,
+)
 from rasterjit.runtime.intrinsics import (
     COLORS,
+    IS_CALM,
     LEAST_NORMAL,
     LEAST_POINT,
     NORMALS,
+    OFF_NORMAL,
+    OFF_POINT,
     PLANE_ELEMENTS,
     POINTS,
     RATIO_B,
@@ -113,14 +125,8 @@ LIGHT, OFF, EXACT = 0, 1, 2
 SURE, DOUBTFUL, FOREIGN = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 """What `EXACT` holds: nothing is found in float64, normals and points are, all is."""
 
-KEPT, KEPT_ROWS = 0, 9
-"""First of the rows of ``colors`` for colours, normals and points in float32, and their number."""
-
-SET_ASIDE, HOW_EXACT, HOW_MANY = 0, 8, 9
-"""Rows of ``numbers``: the eight columns of segments, what is found of each; how many there are."""
-
-ALL_SURE, SOME_DOUBTFUL, ALL_FOREIGN = 0, 1, 2
-"""What `HOW_EXACT` holds."""
+NORMAL_ERRORS, POINT_ERRORS, STEEP = 5, 6, 7
+"""Rows of ``colors``: what normals and points are off by, and what light comes to at jumps."""
 
 LEAST_RATIO, LARGEST_RATIO = np.float32(2.0**-60), np.float32(2.0**60)
 """Ratios of w between these keep sums of weights far from the ends of float32."""
@@ -184,7 +190,7 @@ def least_square(first, bent, light, limits):
 
 @helper
 def lay_normals(plane, corner, turn, side, normals, light, limits):
-    """Write the normal of the first vertex, world axes, and the ways to the others."""
+    """Write the first vertex's normal, world axes, and ways to the others; return the longer."""
     a, b, c = corner
     x, y, z = normals[a, 0], normals[a, 1], normals[a, 2]
     ux, uy, uz = turned(normals[b, 0] - x, normals[b, 1] - y, normals[b, 2] - z, turn)
@@ -193,8 +199,10 @@ def lay_normals(plane, corner, turn, side, normals, light, limits):
     put(plane, NORMALS, side * x, side * y, side * z)
     put(plane, NORMALS + 4, side * ux, side * uy, side * uz)
     put(plane, NORMALS + 8, side * vx, side * vy, side * vz)
-    bent = max(square(ux, uy, uz), square(vx, vy, vz))
-    plane[LEAST_NORMAL] = least_square(square(x, y, z), bent, light, limits)
+    bent, first = max(square(ux, uy, uz), square(vx, vy, vz)), square(x, y, z)
+    plane[LEAST_NORMAL] = least_square(first, bent, light, limits)
+    plane[OFF_NORMAL] = normal_error(first, bent)
+    return np.sqrt(bent)
 
 
 @helper
@@ -210,7 +218,11 @@ def least_distance(first, moved, limit):
 
 @helper
 def lay_points(plane, corner, owner, matrix, placement, lamps, limits):
-    """Write where the first vertex lies, and the ways to the others; return the light of lamps."""
+    """
+    Write where the first vertex lies, and the ways to the others.
+
+    Returns the light of lamps, and the longer way.
+    """
     p, (a, b, c) = placement.positions, corner
     ax, ay, az = p[a, 0], p[a, 1], p[a, 2]
     f = np.float32
@@ -222,18 +234,33 @@ def lay_points(plane, corner, owner, matrix, placement, lamps, limits):
     put(plane, POINTS + 4, ux, uy, uz)
     put(plane, POINTS + 8, vx, vy, vz)
     moved = max(square(ux, uy, uz), square(vx, vy, vz))
-    least = least_distance(square(x, y, z), moved, limits[2])
+    first, way = square(x, y, z), np.sqrt(moved)
+    least = least_distance(first, moved, limits[2])
+    plane[OFF_POINT] = point_error(first, moved)
     light, off = f(0.0), f(0.0)
     if lamps.shape[0] > 0:
-        facing, way = facing_of((ux, uy, uz), (vx, vy, vz)), np.sqrt(moved)
-        away = np.sqrt(square(x, y, z))
+        facing, away = facing_of((ux, uy, uz), (vx, vy, vz)), np.sqrt(first)
         for n in range(lamps.shape[0]):
             more = lamp_on_face(lamps[n], (x, y, z), facing, away, way, limits)
             light += more[0]
             off += more[1]
         least = least if is_lit_surely(light, off, limits) else f(np.inf)
     plane[LEAST_POINT] = least
-    return light
+    return light, way
+
+
+@helper
+def is_calm_everywhere(plane, bent, way, lights, viewer, limits):
+    """Return 1 if no sample of a face is at a jump or a steep place of any light, else 0."""
+    calm = np.float32(1.0)
+    if limits[GLOSS] != MATT:
+        first = plane[NORMALS], plane[NORMALS + 1], plane[NORMALS + 2]
+        point = plane[POINTS], plane[POINTS + 1], plane[POINTS + 2]
+        errors = plane[OFF_NORMAL], plane[OFF_POINT]
+        for n in range(lights.shape[0]):
+            if not is_calm(first, bent, point, way, errors, lights[n], viewer, limits):
+                calm = np.float32(0.0)
+    return calm
 
 
 @helper
@@ -288,15 +315,16 @@ def meet_face(face, corner, pixel, owned, has_wide, block, geometry, placement, 
     slot = np.uintp(face) & np.uintp(PLANES - 1)
     if block.faces[0, slot] == face:
         return slot
-    (owner, turn, matrix, base), (normals, colors, lamps, limits) = owned, look
+    (owner, turn, matrix, base), (normals, colors, lamps, lights, viewer, limits) = owned, look
     plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
     edge = part(block.edges, slot, 0, EDGE_ELEMENTS)
     kind = lay_edges(edge, corner, pixel, has_wide, plane, geometry)
     side = np.float32(-1.0 if shows_back(corner, kind, owner, geometry, placement) else 1.0)
     plane[SIDE] = side
     lay_colors(plane, corner, base, colors)
-    light = lay_points(plane, corner, owner, matrix, placement, lamps, limits)
-    lay_normals(plane, corner, turn, side, normals, light, limits)
+    light, way = lay_points(plane, corner, owner, matrix, placement, lamps, limits)
+    bent = lay_normals(plane, corner, turn, side, normals, light, limits)
+    plane[IS_CALM] = is_calm_everywhere(plane, bent, way, lights, viewer, limits)
     block.faces[0, slot], block.faces[1, slot] = face, kind
     return slot
 
@@ -422,26 +450,18 @@ def is_doubtful(x, y, z, least):
 
 
 @helper
-def mend(first, stop, corner, pixel, owner, plane, block, geometry, placement, normals):
+def mend(first, stop, corner, pixel, owner, side, block, geometry, placement, normals):
     """Find normals and points of the doubtful samples of a run in float64."""
     s, (a, b, c) = block.samples, corner
     for n in range(np.uintp(first), np.uintp(stop)):
-        if not (
-            is_doubtful(
-                s[row.NORMAL_X, n], s[row.NORMAL_Y, n], s[row.NORMAL_Z, n], plane[LEAST_NORMAL]
-            )
-            | is_doubtful(
-                s[row.POINT_X, n], s[row.POINT_Y, n], s[row.POINT_Z, n], plane[LEAST_POINT]
-            )
-        ):
+        if block.shares[EXACT, n] == SURE:
             continue
         column = pixel[0] + np.int64(n) - first
         weights = sample_weights(a, b, c, column, pixel[1], geometry)
         normal = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
         point = place_sample(weights, a, b, c, owner, placement)
-        side = np.float64(plane[SIDE])
         for k in range(3):
-            s[row.NORMAL_X + k, n] = np.float32(side * normal[k])
+            s[row.NORMAL_X + k, n] = np.float32(np.float64(side) * normal[k])
             s[row.POINT_X + k, n] = np.float32(point[k])
 
 
@@ -466,6 +486,69 @@ def mark_run(first, stop, plane, block):
     )  # fmt: skip
 
 
+@disjoint_helper
+def doubt_steep(steep, exact, count):
+    """Note that samples at jumps and steep places are doubtful; return not 0 if one of them is."""
+    found = np.int32(0)
+    for n in range(exact.shape[0]):
+        is_steep = (not steep[n] <= MOST_STEEP) & (np.int32(n) < count)
+        exact[n] = DOUBTFUL if is_steep else exact[n]
+        found = np.int32(found | np.int32(is_steep))
+    return found
+
+
+@helper
+def mark_steep(first, stop, count, look, block):
+    """
+    Note which samples lie at jumps and steep places of light, of those that may.
+
+    Returns not 0 if any of ``count`` does.
+    """
+    (_, _, _, lights, viewer, limits), found = look, np.int32(0)
+    for start in range(first, stop, VECTOR):
+        end = min(start + VECTOR, stop)
+        steep = part(block.colors, STEEP, start, end)
+        if any_doubtful(steep) != 0:
+            fill_row(steep, np.float32(0.0))
+            for n in range(lights.shape[0]):
+                add_steep(*seen_of(start, end, block), lights[n], viewer, limits)
+            left = count - np.int32(start - first)
+            found |= doubt_steep(steep, part(block.shares, EXACT, start, end), left)
+    return found
+
+
+@helper
+def note_steep_samples(first, stop, look, block):
+    """Note which samples may lie there, given what they are off by; return not 0 if any may."""
+    _, _, _, lights, viewer, limits = look
+    fill_row(part(block.colors, STEEP, first, stop), np.float32(0.0))
+    for n in range(lights.shape[0]):
+        note_steep(*seen_of(first, stop, block), lights[n], viewer, limits)
+    return any_doubtful(part(block.colors, STEEP, first, stop))
+
+
+@helper
+def seen_of(first, stop, block):
+    """Return rows of normals and points, of what both are off by, and of what light comes to."""
+    s, memory = block.samples, block.colors
+    return (
+        part(s, row.NORMAL_X, first, stop), part(s, row.NORMAL_Y, first, stop),
+        part(s, row.NORMAL_Z, first, stop), part(s, row.POINT_X, first, stop),
+        part(s, row.POINT_Y, first, stop), part(s, row.POINT_Z, first, stop),
+        part(memory, NORMAL_ERRORS, first, stop), part(memory, POINT_ERRORS, first, stop),
+        part(memory, STEEP, first, stop),
+    )  # fmt: skip
+
+
+@disjoint_helper
+def any_doubtful(exact):
+    """Return not 0 if any sample is."""
+    found = np.int32(0)
+    for n in range(exact.shape[0]):
+        found |= np.int32(exact[n] > SURE)
+    return found
+
+
 @helper
 def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
     """Write the samples of a segment, run by run."""
@@ -484,15 +567,23 @@ def lay_runs(segment, owned, block, geometry, placement, look, has_wide):
         first, stop, unsure = np.int64(start), np.int64(whole[FIRST, following]), np.int32(-1)
         if block.faces[1, slot] != ODD:
             unsure = lay_plainly(first, stop, slot, corner, pixel, block, geometry)
+        plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
         if unsure < 0:
-            plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
             lay_oddly(first, stop, corner, pixel, plane, block, geometry)
-        if (unsure != 0) & (look[2].shape[0] > 0):
-            mark_run(first, stop, part(block.planes, slot, 0, PLANE_ELEMENTS), block)
-        elif unsure != 0:
-            plane = part(block.planes, slot, 0, PLANE_ELEMENTS)
+        is_calm_there = plane[IS_CALM] == np.float32(1.0)
+        may_be_steep = False
+        if not is_calm_there:
+            fill_row(part(block.colors, NORMAL_ERRORS, first, stop), plane[OFF_NORMAL])
+            fill_row(part(block.colors, POINT_ERRORS, first, stop), plane[OFF_POINT])
+            may_be_steep = note_steep_samples(first, stop, look, block) != 0
+        if unsure != 0 or may_be_steep:
+            mark_run(first, stop, plane, block)
+        if may_be_steep:
+            unsure |= mark_steep(first, stop, np.int32(stop - first), look, block)
+        if (unsure != 0) & (look[2].shape[0] == 0):
             mend(
-                first, stop, corner, pixel, owned[0], plane, block, geometry, placement, look[0]
+                first, stop, corner, pixel, owned[0], plane[SIDE], block, geometry, placement,
+                look[0],
             )  # fmt: skip
         r = following
 
@@ -536,11 +627,11 @@ def find_sides(ax, ay, bx, by, cx, cy, front, sides):
 
 @disjoint_helper
 def mix_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, light, exact, turn,
-    limits, count,
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, light, exact, errors,
+    turn, limits, count,
 ):  # fmt: skip
     """
-    Write normals, each of a face of its own, and note in ``exact`` which are doubtful.
+    Write normals of faces, and note in ``exact`` which are doubtful, in ``errors`` how far.
 
     Returns not 0 if any of ``count`` is.
     """
@@ -551,7 +642,9 @@ def mix_normals(
         vx, vy, vz = turned(xc[n] - x, yc[n] - y, zc[n] - z, turn)
         x, y, z = turned(x, y, z, turn)
         bent = max(square(ux, uy, uz), square(vx, vy, vz))
-        least = least_square(square(x, y, z), bent, light[n], limits)
+        first = square(x, y, z)
+        errors[n] = normal_error(first, bent)
+        least = least_square(first, bent, light[n], limits)
         x, y, z = x + (w1 * ux + w2 * vx), y + (w1 * uy + w2 * vy), z + (w1 * uz + w2 * vz)
         nx[n], ny[n], nz[n] = side * x, side * y, side * z
         is_unsure = is_doubtful(x, y, z, least) & (np.int32(n) < count)
@@ -605,10 +698,11 @@ def add_lamp(
 
 @disjoint_helper
 def move_points(
-    px, py, pz, xb, yb, zb, xc, yc, zc, second, third, light, off, exact, matrix, limits, count
+    px, py, pz, xb, yb, zb, xc, yc, zc, second, third, light, off, exact, errors, matrix, limits,
+    count,
 ):  # fmt: skip
     """
-    Move points over their faces, and note in ``exact`` which are doubtful.
+    Move points over their faces, and note in ``exact`` which are doubtful, in ``errors`` how far.
 
     Returns not 0 if any of ``count`` is.
     """
@@ -618,7 +712,9 @@ def move_points(
         ux, uy, uz = turned(xb[n], yb[n], zb[n], matrix)
         vx, vy, vz = turned(xc[n], yc[n], zc[n], matrix)
         moved = max(square(ux, uy, uz), square(vx, vy, vz))
-        least = least_distance(square(px[n], py[n], pz[n]), moved, limits[2])
+        first = square(px[n], py[n], pz[n])
+        errors[n] = point_error(first, moved)
+        least = least_distance(first, moved, limits[2])
         least = least if is_lit_surely(light[n], off[n], limits) else np.float32(np.inf)
         x, y, z = (
             px[n] + (w1 * ux + w2 * vx), py[n] + (w1 * uy + w2 * vy), pz[n] + (w1 * uz + w2 * vz)
@@ -652,7 +748,7 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
     """
     if weigh_mixed(segment, block, geometry, has_wide) != 0:
         return np.int32(1)
-    (owner, turn, matrix, base), (normals, colors, lamps, limits) = owned, look
+    (owner, turn, matrix, base), (normals, colors, lamps, _, _, limits) = owned, look
     s, count = np.int64(segment[START]), np.int32(segment[STOP] - segment[START])
     e = s + whole_vectors(count)
     samples, weights, v, p = block.samples, block.float32_weights, block.single, block.real
@@ -703,7 +799,10 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         measure_faces(px, py, pz, *ways, *faces, matrix)
         for n in range(lamps.shape[0]):
             add_lamp(px, py, pz, *faces, light, off, lamps[n], limits)
-    unsure = move_points(px, py, pz, *ways, second, third, light, off, exact, matrix, limits, count)
+    errors = part(block.colors, NORMAL_ERRORS, s, e), part(block.colors, POINT_ERRORS, s, e)
+    unsure = move_points(
+        px, py, pz, *ways, second, third, light, off, exact, errors[1], matrix, limits, count
+    )  # fmt: skip
     sides = first
     find_sides(
         part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
@@ -714,32 +813,57 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
         part(samples, row.NORMAL_Z, s, e), part(v, 0, s, e), part(v, 1, s, e), part(v, 2, s, e),
         part(v, 3, s, e), part(v, 4, s, e), part(v, 5, s, e), part(v, 6, s, e), part(v, 7, s, e),
-        part(v, 8, s, e), sides, second, third, light, exact, turn, limits, count,
+        part(v, 8, s, e), sides, second, third, light, exact, errors[0], turn, limits, count,
     )  # fmt: skip
-    return np.int32(0) if lamps.shape[0] > 0 else unsure
+    if limits[GLOSS] != MATT and note_steep_samples(s, e, look, block) != 0:
+        unsure |= mark_steep(s, e, count, look, block)
+    if (unsure != 0) & (lamps.shape[0] == 0):
+        mend_patches(segment, owner, sides, block, geometry, placement, normals)
+    return np.int32(0)
+
+
+@helper
+def mend_patches(segment, owner, sides, block, geometry, placement, normals):
+    """Find normals and points of the doubtful samples of a mixed segment in float64."""
+    whole = block.whole
+    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+        corner = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+            if block.shares[EXACT, n] != SURE:
+                pixel = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
+                side = sides[n - np.uintp(segment[START])]
+                mend(
+                    n, n + np.uintp(1), corner, pixel, owner, side, block, geometry, placement,
+                    normals,
+                )  # fmt: skip
 
 
 @helper
 def bounds_of(own):
     """Return the limits of an object."""
-    return own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7], own[8]
+    return (
+        own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7], own[8], own[9], own[10],
+        own[11],
+    )  # fmt: skip
 
 
 @stage
 def find_float32_surface(
     block: Block, count, geometry: Geometry, placement: Placement, normals: float32[:, ::1],
     materials: float32[:, ::1], colors: float32[:, ::1], lamps: float32[:, ::1],
-    limits: float32[:, ::1],
+    lights: float32[:, ::1], limits: float32[:, ::1],
 ):  # fmt: skip
     """
     Write base colours, normals and points of samples in float32.
 
     After `find_weights` where samples may lie beside their faces.
     ``colors`` are those of the vertices, (V, 4) or (0, 4); ``lamps``, (P, 7), see ``lamps``;
-    ``limits``, (O, 9), see ``survey.precision.limits_of_all``: nothing is written of objects that
-    take float64.
+    ``lights``, (L, 13), those that shine; ``limits``, (O, 12), see
+    ``survey.precision.limits_of_all``: nothing is written of objects that take float64.
     """
     has_wide = may_be_wide(geometry.viewport)
+    f, toward = np.float32, placement.toward_viewer
+    viewer = f(toward[0]), f(toward[1]), f(toward[2]), f(toward[3])
     if block.counts[KNOWS_PLANES] == 0:
         for n in range(PLANES):
             block.faces[0, n] = np.int32(-1)
@@ -753,7 +877,7 @@ def find_float32_surface(
         if own[0] < np.float32(0.0):
             fill_row(part(block.shares, EXACT, s, e), FOREIGN)
             continue
-        look = normals, colors, lamps, bounds_of(own)
+        look = normals, colors, lamps, lights, viewer, bounds_of(own)
         owned = (
             owner, rounded(matrix_of(placement.normal_matrices, owner)),
             rounded(matrix_of(placement.relative_from_model, owner)),
@@ -771,122 +895,3 @@ def find_float32_surface(
         if lamps.shape[0] == 0:
             # Those in doubt are found already.
             fill_row(part(block.shares, EXACT, s, e), SURE)
-
-
-@disjoint_helper
-def keep(values, kept):
-    """Copy a row."""
-    for n in range(values.shape[0]):
-        kept[n] = values[n]
-
-
-@disjoint_helper
-def restore(values, kept, exact):
-    """Write what was kept where it is to be."""
-    for n in range(values.shape[0]):
-        own, before = values[n], kept[n]
-        values[n] = own if exact[n] > SURE else before
-
-
-@disjoint_helper
-def any_doubtful(exact):
-    """Return not 0 if any sample is."""
-    found = np.int32(0)
-    for n in range(exact.shape[0]):
-        found |= np.int32(exact[n] > SURE)
-    return found
-
-
-@helper
-def how_exact(s, e, block):
-    """Return what is found in float64 of a segment."""
-    if block.shares[EXACT, np.uintp(s)] == FOREIGN:
-        return np.int32(ALL_FOREIGN)
-    doubts = any_doubtful(part(block.shares, EXACT, s, e))
-    return np.int32(SOME_DOUBTFUL if doubts != 0 else ALL_SURE)
-
-
-@helper
-def row_kept(k):
-    """Return which row of samples is kept: colours, then normals and points."""
-    return row.RED + k if k < 3 else row.NORMAL_X + k - 3
-
-
-@helper
-def run_of(k, total, numbers):
-    """Return one past the last of the segments from ``k`` on that are as exact, and its samples."""
-    first, start = numbers[HOW_EXACT, k], np.int64(numbers[SET_ASIDE + START, k])
-    while k < total and numbers[HOW_EXACT, k] == first:
-        k += np.uintp(1)
-    return k, start, np.int64(numbers[SET_ASIDE + STOP, k - np.uintp(1)])
-
-
-@helper
-def end_kept(exact, s, e):
-    """
-    Return the end of what is kept of a run of segments.
-
-    Stages that find others write behind the end of these, but not further than a vector.
-    """
-    return min(e, s + VECTOR) if exact == ALL_SURE else e
-
-
-@stage
-def set_aside_sure(block: Block, count):
-    """
-    Set aside what is found in float32, and hide segments of which all is.
-
-    Stages up to `take_back_sure` find the others alone.
-    """
-    segments, numbers, samples = block.segments, block.numbers, block.samples
-    left, total = np.int64(0), np.uintp(block.counts[SEGMENTS])
-    numbers[HOW_MANY, 0] = np.int32(total)
-    for k in range(total):
-        for c in range(8):
-            numbers[SET_ASIDE + c, k] = segments[k, c]
-        exact = how_exact(np.int64(segments[k, START]), np.int64(segments[k, STOP]), block)
-        numbers[HOW_EXACT, k] = exact
-        if exact != ALL_SURE:
-            if np.int64(k) != left:
-                for c in range(8):
-                    segments[left, c] = segments[k, c]
-            left += 1
-    block.counts[SEGMENTS] = left
-    if left == 0:
-        return
-    k = np.uintp(0)
-    while k < total:
-        exact, (k, s, e) = numbers[HOW_EXACT, k], run_of(k, total, numbers)
-        if exact != ALL_FOREIGN:
-            e = end_kept(exact, s, e)
-            for n in range(KEPT_ROWS):
-                keep(part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e))
-
-
-@stage
-def take_back_sure(block: Block, count):
-    """Put back what was set aside, where float32 is good enough; bring all segments back."""
-    segments, numbers, samples = block.segments, block.numbers, block.samples
-    total, has_changed = np.uintp(numbers[HOW_MANY, 0]), block.counts[SEGMENTS] > 0
-    block.counts[SEGMENTS] = np.int64(total)
-    k = np.uintp(0)
-    while k < total:
-        start, exact, (k, s, e) = k, numbers[HOW_EXACT, k], run_of(k, total, numbers)
-        for i in range(start, k):
-            for c in range(8):
-                segments[i, c] = numbers[SET_ASIDE + c, i]
-            if exact == ALL_SURE:
-                # Textures are looked up by it.
-                fill_row(
-                    part(block.places, PLACE_OWNER, segments[i, START], segments[i, STOP]),
-                    np.float64(segments[i, OWNER]),
-                )  # fmt: skip
-        if exact == ALL_FOREIGN or not has_changed:
-            continue
-        e = end_kept(exact, s, e)
-        for n in range(KEPT_ROWS):
-            values, kept = part(samples, row_kept(n), s, e), part(block.colors, KEPT + n, s, e)
-            if exact == ALL_SURE or n < 3:
-                keep(kept, values)
-            else:
-                restore(values, kept, part(block.shares, EXACT, s, e))

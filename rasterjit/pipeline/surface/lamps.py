@@ -36,8 +36,10 @@ white, without a highlight.
 LIGHT_ERROR = np.float32(8.0)
 """Roundings of a direction that light is worked out with, and of a cosine with it."""
 
-MORE_NORMAL, MORE_BENT, MOST_LIGHT, RANGE_SLOPE, OTHER_SLOPE, CONE_SHARE, LIMITS = range(3, 10)
-"""Elements of limits, and how many there are: see ``survey.precision.limits_of``."""
+MORE_NORMAL, MORE_BENT, MOST_LIGHT, RANGE_SLOPE, OTHER_SLOPE, CONE_SHARE = range(3, 9)
+LIMITS = 12
+"""Elements of limits, and how many there are with those of ``steep``: see
+``survey.precision.limits_of``."""
 
 MOST = np.float32(LAMP_SHARE / ROUNDING)
 """Codes that lamps may move, in roundings."""
@@ -89,7 +91,7 @@ def lamp_on_face(lamp, first, facing, away, way, limits):
         The first vertex, relative to the eye, and the unit normal.
     away, way : float32
         Distance of the first vertex from the eye, and the longer way to another vertex.
-    limits : (9,) float32
+    limits : (12,) float32
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     x, y, z = lamp[0] - first[0], lamp[1] - first[1], lamp[2] - first[2]
