@@ -1,5 +1,5 @@
 """
-Thirty pictures of many kinds and sizes whose errors ``python -m benchmarks.dial`` bounds.
+Thirty-two pictures of many kinds and sizes whose errors ``python -m benchmarks.dial`` bounds.
 
 Smooth meshes, many small triangles, slivers and wires, textures of high frequency, sharp
 highlights, alpha masks, shadows, glass, points and lines; from 64 x 64 to 640 x 480 pixels.

@@ -23,7 +23,7 @@ LONGEST_WAIT = 60.0
 """Seconds that a fork waits at most, such as for a compiler in another thread."""
 
 PAUSE = 0.001
-"""Seconds between two looks."""
+"""Seconds between two attempts to take all locks."""
 
 _LOCKS: weakref.WeakSet[Any] = weakref.WeakSet()
 _HELD_OVER_FORKS: list[Any] = []

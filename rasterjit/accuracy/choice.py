@@ -21,10 +21,9 @@ AS_GOOD = 1.05
 SURE, FAIRLY_SURE = 0.05, 0.25
 """Most that another quality may be better by, as a share, for the choice to be called so."""
 
-
 FEW = 0.2
-"""Share of the qualities that may lack for a choice to be called sure; with half of them, which are
-the most promising ones, it is fairly sure."""
+"""Share of the promising qualities that may be untried for a choice to be called sure; up to half
+of them, it is fairly sure."""
 
 
 class Choice(NamedTuple):
@@ -37,8 +36,8 @@ class Choice(NamedTuple):
     """Most that anything else that was tried can be better by, a share: of time times error, or of
     time where an error was asked for."""
     untried: float = 0.0
-    """Share that there was no time for of the qualities that promise most: presets, and levels that
-    are combined, alone and together."""
+    """Share of the most promising qualities that there was no time for: of presets, and of levels
+    that are combined, alone and together."""
 
     @property
     def sureness(self) -> str:
@@ -55,8 +54,8 @@ def choose(study: Study) -> Choice:
     Of those that are no worse than the standard in faces, depth and texture coordinates it is the
     fastest whose error is at most ``max_error``, or the most accurate if none holds it. Where no
     error was asked for, it is the one with the least product of time and error among those no less
-    accurate than the standard: it buys most error for its time. An error below what is seen, or
-    than the reference has, counts as that.
+    accurate than the standard: it buys most error for its time. Errors that are not seen, or
+    smaller than the reference's own, are not told apart.
     """
     floor = max(INVISIBLE, study.reference_error)
     found = choose_among(study.standard, study.trials, study.max_error, floor)

@@ -1,7 +1,7 @@
 """
-References of effects: what they come near to, found in a slow and obvious way.
+References of effects: what each effect approximates, found in a slow and obvious way.
 
-Each returns light of every pixel in the standard quality, with the effect as it ought to be.
+Each returns the light of every pixel in the standard quality, with the effect as it ought to be.
 
 References
 ----------
@@ -43,7 +43,8 @@ FEWEST_LIGHTS, MOST_LIGHTS = 16, 64
 """Places on a light whose hard shadows are averaged: as many as there is time for."""
 
 LEAST_MAP, SHARP_MAP = 2048, 4096
-"""Texels along the maps of these, at least, and of hard and filtered shadows."""
+"""Texels along a side of shadow maps: of those hard shadows, at least; of the reference of shadows
+that are hard or filtered."""
 
 DOME_LIGHTS, AT_ONCE = 256, 64
 """Lights that stand for an environment, and those of one picture."""
@@ -85,11 +86,11 @@ class Truth(NamedTuple):
     light: Float64
     """(H, W, 3), linear."""
     where: NDArray[np.bool_] | None = None
-    """(H, W): pixels at which it is known; None: at all."""
+    """(H, W): pixels at which it is known; None: at every one."""
     share: float = 1.0
-    """Share of the picture that those stand for: the effect errs nowhere else."""
+    """Share of the picture's pixels that those stand for: in the others the effect has no error."""
     compared: Callable[[Scene], Scene] = unchanged
-    """Returns what of a scene is compared with it."""
+    """Returns a scene with only what the reference shows of it."""
 
     def difference(self, light: Float64) -> Float64:
         """Return how far other light is from it, (H, W, 3), or (1, N, 3) of the pixels known."""

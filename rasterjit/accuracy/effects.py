@@ -22,7 +22,6 @@ from rasterjit.accuracy.effect_references import Painter, Truth
 from rasterjit.accuracy.knobs import Attempt, in_words
 from rasterjit.accuracy.results import EffectCost, Errors
 from rasterjit.accuracy.timing import Contestant
-from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.budget import light_of, root_mean_square
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import Quality
@@ -42,9 +41,6 @@ NO_REFERENCE = "none; what it changes in the picture"
 
 class Studio(Painter, Protocol):
     """Draws one scene, and tells times."""
-
-    def draw(self, quality: Quality, outputs: Any, scene: Scene | None = None) -> Frame:
-        """Draw a frame."""
 
     def contestant(
         self, attempt: Attempt, errors: Errors, color: Any, error_map: Any
@@ -73,13 +69,12 @@ def is_soft(scene: Scene) -> bool:
 
 
 def hardened(scene: Scene) -> dict[str, Scene]:
-    """Return a scene whose soft shadows have edges of another kind, or other maps."""
+    """Return a scene whose soft shadows have hard or filtered edges, by name."""
     changes: dict[str, dict[str, Any]] = {
         "hard edges": {"filter": "hard", "light_size": None},
         "edges three texels wide": {"filter": "pcf", "light_size": None},
     }
-    found = {name: _with_shadows(scene, change) for name, change in changes.items()}
-    return found
+    return {name: _with_shadows(scene, change) for name, change in changes.items()}
 
 
 def _with_shadows(scene: Scene, changes: dict[str, Any]) -> Scene:

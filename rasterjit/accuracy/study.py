@@ -139,11 +139,11 @@ def study(
     knobs : iterable of str, optional
         Names of the settings to try. Default: all.
     budget : float, optional
-        Seconds that it may take. A third goes into the reference: where its 256 samples take
-        longer, it has 64 or 16, and where not even 16 can be drawn, the picture is made smaller;
-        the study says so. Half is kept for what follows the reference and the standard, however
-        long those take to compile. What there is no time for is left out and named; the next study
-        of the scene finds its kernels compiled and gets further. Default 75.
+        Seconds that it may take. Nearly a third is for the reference: where its 256 samples take
+        longer, it has 64, 16 or 4, and where not even 16 could be drawn, the picture is made
+        smaller; the study says so. Half is kept for what follows the reference and the standard,
+        however long those take to compile. What there is no time for is left out and named; the
+        next study of the scene finds its kernels compiled and gets further. Default 75.
     max_error : float, optional
         The error that is wanted, root mean square of linear light: the fastest quality that holds
         it is recommended. Default: the one that buys most error for its time.
@@ -589,7 +589,7 @@ def _without_compiling(frame: Frame) -> Stages:
     return {stage: duration for stage, duration in seconds if stage != COMPILE}
 
 
-def _say_nothing(text: str, done: int, count: int) -> None:
+def _say_nothing(text: str, done: float, count: float) -> None:
     """Take no notice of progress."""
 
 

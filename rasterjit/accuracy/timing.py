@@ -40,8 +40,8 @@ HOPELESS = 1.3
 Stages = dict[str, float]
 """Seconds by stage; compiling is none of them."""
 
-Progress = Callable[[str, int, int], None]
-"""Is told what is being done, how much of it is done, and how much there is."""
+Progress = Callable[[str, float, float], None]
+"""Is told what is being done, how much is done, and how much there is: seconds, or scenes."""
 
 
 class Painter(Protocol):

@@ -46,7 +46,7 @@ class FolderStudy:
     name : str
         Of the folder.
     studies : dict of Study
-        Of each scene, by its name, without pictures.
+        Of each scene, by its name, without pictures and without ``effects``.
     candidates : dict of tuple
         Of each quality that was tried on all scenes its trials, in the order of ``studies``; the
         standard is among them.
@@ -207,7 +207,7 @@ def _told(progress: Progress | None, prefix: str) -> Progress | None:
 
 
 def _bare(study: Study) -> Study:
-    """Return a study without its pictures: of many scenes they take much memory."""
+    """Return a study without what has pictures: of many scenes they take much memory."""
     none = np.zeros((0, 0, 3), np.uint8)
 
     def bare(trial: Trial) -> Trial:

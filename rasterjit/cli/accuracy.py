@@ -37,7 +37,7 @@ from rasterjit.accuracy.sentences import (
     together,
 )
 from rasterjit.accuracy.study import SIZE
-from rasterjit.accuracy.together import study_folder
+from rasterjit.accuracy.together import FolderStudy, study_folder
 from rasterjit.cli.options import Effects, Look, View
 from rasterjit.cli.program import load_scene
 from rasterjit.io.folders import mesh_files
@@ -97,7 +97,7 @@ def study_scene(
 
 def study_files(
     folder: Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
-) -> None:
+) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
     quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE
     if Path(output).resolve() == folder.resolve():
@@ -120,7 +120,7 @@ def study_files(
             **{name: options[name] for name in STUDIED},
         )  # fmt: skip
     if quiet:
-        return
+        return found
     for text in together(found):
         click.echo(text)
     click.echo(f"  {options_of(found.take.trial, found.standard)}")
@@ -128,6 +128,7 @@ def study_files(
         click.echo(f"not studied: {name}: {why}")
     for name in (JSON_NAME, PAGE_NAME):
         click.echo(f"wrote {Path(output) / name}")
+    return found
 
 
 def calibrate_machine(threads: int | None, quiet: bool) -> None:
@@ -163,7 +164,7 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting")
 
-        def show(text: str, done: int, count: int) -> None:
+        def show(text: str, done: float, count: float) -> None:
             bar.update(task, description=text, completed=done, total=count)
 
         yield show

@@ -513,7 +513,8 @@ def accuracy(
 
     Draws FILE with every level of every setting that matters to it, from the standard quality on,
     and compares time and picture with those of the reference. Names the quality to take. If FILE is
-    a folder, studies each scene in it, and names one quality for all.
+    a folder, studies each scene in it, and names one quality for all. Scenes that cannot be studied
+    are named, and the exit status is 1.
     """
     from rasterjit.cli.accuracy import calibrate_machine, study_files, study_scene
 
@@ -537,7 +538,14 @@ def accuracy(
     view.check()
     look.check()
     if file is not None and file.is_dir():
-        study_files(file, view, look, effects, rest)
+        together = study_files(file, view, look, effects, rest)
+        if any(one.interrupted for one in together.studies.values()):
+            context.exit(INTERRUPTED)
+        if together.failures:
+            count = len(together.failures) + len(together.studies)
+            raise click.ClickException(
+                f"{len(together.failures)} of {count} mesh files could not be studied"
+            )
         return
     found = study_scene(made or file, view, look, effects, rest)
     if found.interrupted:

@@ -102,8 +102,10 @@ def places_of(
     folder = Path() if output is None else output
     places = {file: folder / name for file, name in names_of(files, suffix).items()}
     if output is None and any(place.parent != folder for place in places.values()):
+        names = [file.with_suffix(suffix).name for file in files]
+        name = next(one for one in names if names.count(one) > 1)
         raise click.UsageError(
-            "pictures of several files would have the same name: -o DIR keeps the files' folders"
+            f"several pictures would have the same name, {name}: -o DIR keeps the files' folders"
         )
     for place in places.values():
         if place.exists() and not force:
@@ -121,8 +123,11 @@ def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
     they differ, and where that is not enough, their suffix: ``a/b.obj.png``.
     """
     places = {file: Path(os.path.abspath(file)) for file in files}
-    if len(set(places.values())) < len(files):
-        raise click.UsageError("a FILE is given twice")
+    known: set[Path] = set()
+    for file, place in places.items():
+        if place in known:
+            raise click.UsageError(f"{file} is given twice")
+        known.add(place)
     root = Path(os.path.commonpath([place.parent for place in places.values()]))
     below = {file: place.relative_to(root) for file, place in places.items()}
     choices = (

@@ -56,7 +56,7 @@ PLACEHOLDERS = (
 """How the names of fonts begin that have boxes or signs of their own in place of characters."""
 
 LARGEST_FILE = 1 << 28
-"""Bytes of a font file."""
+"""Bytes that a font file may have at most."""
 
 Float64 = NDArray[np.float64]
 
@@ -509,9 +509,12 @@ def font_named(name: str | os.PathLike[str] | None) -> Font:
         if not path.is_file():
             raise ValueError(f"font must be a file that is there, got {str(name)!r}")
         try:
-            return _opened(os.path.abspath(path))
-        except (OSError, ValueError) as error:
+            found = _opened(os.path.abspath(path))
+            # Read now, so that a damaged table is named here.
+            found.characters  # noqa: B018
+        except (OSError, ValueError, struct.error, IndexError) as error:
             raise ValueError(f"font must be a font, got {str(name)!r}: {error}") from None
+        return found
     wanted = _plain(str(name))
     # Most files are named as their font: look there first.
     for file in sorted(font_files(), key=lambda file: wanted not in _plain(file)):
@@ -588,7 +591,7 @@ def _content(file: str) -> bytes:
     with open(file, "rb") as stream:
         data = stream.read(LARGEST_FILE + 1)
     if len(data) > LARGEST_FILE:
-        raise ValueError(f"a font file may have {LARGEST_FILE:,} bytes")
+        raise ValueError(f"a font file may have {LARGEST_FILE:,} bytes at most")
     return data
 
 

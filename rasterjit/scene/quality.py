@@ -251,7 +251,8 @@ def parse_setting(text: str) -> dict[str, Any]:
             raise ValueError(f"{name} must be a number in 0..1; got {wanted!r}") from None
     if not equals or name not in LEVELS:
         raise ValueError(
-            f"a setting must read NAME=LEVEL, with a name of {', '.join(LEVELS)}; got {text!r}"
+            f"a setting must read NAME=LEVEL, with a name of {', '.join(LEVELS)}, visible_alpha; "
+            f"got {text!r}"
         )
     for level in LEVELS[name]:
         if wanted.lower() == str(level).lower():

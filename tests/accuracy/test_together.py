@@ -78,7 +78,8 @@ def test_a_folder_gets_one_page_and_one_for_each_scene(tmp_path):
         ["accuracy", str(meshes), "-o", str(tmp_path / "out"), "--knobs", "samples", "--size",
          "24x16", "--budget", "20", "--threads", "1"],
     )  # fmt: skip
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == 1, result.output
+    assert "1 of 3 mesh files could not be studied" in result.stderr
     assert "Take " in result.stdout
     assert "for all 2 scenes" in result.stdout
     assert "not studied: broken.obj: " in result.stdout

@@ -192,6 +192,17 @@ def test_what_is_no_font_is_named(tmp_path, content):
         rj.Label((0, 0, 0), "x", font=3)
 
 
+def test_a_font_with_a_damaged_table_is_named(tmp_path):
+    place = write_font(tmp_path / "bad.ttf", {"A": 500})
+    data = bytearray(place.read_bytes())
+    # The record of a table: its tag, a sum, where it begins, and its length.
+    at = data.index(b"cmap") + 12
+    data[at : at + 4] = (3).to_bytes(4, "big")
+    place.write_bytes(data)
+    with pytest.raises(ValueError, match=r"font must be a font, got .*bad\.ttf"):
+        fonts.font_named(place)
+
+
 def area_in_pixel(polygon, column, row):
     """Signed area of a polygon within a pixel, cut at its sides one by one: the slow twin."""
     for axis, bound, sign in ((0, column, 1), (0, column + 1, -1), (1, row, 1), (1, row + 1, -1)):

@@ -4,10 +4,11 @@ Prepare environments for the kernels: once for each picture, kept as long as any
 A picture is scaled to a power of two first. Then it is projected onto the nine lowest spherical
 harmonics, and two more that depend on the height alone, which give the light on a surface [1]_.
 Where a few small places send much of the light, as the sun does, that would be off by up to 24 %:
-their light is taken out of these and falls like that of lamps. And it is filtered for eight degrees
-of roughness. The
-mean over a lobe is taken in rings: the farther from its middle, the coarser the copy of the picture
-that is read, so that a texel is never wider than a quarter of its distance from the middle.
+their light is taken out of these and falls like that of lamps.
+
+For what is mirrored, a picture is filtered for eight degrees of roughness. The mean over a lobe is
+taken in rings: the farther from its middle, the coarser the copy of the picture that is read, so
+that a texel is never wider than a quarter of its distance from the middle.
 
 References
 ----------
@@ -72,8 +73,8 @@ MOST_SPOTS, SPOT_COSINE = 32, 0.99026807
 """Spots of a picture, and the cosine of 8 degrees: of one's radius."""
 
 BRIGHT, LEAST_FLUX = 4.0, 0.004
-"""A spot is what is brighter than so many times the mean; it sends at least such a share of all
-light, a sixteenth of which the harmonics are off by."""
+"""A spot is brighter than `BRIGHT` times the mean, and sends at least the share `LEAST_FLUX` of all
+light. What is smaller stays in the harmonics, which are off by a sixteenth of its light."""
 
 NO_LIGHT = Irradiance(
     np.zeros((IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),

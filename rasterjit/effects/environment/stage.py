@@ -1,12 +1,12 @@
 """
 Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
 
-The light that falls on a surface from all sides is a polynomial of its normal [1]_, and for each of
-some small, bright spots the cosine to it: what a polynomial of low degree cannot follow. What it
-mirrors
-is looked up once in a picture filtered for its roughness, and weighted by the share of the light
-that its facets send on at once [2]_; what they send on after several bounces [3]_ comes from all
-sides. A white surface under white light is white, however rough and however metallic.
+The light that falls on a surface from all sides is a polynomial of its normal [1]_, plus that of a
+few small, bright spots, each times the cosine to it: a polynomial of low degree cannot follow them.
+What a surface mirrors is looked up once in a picture filtered for its roughness, and weighted by
+the share of the light that its facets send on at once [2]_; what they send on after several
+bounces [3]_ comes from all sides. A white surface under white light is white, however rough and
+however metallic.
 
 Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
 every CPU.

@@ -330,7 +330,7 @@ def find_candidates(
 
 @helper
 def share_pixel(count, candidates, triangles, column, row, polygons, corners, levels, work, areas):
-    """Write the areas of candidates, those of a face added to its first; return if that went."""
+    """Write the areas of candidates, those of a face added to its first; False without room."""
     find_levels(count, candidates, triangles, column, row, levels)
     for n in range(count):
         area = seen_area(

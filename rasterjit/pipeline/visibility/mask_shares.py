@@ -109,7 +109,7 @@ def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cu
 @helper
 def keep_share(count, cutoff, textures, owner, kind, places, lookup):
     """
-    Replace what a mask shows at samples of one object, right behind its lookup.
+    Replace what a mask shows at samples of one object, right after its lookup.
 
     Parameters
     ----------
