@@ -11,7 +11,8 @@ Where Numba is missing, an entry of any version will do: the bits are the same.
 
 What came with the installation (``shipped``) is looked at first; it is never written.
 
-A checksum finds damage, not malice: a folder that others may write to is not used.
+A checksum finds damage, not malice: a folder that others may write to, or exchange, is not used,
+and of its files none that is another user's, that others may write to, or that has further names.
 """
 
 from __future__ import annotations
@@ -65,6 +66,12 @@ as a search for viruses, has it open."""
 LARGEST_ENTRY = 1 << 26
 """Bytes of an entry at most: a thousand times those of our kernels."""
 
+OPEN_FILE = (
+    os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    | getattr(os, "O_BINARY", 0)
+)  # fmt: skip
+"""No link is followed, and no pipe waited for."""
+
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 COMPILER_FILES = (
@@ -78,11 +85,15 @@ NOT_COMPILED = {"jit", "locks", "numba_alone", "shipped", "store", "targets", "v
 ROOT = Path(__file__).resolve().parents[1]
 
 
+RETURNS = ("none", "int", "bool")
+"""What a kernel may return, as a header says it."""
+
+
 class Header(NamedTuple):
     """What an entry says of itself, a line of text."""
 
     returns: str
-    """``none``, ``int`` or ``bool``."""
+    """One of ``RETURNS``."""
     kernel: str
     """Module and name."""
     types: str
@@ -151,17 +162,17 @@ def folder() -> Path | None:
     try:
         path = Path(chosen) if chosen else cache_folder() / "kernels"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        is_open = _others_may_write(path)
+        # Links on the way are left behind: what is used is what was checked.
+        path = path.resolve()
+        problem = _distrust(path)
     except OSError as error:
         _say_not_kept(f"{error.filename or chosen}: {error.strerror}")
         return None
     except RuntimeError as error:  # Nobody knows where this user's home is.
         _say_not_kept(f"{error} {FOLDER_VARIABLE} can name a folder")
         return None
-    if is_open:
-        warnings.warn(
-            f"{path} is not used to keep kernels: others may write to it", RuntimeWarning, 2
-        )
+    if problem is not None:
+        warnings.warn(f"{path} is not used to keep kernels: {problem}", RuntimeWarning, 2)
         return None
     return path
 
@@ -181,11 +192,26 @@ def cache_folder() -> Path:
     return Path(base) / "rasterjit"
 
 
-def _others_may_write(path: Path) -> bool:
+def _distrust(path: Path) -> str | None:
+    """Return why others may change what is in a folder, or exchange it; None if they may not."""
     if os.name != "posix":
-        return False
-    stat = path.stat()
-    return stat.st_uid not in (os.getuid(), ROOT_USER) or bool(stat.st_mode & 0o022)
+        return None
+    if _is_others(path.lstat()):
+        return "others may write to it"
+    for parent in path.parents:
+        status = parent.lstat()
+        # In a sticky folder, such as /tmp, nobody but its owner moves what is another's.
+        if _is_others(status, is_sticky_enough=True):
+            return f"others may write to {parent}, and exchange it"
+    return None
+
+
+def _is_others(status: os.stat_result, is_sticky_enough: bool = False) -> bool:
+    """Tell whether a file or folder is another user's, or one that others may write to."""
+    if status.st_uid not in (os.geteuid(), ROOT_USER):
+        return True
+    is_open = bool(status.st_mode & 0o022)
+    return is_open and not (is_sticky_enough and status.st_mode & stat.S_ISVTX)
 
 
 # What an entry is called.
@@ -339,16 +365,30 @@ def _content(path: Path) -> bytes:
     Raises
     ------
     OSError
-        If it is no regular file, which might have no end, or is too large for an entry.
+        If it is no regular file, which might have no end, is too large for an entry, or if others
+        may change it.
     """
-    status = path.lstat()
+    _check_entry(path.lstat())
+    number = os.open(path, OPEN_FILE)
+    with os.fdopen(number, "rb") as file:
+        # What was opened need not be what stood there before.
+        _check_entry(os.fstat(number))
+        return file.read(LARGEST_ENTRY)
+
+
+def _check_entry(status: os.stat_result) -> None:
+    """Raise ``OSError``, with words that follow a file's name, unless it may be an entry."""
     if stat.S_ISDIR(status.st_mode):
         raise OSError("is a folder")
     if not stat.S_ISREG(status.st_mode):
         raise OSError("is no regular file")
     if status.st_size > LARGEST_ENTRY:
         raise OSError(f"has {status.st_size} bytes, more than any entry")
-    return path.read_bytes()
+    if os.name == "posix":
+        if _is_others(status):
+            raise OSError("is another user's, or others may write to it")
+        if status.st_nlink > 1:
+            raise OSError("has another name (a hard link)")
 
 
 def _patiently(action: Callable[[], Any]) -> Any:
@@ -373,7 +413,12 @@ def parse(name: str, content: bytes) -> tuple[Header, bytes] | None:
     if not content.startswith(MAGIC) or _checksum(name, rest) != checksum:
         return None
     line, _, code = rest.partition(b"\n")
-    return Header(*line.decode().split("\t")), code
+    try:
+        header = Header(*line.decode().split("\t"))
+    except (UnicodeDecodeError, TypeError):
+        # Whoever wrote that knew how to make a checksum.
+        return None
+    return (header, code) if header.returns in RETURNS else None
 
 
 def _checksum(name: str, rest: bytes) -> bytes:

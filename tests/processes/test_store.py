@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -23,6 +24,9 @@ pytestmark = [
     pytest.mark.takes_long,
     pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept"),
 ]
+as_root = pytest.mark.skipif(
+    getattr(os, "geteuid", lambda: -1)() != 0, reason="makes files of other users"
+)
 posix_only = pytest.mark.skipif(os.name != "posix", reason="modes and locks of POSIX")
 
 ROW = np.arange(-3.0, 5.0)
@@ -341,7 +345,7 @@ def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
     owner = tmp_path.stat().st_uid
     monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
     tmp_path.chmod(0o700)
-    monkeypatch.setattr(store.os, "getuid", lambda: owner + 1)
+    monkeypatch.setattr(store.os, "geteuid", lambda: owner + 1)
     # Root may write to any folder, so its own are not refused.
     monkeypatch.setattr(store, "ROOT_USER", -1)
     with pytest.warns(RuntimeWarning, match="others may write to it"):
@@ -378,6 +382,114 @@ def test_a_folder_that_others_may_write_to_is_refused_with_one_warning(tmp_path,
     assert {"has_index", "draw_line"} <= {*compiled}
     assert said.count("RuntimeWarning") == said.count("others may write to it") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@posix_only
+@pytest.mark.parametrize("mode", [0o755, 0o777, 0o775, 0o757, 0o1777])
+def test_a_folder_below_one_that_others_may_write_to_is_refused(tmp_path, monkeypatch, mode):
+    below = tmp_path / "parent" / "between" / "kernels"
+    below.mkdir(parents=True, mode=0o700)
+    below.chmod(0o700)
+    below.parent.chmod(0o755)
+    (tmp_path / "parent").chmod(mode)
+    link = tmp_path / "link"
+    link.symlink_to(below.parent)
+    for chosen in (below, link / "kernels"):
+        monkeypatch.setenv(store.FOLDER_VARIABLE, str(chosen))
+        if mode in (0o755, 0o1777):
+            assert store.folder.__wrapped__() == below
+        else:
+            with pytest.warns(RuntimeWarning, match=r"others may write to .*parent, and exchange"):
+                assert store.folder.__wrapped__() is None
+
+
+AS_USER = """
+import os, sys, warnings
+from rasterjit.runtime import store
+warnings.simplefilter("ignore")
+os.seteuid(int(sys.argv[1]))
+for one in sys.argv[2:]:
+    os.environ[store.FOLDER_VARIABLE] = one
+    print(store.folder.__wrapped__() is not None)
+"""
+
+USER, OTHER = 65534, 65533
+
+
+@as_root
+def test_each_folder_above_belongs_to_the_user_or_root():
+    cases = {
+        (USER, 0o755): True, (USER, 0o1777): True, (USER, 0o777): False,
+        (0, 0o755): True, (0, 0o1777): True, (0, 0o777): False,
+        (OTHER, 0o755): False, (OTHER, 0o1777): False,
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as top:
+        os.chmod(top, 0o755)
+        places = []
+        for owner, mode in cases:
+            parent = Path(top, f"{owner} {mode:o}")
+            places.append(parent / "kernels")
+            places[-1].mkdir(parents=True)
+            places[-1].chmod(0o700)
+            os.chown(places[-1], USER, -1)
+            os.chown(parent, owner, -1)
+            parent.chmod(mode)
+        command = [sys.executable, "-c", AS_USER, str(USER), *map(str, places)]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said.split() == [str(is_used) for is_used in cases.values()]
+
+
+@pytest.fixture
+def bare(tmp_path, monkeypatch):
+    """An empty store of which nothing was told yet; no kernel is made."""
+    monkeypatch.setattr(store, "SAID", set())
+    return tmp_path
+
+
+ENTRY = store.Header("none", "a.b", "(int)", "0", "1 2", "triple", "cpu")
+
+
+@posix_only
+@pytest.mark.parametrize("change", [
+    lambda path: path.chmod(0o620), lambda path: path.chmod(0o602),
+    lambda path: os.link(path, path.with_name("other")),
+    lambda path: path.symlink_to(path.rename(path.with_name("other"))),
+    pytest.param(lambda path: os.chown(path, OTHER, -1), marks=as_root),
+], ids=["group", "others", "hard link", "link", "owner"])  # fmt: skip
+def test_an_entry_that_others_may_change_is_told_once_and_written_again(bare, capfd, change):
+    path = bare / "name.kernel"
+    store.write(path, ENTRY, b"code")
+    assert store.read(path) == (ENTRY, b"code")
+    change(path)
+    assert store.read(path) is store.read(path) is None
+    (line,) = capfd.readouterr().err.splitlines()
+    assert path.name in line
+    assert store.contents(bare).damaged == [path]
+    store.write(path, ENTRY, b"code")
+    assert store.read(path) == (ENTRY, b"code")
+
+
+@posix_only
+def test_what_is_opened_is_checked_and_not_what_stood_there_before(bare, monkeypatch):
+    path = bare / "name.kernel"
+    store.write(path, ENTRY, b"code")
+    innocent = path.lstat()
+    path.chmod(0o666)
+    monkeypatch.setattr(Path, "lstat", lambda _: innocent)
+    assert store.read(path) is None
+
+
+@pytest.mark.parametrize("line", [
+    b"", b"\xff\xfe", b"none\tkernel", b"\t".join([b"none"] * 8), b"words" + b"\t" * 6,
+])  # fmt: skip
+def test_a_header_of_other_text_is_damage_whatever_its_checksum(bare, capfd, line):
+    path = bare / "name.kernel"
+    rest = line + b"\ncode"
+    path.write_bytes(store.MAGIC + store._checksum(path.name, rest) + rest)
+    path.chmod(0o600)
+    assert store.read(path) is None
+    assert "is damaged" in capfd.readouterr().err
+    assert store.contents(bare).damaged == [path]
 
 
 def test_processes_that_begin_together_compile_once(tmp_path):
