@@ -55,6 +55,9 @@ PLACEHOLDERS = (
 )  # fmt: skip
 """How the names of fonts begin that have boxes or signs of their own in place of characters."""
 
+MOST_CHARACTERS = 0x110000
+"""Codes of Unicode."""
+
 LARGEST_FILE = 1 << 28
 """Bytes that a font file may have at most."""
 
@@ -91,8 +94,14 @@ class Font:
             (self.em,) = struct.unpack(">H", self.tables["head"][18:20])
             ascent, descent, gap = struct.unpack(">hhh", self.tables["hhea"][4:10])
             self.ascent, self.descent, self.gap = ascent, -descent, gap
-            missing = {"cmap", "hmtx"} - self.tables.keys()
-            if missing or not self.em or not {"glyf", "CFF ", "CFF2"} & self.tables.keys():
+            (self._advances,) = struct.unpack(">H", self.tables["hhea"][34:36])
+            is_short = len(self.tables["hmtx"]) < 4 * max(self._advances, 1)
+            if (
+                is_short
+                or "cmap" not in self.tables
+                or not self.em
+                or not {"glyf", "CFF ", "CFF2"} & self.tables.keys()
+            ):
                 raise ValueError
         except (struct.error, KeyError, ValueError):
             raise ValueError("not a TrueType or OpenType font") from None
@@ -113,17 +122,17 @@ class Font:
                 found |= _segments(table[start:])
             elif form == 12:
                 (groups,) = struct.unpack(">I", table[start + 12 : start + 16])
-                for first, last, glyph in struct.iter_unpack(
-                    ">III", table[start + 16 : start + 16 + 12 * groups]
-                ):
-                    last = min(last, first + 0xFFFF)
+                rows = table[start + 16 : start + 16 + 12 * groups]
+                ranges = np.frombuffer(rows[: len(rows) // 12 * 12], ">u4").astype(int)
+                ranges = ranges.reshape(-1, 3)
+                _check_ranges(ranges[:, 0], ranges[:, 1])
+                for first, last, glyph in ranges.tolist():
                     found |= {code: glyph + code - first for code in range(first, last + 1)}
         return {code: glyph for code, glyph in found.items() if glyph}
 
     def advance(self, glyph: int) -> int:
         """Return how far the next glyph stands, units."""
-        (count,) = struct.unpack(">H", self.tables["hhea"][34:36])
-        at = 4 * min(glyph, count - 1)
+        at = 4 * max(min(glyph, self._advances - 1), 0)
         return int(struct.unpack(">H", self.tables["hmtx"][at : at + 2])[0])
 
     def kerning(self, first: int, second: int) -> int:
@@ -376,6 +385,7 @@ def _segments(table: bytes) -> dict[int, int]:
     segments = words[3] // 2
     ends, firsts = words[7 : 7 + segments], words[8 + segments : 8 + 2 * segments]
     steps, ranges = (words[8 + k * segments : 8 + (k + 1) * segments] for k in (2, 3))
+    _check_ranges(firsts, ends)
     for k in range(segments):
         for code in range(firsts[k], ends[k] + 1):
             at = 8 + 3 * segments + k + ranges[k] // 2 + code - firsts[k]
@@ -383,6 +393,12 @@ def _segments(table: bytes) -> dict[int, int]:
             if ranges[k] == 0 or listed:
                 found[code] = int((code if ranges[k] == 0 else listed) + steps[k]) & 0xFFFF
     return found
+
+
+def _check_ranges(firsts: NDArray[np.int_], lasts: NDArray[np.int_]) -> None:
+    """Raise ``ValueError`` if ranges of characters are more than all that there are."""
+    if np.maximum(lasts - firsts + 1, 0).sum() > MOST_CHARACTERS:
+        raise ValueError("its ranges of characters overlap")
 
 
 def _quadratics(a: Float64, b: Float64, c: Float64, d: Float64) -> list[Float64]:
@@ -536,14 +552,21 @@ def font_for(character: str, font: Font) -> Font | None:
     for file in font_files():
         if _plain(Path(file).stem).startswith(PLACEHOLDERS):
             continue
-        try:
+        if ord(character) in _codes_of(file):
             found = _opened(file)
-            glyph = found.characters.get(ord(character))
-            if glyph is not None and found.outline(glyph):
+            if found.outline(found.characters[ord(character)]):
                 return found
-        except (OSError, ValueError, struct.error, IndexError, ImportError):
-            continue
     return None
+
+
+@functools.lru_cache(maxsize=1024)
+def _codes_of(file: str) -> NDArray[np.int32]:
+    """Return the codes of the characters that a font file has, (N,); none if it cannot be read."""
+    try:
+        # The font itself is not kept: there may be many, of many megabytes.
+        return np.array(list(_opened.__wrapped__(file).characters), np.int32)
+    except (OSError, ValueError, struct.error, IndexError):
+        return np.empty(0, np.int32)
 
 
 @functools.cache
@@ -575,7 +598,7 @@ def font_files() -> tuple[str, ...]:
     return tuple(sorted(dict.fromkeys(files), key=rank))
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=8)
 def _opened(file: str, number: int = 0) -> Font:
     """Return a font of a file; one of PostScript needs fontTools."""
     found = Font(_content(file), number)

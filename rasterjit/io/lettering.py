@@ -35,6 +35,9 @@ PAST = 2
 MOST_NAMED = 8
 """Missing characters that a warning names."""
 
+MOST_LAYOUTS = 1024
+"""Texts whose layout is kept."""
+
 MOST_GLYPHS = 1024
 """Characters kept, each of one size and place."""
 
@@ -108,7 +111,7 @@ def warn_of_missing(layout: Layout) -> None:
         )
 
 
-@functools.lru_cache(maxsize=MOST_GLYPHS)
+@functools.lru_cache(maxsize=MOST_LAYOUTS)
 def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     """Return where the characters of a text stand."""
     lines = text.replace("\t", "    ").split("\n")

@@ -70,7 +70,9 @@ PROGRAM = """
 
 def fork_while_threads_draw(count):
     program = textwrap.dedent(PROGRAM).format(forks=count)
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=900
+    )
     assert done.returncode == 0, done.stderr
 
 
