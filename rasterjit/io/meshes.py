@@ -126,10 +126,10 @@ def load(
 
     Points keep the file's order too. Those whose position is NaN, as depth cameras write them where
     they measured nothing, are not drawn and are counted in the warning. Points have a size of 3
-    pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1; without
-    colours and normals they are shown by their intensity, if they have one, else in grey. Cells
-    are shown by the active scalars, or by the first that are one number for each point or cell, and
-    the others become attributes.
+    pixels, those of clouds of more than 160 thousand 2, and of more than 444 thousand 1, those of
+    fewer than 400 up to 12; without colours and normals they are shown by their intensity, if they
+    have one, else in grey. Cells are shown by the active scalars, or by the first that are one
+    number for each point or cell, and all become attributes.
 
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white

@@ -26,10 +26,13 @@ from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment, Panorama
+from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.light import DirectionalLight, Shadow
 from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
@@ -96,7 +99,8 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     A large lamp over the left shoulder with a soft shadow, light from the sky, darker corners, 4
     samples a pixel, greys behind, neutral tones, sharp textures. The scene stands on an invisible
     ground, which shows its shadow and nothing else, unless it has a floor: faces at its bottom that
-    look up, over most of its ground plan.
+    look up, over most of its ground plan. Point clouds without colours, scalars and normals, and
+    without meshes beside them, get eye-dome lighting: else they would be silhouettes.
 
     A scene that has lights or an environment keeps them: it gets no lamp and no sky, and on the
     ground lies the shadow of the sky alone. An environment that is a background, effects and a
@@ -117,6 +121,9 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     if lit.ambient_occlusion is None:
         changes["ambient_occlusion"] = AmbientOcclusion(strength=0.8)
         adds["ambient occlusion"] = "darker corners"
+    if lit.eye_dome is None and _is_bare_cloud(lit):
+        changes["eye_dome"] = EyeDome()
+        adds["eye-dome lighting"] = "points have neither colours nor normals"
     if lit.tone_map is None:
         changes["tone_map"] = ToneMap("neutral")
         adds["tone mapping"] = "nothing is too bright to show"
@@ -244,6 +251,19 @@ PAINTED = ("clay", "technical", "xray", "depth", "normals", "wireframe")
 def _seen_from(scene: Scene, camera: Camera | None) -> Camera:
     """Return the camera, the scene's, or one that looks from where a fitted one does."""
     return camera or scene.camera or fit_upright(scene, (1, 1))
+
+
+def _is_bare_cloud(scene: Scene) -> bool:
+    """Tell whether a scene has points that nothing but their depths tells apart, and no faces."""
+    meshes = [node.mesh for node in scene.nodes]
+    has_faces = any(type(mesh) is Mesh for mesh in meshes)
+    return not has_faces and any(
+        isinstance(mesh, Points)
+        and mesh.colors is None
+        and mesh.field is None
+        and mesh.normals is None
+        for mesh in meshes
+    )
 
 
 def _lit(

@@ -171,13 +171,20 @@ def test_every_kind_of_solid_is_closed_and_looks_outwards(kind, numbers, count):
     assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - middle) > 0).all()
 
 
-def test_points_are_shown_by_their_first_scalar_and_keep_the_others():
+def test_points_are_shown_by_their_first_scalar_and_keep_all():
     heat, flow = np.arange(8.0), RNG.random((8, 3))
     data = {"flow": flow, "same": np.ones(8), "heat": heat, "more": heat**2}
     mesh = only(cells(("quad", [[0, 1, 2, 3], [4, 5, 6, 7]]), point_data=data))
     assert not mesh.field.of_faces
     assert sorted(set(mesh.field.values.tolist())) == list(range(8))
-    assert sorted(mesh.vertex_attributes) == ["flow", "more", "same"]
+    assert sorted(mesh.vertex_attributes) == ["flow", "heat", "more", "same"]
+
+
+def test_scalars_with_nan_are_shown_and_are_no_attributes():
+    data = {"heat": np.array([np.nan, *range(7)])}
+    mesh = only(cells(("quad", [[0, 1, 2, 3], [4, 5, 6, 7]]), point_data=data))
+    assert mesh.field.has_nan
+    assert not mesh.vertex_attributes
 
 
 def test_cells_of_every_kind_become_faces_lines_and_points():
@@ -249,6 +256,19 @@ def test_a_surface_of_pyvista_is_shown_by_its_active_scalars():
     mesh = only(ball)
     assert mesh.field.values.tolist() == list(range(ball.n_cells))
     assert list(mesh.vertex_attributes) == ["height"]
+    assert list(mesh.face_attributes) == ["number"]
+
+
+@pytest.mark.parametrize("of_points", [True, False])
+def test_active_scalars_of_pyvista_keep_their_name(of_points):
+    pv = pytest.importorskip("pyvista")
+    ball = pv.Sphere(theta_resolution=5, phi_resolution=5)
+    data = ball.point_data if of_points else ball.cell_data
+    data["perm"] = np.arange(ball.n_points if of_points else ball.n_cells, dtype=float)
+    ball.set_active_scalars("perm")
+    mesh = only(ball)
+    assert mesh.scalar_attributes == ("perm",)
+    assert mesh.with_scalars("perm").field.values.tolist() == mesh.field.values.tolist()
 
 
 def test_polygons_and_strips_of_pyvista_keep_the_values_of_their_cells():

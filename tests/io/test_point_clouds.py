@@ -426,8 +426,11 @@ def test_a_cloud_of_places_alone_is_grey_on_white_paper(tmp_path):
 
 
 def test_large_clouds_have_small_points():
-    sizes = [default_size(count) for count in (1, 100_000, 160_001, 444_000, 500_000, 10**8)]
-    assert sizes == [3, 3, 2, 2, 1, 1]
+    sizes = [
+        default_size(count)
+        for count in (1, 10, 100, 1000, 100_000, 160_001, 444_000, 500_000, 10**8)
+    ]
+    assert sizes == [12, 12, 6, 3, 3, 2, 2, 1, 1]
 
 
 def test_a_point_cloud_of_trimesh_keeps_its_colours():

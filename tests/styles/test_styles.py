@@ -250,6 +250,28 @@ def test_effects_of_a_scene_are_kept(teapot):
     assert made.ambient_occlusion is scene.ambient_occlusion
 
 
+def cloud(**given):
+    return rj.Points(np.random.default_rng(3).random((50, 3)), **given)
+
+
+def test_studio_tells_points_of_a_bare_cloud_apart_by_their_depths():
+    assert rj.styles.studio(cloud()).scene.eye_dome == rj.EyeDome()
+    own = scene_of(cloud())
+    own.eye_dome = rj.EyeDome(0.2)
+    assert rj.styles.studio(own).scene.eye_dome == rj.EyeDome(0.2)
+    said = str(rj.styles.studio(cloud()).explain(size=SIZE))
+    assert "style studio: points have neither colours nor normals" in said
+
+
+def test_studio_leaves_points_with_colours_and_meshes_as_they_are(teapot):
+    directions = np.eye(3)[np.arange(50) % 3]
+    for told in (
+        cloud(colors=np.full((50, 3), 0.5)), cloud(scalars=np.arange(50.0)),
+        cloud(normals=directions), scene_of(cloud(), teapot.nodes[0].mesh),
+    ):  # fmt: skip
+        assert rj.styles.studio(told).scene.eye_dome is None
+
+
 def test_the_style_is_the_reason_of_what_it_adds(teapot):
     said = str(rj.styles.studio(teapot).explain(size=SIZE)).splitlines()
     rows = {line.split("  ")[0]: line for line in said if "style studio" in line}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.drawings import Drawing
-from rasterjit.io.foreign.tables import NONE, is_scalar, rows_of
+from rasterjit.io.foreign.tables import NONE, is_scalar, kept_by_name, rows_of
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.parts import Part, Thing, triangles
@@ -131,12 +131,11 @@ def _things(
     polygons, strips, lone = rows
     shown = _first_scalar(of_points, len(points))
     scalars = None if shown is None else of_points[shown].reshape(-1)
-    own = {name: values for name, values in of_points.items() if name != shown}
     of_cell = None if scalars is not None else _first_scalar(of_cells, None)
     cell_scalars = None if of_cell is None else of_cells[of_cell].reshape(-1)
-    cell_own = {
-        name: values for name, values in of_cells.items() if name != of_cell and len(values)
-    }
+    of_points = kept_by_name(of_points, shown)
+    of_cells = {name: values for name, values in of_cells.items() if len(values)}
+    cell_own = kept_by_name(of_cells, of_cell)
     found: list[Thing] = []
     if polygons.blocks:
         counts = np.concatenate(
@@ -153,7 +152,7 @@ def _things(
         found.append(
             Part(
                 "", points if used is None else points[used], corners[places], None, None, None,
-                None, rows_of(own, used), rows_of(cell_own, cells),
+                None, rows_of(of_points, used), rows_of(cell_own, cells),
                 scalars if scalars is None or used is None else scalars[used],
                 None if cell_scalars is None else cell_scalars[cells],
             )
@@ -163,8 +162,8 @@ def _things(
         _check(segments, len(points), source)
         found.append(
             Drawing(
-                "", points, segments, None, False, own, rows_of(cell_own, cells), None, scalars,
-                None if cell_scalars is None else cell_scalars[cells],
+                "", points, segments, None, False, of_points, rows_of(cell_own, cells), None,
+                scalars, None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
     if not found:
@@ -172,7 +171,7 @@ def _things(
         _check(picked, len(points), source)
         places = picked if len(picked) else np.arange(len(points))
         found.append(
-            Cloud("", points[places], None, None, rows_of(own, places), None,
+            Cloud("", points[places], None, None, rows_of(of_points, places), None,
                   None if scalars is None else scalars[places])
         )  # fmt: skip
     return found

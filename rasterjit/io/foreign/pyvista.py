@@ -18,6 +18,7 @@ from rasterjit.io.drawings import Drawing
 from rasterjit.io.foreign.tables import (
     is_colors,
     is_scalar,
+    kept_by_name,
     own_normals,
     padded_cells,
     rgba_of,
@@ -59,7 +60,7 @@ def _things(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
 
 @dataclass
 class _Values:
-    """Values of points or cells: what shows them, and the others by name."""
+    """Values of points or cells: what shows them, and all but colours by name."""
 
     colors: NDArray[np.float32] | None
     scalars: NDArray[Any] | None
@@ -74,9 +75,10 @@ def _values(data: Any, active: str | None, known: set[str]) -> _Values:
         if name == active and is_colors(values):
             found.colors = rgba_of(values)
         elif name == active and is_scalar(values):
-            found.scalars = values.reshape(-1)
+            found.scalars = found.others[name] = values.reshape(-1)
         elif name not in known and not name.startswith(_INTERNAL):
             found.others[name] = values
+    found.others = kept_by_name(found.others, active)
     return found
 
 

@@ -74,3 +74,10 @@ def rows_of(
 ) -> dict[str, NDArray[Any]]:
     """Return some rows, or all, of values by name."""
     return {name: one if rows is None else one[rows] for name, one in values.items()}
+
+
+def kept_by_name(values: dict[str, NDArray[Any]], shown: str | None) -> dict[str, NDArray[Any]]:
+    """Return values by name: those that are shown only where they are finite, as attributes are."""
+    return {
+        name: one for name, one in values.items() if name != shown or bool(np.isfinite(one).all())
+    }

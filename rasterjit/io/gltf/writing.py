@@ -42,7 +42,7 @@ from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.variants import VARIANTS, written_mappings
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes
-from rasterjit.io.point_clouds.cloud import LARGEST_SIZE
+from rasterjit.io.point_clouds.cloud import USUAL_SIZE, default_size
 from rasterjit.io.skipped import NotSaved
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
@@ -449,7 +449,8 @@ class _Writer:
         rows = np.isfinite(mesh.vertices).all(axis=1)
         if mesh.invalid_vertices:
             self.left_out.note("points that are NaN or infinite")
-        if mesh.shape != "square" or mesh.unit != "pixel" or (mesh.sizes > LARGEST_SIZE).any():
+        most = max(USUAL_SIZE, default_size(len(mesh)))
+        if mesh.shape != "square" or mesh.unit != "pixel" or (mesh.sizes > most).any():
             self.left_out.note("sizes and shapes of points")
         attributes = {"POSITION": self._positions(node, mesh.vertices[rows])}
         if mesh.normals is not None:

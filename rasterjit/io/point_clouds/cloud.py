@@ -19,8 +19,11 @@ from rasterjit.scene.points import Points
 INTENSITY = "intensity"
 """The attribute that shows a cloud without colours."""
 
-LARGEST_SIZE = 3.0
-"""Pixels of a point of a small cloud."""
+USUAL_SIZE, _LARGEST_SIZE = 3.0, 12.0
+"""Pixels of a point of a cloud, and of one of a few points."""
+
+_SPREAD = 26.0
+"""Pixels of a lone point, but for the largest size; sizes shrink as distances between them do."""
 
 _PIXELS = 1e6
 """How many pixels the points of a large cloud cover, as squares side by side."""
@@ -63,8 +66,13 @@ class Cloud:
 
 
 def default_size(count: int) -> float:
-    """Return the size in pixels of the points of a cloud of so many: 3, of large ones down to 1."""
-    return min(LARGEST_SIZE, max(1.0, float(round(math.sqrt(_PIXELS / count)))))
+    """
+    Return the size in pixels of the points of a cloud of so many.
+
+    3, of large ones down to 1, of those of fewer than four hundred up to 12.
+    """
+    large = min(USUAL_SIZE, max(1.0, float(round(math.sqrt(_PIXELS / count)))))
+    return max(large, min(_LARGEST_SIZE, float(round(_SPREAD / count ** (1.0 / 3.0)))))
 
 
 def points_of(
