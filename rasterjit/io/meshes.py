@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import sys
@@ -34,6 +35,8 @@ from rasterjit.io.threemf.package import XML_BYTES
 from rasterjit.io.threemf.scene import load_3mf
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.io.trimesh.skins import with_bound_shapes
+from rasterjit.io.trimesh.told import trimesh_told
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
@@ -238,7 +241,7 @@ def _load(
         scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
         damage.note()
         return scene
-    loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget)
+    loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget, left_out)
     note_what_is_not_read(file, extension, left_out)
     adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget)
     scene = adapter.scene(loaded)
@@ -446,7 +449,7 @@ def _extension(file: Path) -> str:
     return double[0] if double else file.suffix.lower().removeprefix(".")
 
 
-def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
+def _read(file: Path, resolver: Any, budget: MemoryBudget, left_out: LeftOut) -> trimesh.Scene:
     """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
     import trimesh
 
@@ -464,11 +467,15 @@ def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
         for module in _NEEDED.get(extension, ()):
             import_module(module)
         take_members(file, extension, factor, budget)
-        with warnings.catch_warnings():
+        bound = with_bound_shapes(file, left_out) if extension == "dae" else None
+        with warnings.catch_warnings(), trimesh_told(left_out):
             warnings.simplefilter("ignore")
             # NumPy only warns of numbers that end at a word that is none; what is behind is lost.
             warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
-            return trimesh.load_scene(file, resolver=resolver, process=False)
+            options: dict[str, Any] = {"resolver": resolver, "process": False}
+            if bound is not None:
+                return trimesh.load_scene(io.BytesIO(bound), file_type=extension, **options)
+            return trimesh.load_scene(file, **options)
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
             # trimesh falls back on guessing the encoding of a text that is none.

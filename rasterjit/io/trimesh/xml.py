@@ -12,9 +12,10 @@ import numpy as np
 from rasterjit.io.resources import shown_name
 from rasterjit.io.skipped import LeftOut
 
+SKINNED = "skinned or morphed geometry"
+
 _NOT_SHOWN = {
-    "instance_controller": "skinned or morphed geometry", "instance_camera": "camera",
-    "instance_light": "light",
+    "instance_controller": SKINNED, "instance_camera": "camera", "instance_light": "light",
 }  # fmt: skip
 """What is placed in a COLLADA scene that trimesh does not read."""
 
@@ -77,7 +78,7 @@ def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
         if not kind.startswith("instance_"):
             continue
         if kind in _NOT_SHOWN:
-            left_out.note(_NOT_SHOWN[kind])
+            left_out.found(_NOT_SHOWN[kind])
         for key in ("url", "target"):
             place = element.get(key, "").strip()
             if place and not place.startswith("#"):
