@@ -24,7 +24,7 @@ from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
-from rasterjit.scene.tone_map import CURVES
+from rasterjit.scene.tone_map import CURVES, MOST_STOPS
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
@@ -1269,7 +1269,7 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
                          help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),
                          help="Tone curve: from light to what a screen can show."),
-            click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),
+            click.option("--exposure", metavar="STOPS", type=FiniteType(-MOST_STOPS, MOST_STOPS),
                          help="Stops of exposure, doublings of the light before the curve."),
             click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
                          help="Darken the corners by this share of their light."),

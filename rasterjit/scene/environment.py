@@ -15,7 +15,7 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
-from rasterjit.scene.texture import MOST_LIGHT, check_extent
+from rasterjit.scene.texture import check_extent
 from rasterjit.scene.validation import (
     MaskedError,
     bounded_number,
@@ -23,6 +23,10 @@ from rasterjit.scene.validation import (
     read_only,
     unmasked_array,
 )
+from rasterjit.scene.warning import warn_caller
+
+MOST_ALLOWED = 0.001
+"""Share of the texels of a sky that may be NaN or infinite; one of them always may."""
 
 Color: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""
@@ -43,13 +47,19 @@ class Panorama:
     Parameters
     ----------
     image : (H, W, 3) array_like of float
-        Linear light in 0..1e6; stored as float32, read-only. Usually W is 2 H.
+        Linear light in 0..1e30; stored as float32, read-only. Usually W is 2 H. What is below 0
+        becomes 0; so do NaN, and infinity the most that is finite, in one texel of a thousand.
 
     Raises
     ------
     ValueError
         If the image has another shape or type, is empty, larger than 65536 on a side or has more
-        than 2**27 texels, or holds a NaN, infinite or negative number or one above 1e6.
+        than 2**27 texels, or holds a number above 1e30, or more that is NaN or infinite.
+
+    Warns
+    -----
+    UserWarning
+        If texels were changed, with their number.
     """
 
     image: ArrayLike
@@ -62,9 +72,14 @@ class Panorama:
         self.__dict__["image"] = read_only(state["image"])
 
     @cached_property
+    def brightest(self) -> float:
+        """The largest number of all texels."""
+        return float(self.image.max())
+
+    @property
     def is_black(self) -> bool:
         """Whether no texel holds any light."""
-        return not self.image.any()
+        return self.brightest == 0.0
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
@@ -103,7 +118,7 @@ class Environment:
         `Panorama` says: its middle towards +x. Environments that share one `Panorama` share what
         is prepared from it.
     intensity : float
-        Factor on all of its light, in 0..1e9.
+        Factor on all of its light, in 0..1e30; with it no light may be above 1e30.
     rotation : float, degrees
         Turns what is around about the y axis, counter-clockwise as seen from above: what lay
         towards +x comes from +z at -90 and from -z at 90.
@@ -113,7 +128,7 @@ class Environment:
     Raises
     ------
     ValueError
-        If ``sky`` is none of these (see `Panorama`), the intensity is not in 0..1e9, the rotation
+        If ``sky`` is none of these (see `Panorama`), the intensity is not in 0..1e30, the rotation
         not a finite number, or ``background`` neither True nor False.
     """
 
@@ -126,6 +141,11 @@ class Environment:
         if not isinstance(self.sky, (Panorama, SkyGradient)):
             object.__setattr__(self, "sky", Panorama(self.sky))
         intensity = bounded_number("intensity", self.intensity, 0.0, BRIGHTEST)
+        if isinstance(self.sky, Panorama) and intensity * self.sky.brightest > BRIGHTEST:
+            raise ValueError(
+                f"intensity must be at most {BRIGHTEST / self.sky.brightest:g} for a sky whose "
+                f"brightest light is {self.sky.brightest:g}, got {self.intensity!r}"
+            )
         object.__setattr__(self, "intensity", intensity)
         object.__setattr__(self, "rotation", finite_number("rotation", self.rotation))
         if not isinstance(self.background, (bool, np.bool_)):
@@ -217,7 +237,7 @@ class Environment:
         # A wrong budget is not the file's fault.
         MemoryBudget(str(path), max_bytes)
         try:
-            sky = Panorama(read_hdr_image(path, max_bytes))
+            sky = Panorama(_usable_light(read_hdr_image(path, max_bytes), os.fspath(path)))
         except FileSizeError:
             raise
         except ValueError as error:
@@ -262,11 +282,25 @@ def _linear_panorama(value: Any) -> NDArray[np.float32]:
         raise ValueError(f"sky must have shape (H, W, 3), got {image.shape}")
     height, width = image.shape[:2]
     check_extent("sky", width, height)
+    return read_only(np.array(_usable_light(image, "sky"), np.float32, order="C"))
+
+
+def _usable_light(image: NDArray[Any], label: str) -> NDArray[Any]:
+    """Return a picture, (H, W, 3), without what is no light, and warn of it, or raise."""
     # NaN lies nowhere.
     lowest, highest = float(image.min()), float(image.max())
-    if not (lowest >= 0.0 and highest <= MOST_LIGHT):
+    if lowest >= 0.0 and highest <= BRIGHTEST:
+        return image
+    is_finite = np.isfinite(image)
+    lost = int(np.count_nonzero(~is_finite.all(axis=2)))
+    below = int(np.count_nonzero((is_finite & (image < 0.0)).any(axis=2)))
+    most = float(image.max(where=is_finite, initial=0.0))
+    texels = image.shape[0] * image.shape[1]
+    if most > BRIGHTEST or lost > max(1.0, MOST_ALLOWED * texels):
         raise ValueError(
-            f"sky must hold linear light in 0..{MOST_LIGHT:g}, got numbers from {lowest} to "
-            f"{highest}"
+            f"sky must hold linear light in 0..{BRIGHTEST:g}, got numbers up to {most:g}, and NaN "
+            f"or infinity in {lost:,} of {texels:,} texels"
         )
-    return read_only(np.array(image, np.float32, order="C"))
+    said = [f"below 0 in {below:,}"] * (below > 0) + [f"NaN or infinite in {lost:,}"] * (lost > 0)
+    warn_caller(f"{label}: light is {' and '.join(said)} of {texels:,} texels, and was clamped")
+    return np.clip(np.nan_to_num(image, nan=0.0, posinf=most), 0.0, most)

@@ -115,7 +115,7 @@ class AmbientLight:
     Raises
     ------
     ValueError
-        If the colour is not one, or the intensity is not in 0..1e9.
+        If the colour is not one, or the intensity is not in 0..1e30.
     """
 
     color: ColorLike = "white"
@@ -147,7 +147,7 @@ class DirectionalLight:
     ------
     ValueError
         If the direction is zero or not finite, the colour is not one, the intensity is not in
-        0..1e9, or the shadow is none or has a ``light_size`` above 90 degrees.
+        0..1e30, or the shadow is none or has a ``light_size`` above 90 degrees.
     """
 
     direction: VectorLike = (0.0, 0.0, -1.0)
@@ -187,7 +187,7 @@ class PointLight:
     Raises
     ------
     ValueError
-        If the position is not finite, the colour is not one, the intensity is not in 0..1e9, the
+        If the position is not finite, the colour is not one, the intensity is not in 0..1e30, the
         range is not above 0, or the shadow is none.
 
     References
@@ -238,7 +238,7 @@ class SpotLight:
     ------
     ValueError
         If the position or direction is not finite or the direction is zero, the colour is not one,
-        the intensity is not in 0..1e9, an angle is out of bounds, the inner angle is above the
+        the intensity is not in 0..1e30, an angle is out of bounds, the inner angle is above the
         outer one, the range is not above 0, or the shadow is none.
 
     References
@@ -277,8 +277,9 @@ class SpotLight:
 WIDEST_CONE = 90.0
 """Largest angle of a spot light from its axis, degrees."""
 
-BRIGHTEST = 1e9
-"""Largest intensity: products of a light, a surface and a falloff stay finite in float32."""
+BRIGHTEST = 1e30
+"""Largest intensity, radiance and emission: products with a surface and its highlight, and sums of
+some, stay finite in float32."""
 
 Light: TypeAlias = AmbientLight | DirectionalLight | PointLight | SpotLight
 """Any light a scene takes."""

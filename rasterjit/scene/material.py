@@ -10,6 +10,7 @@ import numpy as np
 
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import (
     bounded_number,
@@ -44,9 +45,6 @@ LAYER_TEXTURES = (
 
 TEXTURE_FIELDS = CORE_TEXTURES + LAYER_TEXTURES
 """The textures of a material."""
-
-BRIGHTEST_EMISSION = 1e6
-"""Largest emission, linear: as bright as a texel may be."""
 
 LARGEST_THICKNESS = 1e6
 """Largest ``thickness`` of a body, in units of the mesh."""
@@ -138,7 +136,7 @@ class Material:
     occlusion_strength : float
         In 0..1: how much of that applies.
     emissive : str or array_like, optional
-        Light that the surface sends out by itself: a colour, or three floats in 0..1e6, linear.
+        Light that the surface sends out by itself: a colour, or three floats in 0..1e30, linear.
         The lit colour is added to it; nothing else is lit by it. Default: none, or white with an
         ``emissive_texture``.
     emissive_texture : Texture, optional
@@ -280,7 +278,7 @@ class Material:
         if self.emissive is None:
             dark = self.emissive_texture is None
             object.__setattr__(self, "emissive", "black" if dark else "white")
-        object.__setattr__(self, "emissive", _bright("emissive", self.emissive, BRIGHTEST_EMISSION))
+        object.__setattr__(self, "emissive", _bright("emissive", self.emissive, BRIGHTEST))
         self._check_layers()
         object.__setattr__(self, "specular", specular)
         object.__setattr__(self, "shininess", shininess)

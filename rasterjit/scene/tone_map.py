@@ -13,8 +13,8 @@ Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
 CURVES: tuple[Curve, ...] = get_args(Curve)
 """Names of the tone curves."""
 
-MOST_STOPS = 32.0
-"""Largest exposure either way: four thousand million to one."""
+MOST_STOPS = 126.0
+"""Largest exposure either way: float32 holds its power of two, and one over it."""
 
 WHITES = 1e-6, 1e12
 """Least and largest white, if it is not infinite: one over its square is finite in float32."""
@@ -43,15 +43,15 @@ class ToneMap:
         Name of the tone curve, applied to exposed light; ``"none"`` without exposure changes
         nothing.
     exposure : float, stops
-        Light is multiplied by 2**exposure first; in -32..32.
+        Light is multiplied by 2**exposure first; in -126..126.
     white : float, linear
         Luminance that becomes white; ``inf`` leaves everything below it. Curve reinhard alone.
 
     Raises
     ------
     ValueError
-        If the curve is unknown, the exposure is not in -32..32, or ``white`` is neither inf nor in
-        1e-6..1e12 or is given for another curve.
+        If the curve is unknown, the exposure is not in -126..126, or ``white`` is neither inf nor
+        in 1e-6..1e12 or is given for another curve.
 
     References
     ----------

@@ -86,6 +86,20 @@ def test_a_picture_is_looked_up_like_its_twin(width, height):
         assert np.abs(found - naive.look_up(image, (x, y, z))).max() <= bound
 
 
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (4, 1), (8, 4), (64, 32)])
+@pytest.mark.parametrize("y", [1.0, -1.0])
+def test_a_pole_has_one_colour_from_all_sides_the_mean_of_its_row(width, height, y):
+    image = np.random.default_rng(5).uniform(0, 5, (height, width, 3)).astype(np.float32)
+    around = record(rj.Environment(image), False)
+    row = image[0 if y > 0.0 else -1].mean(axis=0)
+    for longitude in np.linspace(0.0, 2.0 * np.pi, 23):
+        x, z = 1e-5 * np.cos(longitude), 1e-5 * np.sin(longitude)
+        found = environment_stage.sharp_color(
+            *np.float32((x, y, z)), around.texels, around.width, around.height, around.gradient
+        )
+        assert np.abs(found - row).max() < 1e-3
+
+
 def test_the_middle_of_a_texel_shows_that_texel():
     rng = np.random.default_rng(3)
     image = rng.uniform(0, 1, (16, 32, 3)).astype(np.float32)

@@ -18,6 +18,7 @@ from rasterjit.pipeline.lighting import blinn_phong, light_stages
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.surface import samples as block
 from rasterjit.runtime import float_math
+from rasterjit.scene.light import BRIGHTEST
 from rasterjit.survey.lights import lighting_of
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
@@ -276,8 +277,9 @@ def test_what_float32_cannot_tell_of_light_is_black(viewer, highlights, ending):
 def test_the_brightest_light_at_the_very_point_it_lights_stays_finite(cosine):
     for distance in (0.0, 1e-38, 1e-20, 1e-15, 3e-15):
         sample = one_sample((0, 1.0 - cosine, cosine), (0, 0, -distance), 1e-3, color=(1, 1, 1))
-        have = light(sample, [[0, 0, 0, 1, 1e9, 1e9, 1e9]], DARK)
-        assert np.isfinite(have).all()
+        for bright in (1e9, 1e20, BRIGHTEST):
+            have = light(sample, [[0, 0, 0, 1, bright, bright, bright]], DARK)
+            assert np.isfinite(have).all()
 
 
 def test_powers_of_nan_are_numbers():
@@ -303,6 +305,14 @@ def test_range_is_the_window_of_khr_lights_punctual(distance):
     found = shown(rj.PointLight((0, 0, distance), range=2.0))
     assert found == pytest.approx(window / distance**2, rel=1e-5, abs=1e-6)
     assert (found == 0.0) == (distance >= 2.0)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e3, 1e6, 1e9, 1e12])
+def test_lamps_light_the_same_at_any_scale_of_lengths(scale):
+    near = shown(rj.SpotLight((0.1, 0.2, 1.0), intensity=3.0))
+    place = (0.1 * scale, 0.2 * scale, scale)
+    light = rj.SpotLight(place, intensity=3.0 * scale * scale)
+    assert shown(light) == pytest.approx(near, rel=1e-5)
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6, 1e9])

@@ -14,13 +14,16 @@ def look_up(image, direction):
     height, width = image.shape[:2]
     column = (math.atan2(z, x) / (2.0 * math.pi) + 0.5) * width - 0.5
     row = (0.5 - math.asin(min(max(y, -1.0), 1.0)) / math.pi) * height - 0.5
-    row = min(max(row, 0.0), height - 1.0)
+    held = min(max(row, 0.0), height - 1.0)
+    row, beyond = held, abs(row - held)
     left, top = math.floor(column), math.floor(row)
     total = np.zeros(3)
     for i, across in ((left, 1.0 - (column - left)), (left + 1, column - left)):
         for j, down in ((top, 1.0 - (row - top)), (min(top + 1, height - 1), row - top)):
             total += across * down * image[j, i % width].astype(np.float64)
-    return total
+    # Beyond the middle of the last row it becomes the row's mean, which the pole shows.
+    pole = image[round(held)].astype(np.float64).mean(axis=0)
+    return total + 2.0 * beyond * (pole - total)
 
 
 def gradient(sky, direction):

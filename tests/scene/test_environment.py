@@ -63,9 +63,9 @@ def test_what_gives_no_light_is_known():
         (np.ones((4, 8, 4)), r"sky must have shape \(H, W, 3\)"),
         (np.ones((4, 8, 3), np.uint8), "sky must hold floats"),
         (np.ones((0, 8, 3)), "sky must be 1..65536 texels wide and high"),
-        (np.full((4, 8, 3), np.nan), r"sky must hold linear light in 0\.\.1e\+06"),
-        (np.full((4, 8, 3), np.inf), "sky must hold linear light"),
-        (np.full((4, 8, 3), -0.1), "got numbers from -0.1"),
+        (np.full((4, 8, 3), np.nan), r"sky must hold linear light in 0\.\.1e\+30"),
+        (np.full((4, 8, 3), np.inf), "NaN or infinity in 32 of 32 texels"),
+        (np.full((4, 8, 3), 1e31), r"got numbers up to 1e\+31"),
         ([[1.0], [1.0, 2.0]], "rows of unequal length"),
         ("sky.hdr", "sky must hold floats"),
     ],
@@ -78,13 +78,52 @@ def test_a_bad_sky_is_refused(sky, message):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("intensity", -1.0), ("intensity", math.nan), ("intensity", "bright"), ("intensity", 1e10),
+        ("intensity", -1.0), ("intensity", math.nan), ("intensity", "bright"), ("intensity", 1e31),
         ("rotation", math.inf), ("rotation", "left"), ("background", "white"), ("background", 1),
     ],
 )  # fmt: skip
 def test_a_bad_field_of_an_environment_is_refused(field, value):
     with pytest.raises(ValueError, match=f"{field} must"):
         rj.Environment(np.ones((2, 4, 3)), **{field: value})
+
+
+def test_light_times_intensity_is_what_float32_holds():
+    sky = Panorama(np.full((2, 4, 3), 1e12))
+    assert rj.Environment(sky, intensity=1e18).sky.brightest == pytest.approx(1e12)
+    with pytest.raises(ValueError, match=r"intensity must be at most 1e\+18 for a sky whose"):
+        rj.Environment(sky, intensity=1e19)
+
+
+@pytest.mark.parametrize(
+    ("bad", "becomes", "said"),
+    [
+        (-1e-4, 0.0, "below 0 in 1 of 32 texels"),
+        (-math.inf, 0.0, "NaN or infinite in 1 of 32 texels"),
+        (math.nan, 0.0, "NaN or infinite in 1 of 32 texels"),
+        (math.inf, 7.0, "NaN or infinite in 1 of 32 texels"),
+    ],
+)
+def test_a_bad_texel_of_a_sky_is_clamped_and_told(bad, becomes, said):
+    image = np.full((4, 8, 3), 2.0)
+    image[0, 0], image[1, 2, 1] = 7.0, bad
+    with pytest.warns(UserWarning, match=f"^sky: light is {said}, and was clamped"):
+        sky = rj.Environment(image).sky.image
+    assert sky[1, 2, 1] == becomes
+    image[1, 2, 1] = becomes
+    assert np.array_equal(sky, image.astype(np.float32))
+
+
+def test_all_texels_below_0_are_counted_and_a_file_is_named(tmp_path):
+    exr = pytest.importorskip("OpenEXR")
+    image = np.ones((4, 8, 3), np.float32)
+    image[2] = -0.001
+    header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    with exr.File(header, {"RGB": image}) as file:
+        file.write(str(tmp_path / "sky.exr"))
+    with pytest.warns(UserWarning, match=r"sky\.exr: light is below 0 in 8 of 32") as caught:
+        sky = rj.Environment.from_file(tmp_path / "sky.exr").sky
+    assert len(caught) == 1
+    assert (sky.image.min(), sky.image.max()) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("name", ["zenith", "horizon", "ground"])
@@ -250,7 +289,7 @@ def test_a_tone_map_keeps_its_numbers():
     ("fields", "message"),
     [
         ({"curve": "filmic"}, "curve must be one of"),
-        ({"exposure": 33.0}, "exposure must be in"),
+        ({"exposure": 127.0}, "exposure must be in"),
         ({"exposure": math.nan}, "exposure must be finite"),
         ({"curve": "aces", "white": 2.0}, "white must be inf for curve 'aces'"),
         ({"curve": "reinhard", "white": 0.0}, "white must be in"),

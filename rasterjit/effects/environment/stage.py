@@ -174,11 +174,28 @@ def texel_at(texels, n):
 
 
 @helper
+def row_mean(texels, first, width):
+    """Return the mean of a row of texels; equal ones give exactly themselves."""
+    red, green, blue = 0.0, 0.0, 0.0
+    for n in range(width):
+        color = texel_at(texels, first + n)
+        red += np.float64(color[0])
+        green += np.float64(color[1])
+        blue += np.float64(color[2])
+    count = np.float64(width)
+    return np.float32(red / count), np.float32(green / count), np.float32(blue / count)
+
+
+@helper
 def filtered_texel(texels, first, width, height, place):
-    """Return the bilinear mix of the four texels around a place; rows end at the poles."""
+    """
+    Return the bilinear mix of the four texels around a place.
+
+    Towards a pole, half a texel beyond the last row, it becomes the mean of that row.
+    """
     half = np.float32(0.5)
-    x = place[0] * np.float32(width) - half
-    y = clamped(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
+    x, down = place[0] * np.float32(width) - half, place[1] * np.float32(height) - half
+    y = clamped(down, np.float32(0.0), np.float32(height - 1))
     left, top = np.floor(x), np.floor(y)
     column, row = np.int64(left), np.int64(top)
     column0 = column if column >= 0 else width - 1
@@ -187,7 +204,11 @@ def filtered_texel(texels, first, width, height, place):
     share = x - left
     upper = blend3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), share)
     lower = blend3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), share)
-    return blend3(upper, lower, y - top)
+    color = blend3(upper, lower, y - top)
+    beyond = abs(down - y)
+    if beyond > np.float32(0.0):
+        return blend3(color, row_mean(texels, row0, width), beyond + beyond)
+    return color
 
 
 @helper

@@ -46,7 +46,8 @@ from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import linear_rows
-from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
+from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.memory import FileSizeError
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
@@ -146,9 +147,7 @@ class MaterialReader:
         textures, uv_sets = self._read_textures({**values, **uses}, UNLIT in extensions, label)
         if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
-        strength = number_of(
-            object_of(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
-        )
+        strength = number_of(object_of(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST)
         emitted = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
             shading="pbr",

@@ -17,7 +17,8 @@ from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.io.text.mtl import MOST_SHININESS, MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import linear_rgba
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
+from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.texture import Texture
 
@@ -119,7 +120,7 @@ def _from_gltf(material: Any, textures: dict[str, Texture | None]) -> Material:
         base_color=(red, green, blue, 1.0 if mode == "opaque" else alpha),
         metallic=_share(material.metallicFactor),
         roughness=_share(material.roughnessFactor),
-        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST_EMISSION),
+        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST),
         name=material.name,
         alpha_mode=mode,
         alpha_cutoff=min(max(float(cutoff), 0.0), 1.0),
@@ -179,7 +180,7 @@ def _from_pbr(material: Any, textures: dict[str, Texture | None], left_out: Left
         specular=min(1.0, max(0.0, reflectance) * (shininess + 8.0) / 8.0),
         shininess=shininess,
         name=material.name,
-        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST_EMISSION),
+        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST),
         alpha_mode=mode,
         **{**textures, "metallic_roughness_texture": None},
     )

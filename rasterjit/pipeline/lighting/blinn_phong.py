@@ -32,6 +32,9 @@ SHORTEST_SQUARED = np.float32(1e-29)
 """Least squared length, scene units squared: the brightest light at the very point that it lights
 stays finite."""
 
+MOST_ARRIVING, STRONG = np.float32(1e38), np.float32(1e9)
+"""Most light that arrives anywhere, scene units; lights up to the second cannot send more."""
+
 PLACED = 3
 """Column of ``Lighting.lights``: 1 for a light that has a place, 0 for one from a direction."""
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
@@ -106,6 +109,7 @@ def light_at(light, px, py, pz):
     lx, ly, lz = light[0] - light[3] * px, light[1] - light[3] * py, light[2] - light[3] * pz
     scale = unit_scale(lx, ly, lz)
     falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
+    falloff = min(falloff, MOST_ARRIVING / max(STRONG, light[4], light[5], light[6]))
     falloff *= reach(lx * lx + ly * ly + lz * lz, light[ENDING])
     lx, ly, lz = lx * scale, ly * scale, lz * scale
     dx, dy, dz = lx + light[DIRECTION_X], ly + light[DIRECTION_Y], lz + light[DIRECTION_Z]
