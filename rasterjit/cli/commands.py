@@ -640,7 +640,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
             show(
                 scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
-                up=view.up, time_budget=options["time_budget"], title=file.name,
+                up=scene.up, time_budget=options["time_budget"], title=file.name,
                 host=options["host"], port=options["port"], token=options["token"],
                 threads=options["threads"],
             )  # fmt: skip

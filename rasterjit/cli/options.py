@@ -777,11 +777,19 @@ class View(NamedTuple):
         """
         Return the camera; ``None``, for the renderer to choose, if no option was given.
 
-        The scene gets ``--up``, so that the ground and the sky of a style follow it.
+        The scene gets ``--up``, so that the ground and the sky of a style follow it, unless its
+        file says which way is up. Then it turns a camera with ``--position`` alone.
         """
+        if self.up is not None and scene.up is not None and self.position is None:
+            from rasterjit.cli.program import warn
+
+            x, y, z = (f"{part:g}" for part in scene.up)
+            quiet = click.get_current_context().params.get("quiet", False)
+            warn(f"--up is for files that do not say which way is up; this says {x},{y},{z}", quiet)
+            return self._replace(up=None).camera(scene, size)
         if all(option is None for option in self):
             return None
-        if self.up is not None and any(self.up):
+        if self.up is not None and any(self.up) and scene.up is None:
             from rasterjit.scene.transforms import unit_vector
 
             x, y, z = unit_vector("up", self.up).tolist()
@@ -1093,7 +1101,7 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--projection", type=click.Choice(["perspective", "orthographic"]),
                      help="With perspective, or parallel; default: perspective."),
         click.option("--up", type=UpType(),
-                     help="Which way is up, such as z; default: what the file says, else y."),
+                     help="Which way is up, such as z, where the file does not say so; glTF does."),
     ]  # fmt: skip
     return add_options(placing + fitting, command)
 

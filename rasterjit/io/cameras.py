@@ -35,7 +35,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, MatrixCamera, check_camera, usual_near
+from rasterjit.scene.camera import (
+    Camera,
+    MatrixCamera,
+    PerspectiveCamera,
+    check_camera,
+    usual_near,
+)
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     finite_array,
@@ -523,9 +529,17 @@ def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0
     )
 
 
+_TRIMESH_FAR = 1000.0
+"""The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
+
+
 def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCamera:
     """
     Return the camera of a trimesh scene; render it in its own resolution.
+
+    There it shows what the camera of the scene does that `rasterjit.load` makes, which takes other
+    sizes, too, as it keeps the vertical field of view and the shape of pixels. A far plane at
+    1000, which trimesh gives a camera that was told none, is none.
 
     Parameters
     ----------
@@ -539,6 +553,22 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
     ValueError
         Naming the argument that is wrong.
     """
+    pinhole, size = _trimesh_pinhole(camera)
+    return _camera(pinhole, size, view_from_pose(transform, "transform"))
+
+
+def perspective_from_trimesh(camera: trimesh.scene.Camera, pose: Matrix) -> PerspectiveCamera:
+    """Return the camera that `from_trimesh` does, for images of any size, or raise alike."""
+    pinhole, _ = _trimesh_pinhole(camera)
+    eye, shape = pose[:3, 3], pinhole.fy / pinhole.fx
+    return PerspectiveCamera(
+        eye, eye - pose[:3, 2], pose[:3, 1], fov_y=float(camera.fov[1]), near=pinhole.near,
+        far=pinhole.far, pixel_aspect=1.0 if abs(shape - 1.0) <= _SAME_SHARE else shape,
+    )  # fmt: skip
+
+
+def _trimesh_pinhole(camera: Any) -> tuple[_Pinhole, tuple[int, int]]:
+    """Return what a camera of trimesh is as a pinhole, and its resolution, or raise."""
     try:
         fx, fy = (float(length) for length in camera.focal)
         size = image_size("camera.resolution", tuple(camera.resolution.tolist()))
@@ -547,9 +577,10 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
         raise ValueError(f"camera must be a trimesh.scene.Camera, got {in_short(camera)}") from None
     for length in (fx, fy):
         positive_number("camera.focal", length)
+    far = math.inf if far == _TRIMESH_FAR else far
     _check_planes(("camera.z_near", "camera.z_far"), near, far)
     pinhole = _Pinhole(fx, fy, 0.0, size[0] / 2.0, size[1] / 2.0, near, far)
-    return _camera(pinhole, size, view_from_pose(transform, "transform"))
+    return pinhole, size
 
 
 def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:

@@ -253,15 +253,19 @@ def _load(
 
 
 def _up_of(file: Path) -> tuple[float, float, float] | None:
-    """Return which way is up by a file or the definition of its format; None for y or unknown."""
+    """Return which way is up by a file or the definition of its format; None if neither tells."""
     extension = _extension(file)
     if extension == "dae":
         with file.open("rb") as opened:
             said = _UP_AXIS.search(opened.read(_HEAD))
         axis = said[1] if said else b"Y"
+    elif extension in GLTF_FORMATS:
+        axis = b"Y"
+    elif extension in _Z_UP:
+        axis = b"Z"
     else:
-        axis = b"Z" if extension in _Z_UP else b"Y"
-    return {b"X": (1.0, 0.0, 0.0), b"Y": None, b"Z": (0.0, 0.0, 1.0)}[axis]
+        return None
+    return {b"X": (1.0, 0.0, 0.0), b"Y": (0.0, 1.0, 0.0), b"Z": (0.0, 0.0, 1.0)}[axis]
 
 
 def _read_parts(

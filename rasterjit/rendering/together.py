@@ -114,7 +114,7 @@ class Projections:
             return camera.clip_from_view
         if type(camera) is not PerspectiveCamera:
             return camera.projection_matrix(self._size)
-        key = camera.fov_y, camera.near, camera.far, camera.min_aspect
+        key = camera.frustum
         found = self._known.get(key)
         if found is None:
             found = camera.projection_matrix(self._size)

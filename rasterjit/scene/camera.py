@@ -126,13 +126,16 @@ class PerspectiveCamera(Projecting):
         In pictures narrower than this (width over height), what is seen from left to right stays
         what it is at this aspect, and the vertical field of view grows: nothing is cut off at the
         sides. Default 0: ``fov_y`` holds in all pictures.
+    pixel_aspect : float
+        Width over height of what a pixel stands for: the horizontal field of view is that of a
+        picture so many times as wide.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``fov_y`` is
         outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, ``min_aspect`` is
-        outside 0..131072, or a number is not finite.
+        outside 0..131072, ``pixel_aspect`` is outside 1e-6..1e6, or a number is not finite.
     """
 
     eye: VectorLike
@@ -142,6 +145,7 @@ class PerspectiveCamera(Projecting):
     near: float | None = None
     far: float = math.inf
     min_aspect: float = 0.0
+    pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
@@ -149,6 +153,12 @@ class PerspectiveCamera(Projecting):
         near = None if self.near is None else float(self.near)
         _freeze(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
         _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
+        _freeze(self, pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6))
+
+    @property
+    def frustum(self) -> tuple[Any, ...]:
+        """All but where it is: what follows the eye, the target and ``up``."""
+        return self.fov_y, self.near, self.far, self.min_aspect, self.pixel_aspect
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -162,7 +172,7 @@ class PerspectiveCamera(Projecting):
         is not given is at 0.1, or halved to lie before ``far``.
         """
         width, height = picture_size("size", size)
-        aspect, near = width / height, usual_near(self.near, self.far)
+        aspect, near = width / height * self.pixel_aspect, usual_near(self.near, self.far)
         matrix = transforms.lens_matrix(self.fov_y, aspect, near, self.far)
         if aspect < self.min_aspect:
             matrix[:2] *= aspect / self.min_aspect

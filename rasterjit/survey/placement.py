@@ -582,8 +582,7 @@ def _view(
     view_from_world = view_from_world.tolist()
     view_from_relative = transforms.product_of(view_from_world, world_from_relative)
     if type(camera) is PerspectiveCamera:
-        lens = camera.fov_y, camera.near, camera.far, camera.min_aspect
-        clip_from_view, screen_turn = _usual_projection(lens, size)
+        clip_from_view, screen_turn = _usual_projection(camera.frustum, size)
     else:
         clip_from_view, screen_turn = _projection(camera, size)
     toward_viewer = np.array(LAST_ROW)
@@ -617,13 +616,10 @@ def _projection(camera: Camera, size: tuple[int, int]) -> tuple[list[list[float]
 
 @lru_cache(256)
 def _usual_projection(
-    lens: tuple[float, ...], size: tuple[int, int]
+    frustum: tuple[Any, ...], size: tuple[int, int]
 ) -> tuple[list[list[float]], float]:
-    """Return that of perspective cameras of a lens, which many have: it is for reading alone."""
-    fov_y, near, far, min_aspect = lens
-    camera = PerspectiveCamera(
-        (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), fov_y, near, far, min_aspect
-    )
+    """Return that of perspective cameras of a frustum, which many have, for reading alone."""
+    camera = PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), *frustum)
     return _projection(camera, size)
 
 

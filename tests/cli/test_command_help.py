@@ -117,6 +117,22 @@ def test_one_file_goes_into_a_folder_that_there_is(tmp_path):
     assert "must end in one of" in run("render", CUBE, "-o", tmp_path / "none").stderr
 
 
+def test_up_turns_no_file_that_says_which_way_is_up(tmp_path):
+    told = tmp_path / "box.glb"
+    rj.load(CUBE).save(told)
+    usual = ("-o", tmp_path / "usual.png", *SIZE, "--style", "plain")
+    assert run("render", told, *usual).exit_code == 0
+    turned = run("render", told, "-o", tmp_path / "up.png", *SIZE, "--style", "plain", "--up", "z")
+    assert "--up is for files that do not say which way is up; this says 0,1,0" in turned.stderr
+    assert (tmp_path / "up.png").read_bytes() == (tmp_path / "usual.png").read_bytes()
+    # It still says what is up in the picture of a camera that is placed.
+    placed = ("--style", "plain", "--position", "0,9,0.5", "--up", "x")
+    aside = run("render", told, "-o", tmp_path / "aside.png", *SIZE, *placed)
+    assert "--up" not in aside.stderr
+    run("render", told, "-o", tmp_path / "placed.png", *SIZE, *placed[:4])
+    assert (tmp_path / "aside.png").read_bytes() != (tmp_path / "placed.png").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("axis", "vector"), [("z", "0,0,1"), ("-Y", "0,-1,0"), ("+x", "1,0,0"), ("y", "0,1,0")]
 )

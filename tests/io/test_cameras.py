@@ -331,6 +331,22 @@ def test_trimesh_and_back():
     assert_same_camera(cameras.from_trimesh(made, transform), camera)
 
 
+@pytest.mark.parametrize("fov", [(55.0, 40.0), (60.0, 45.0), (40.0, 80.0)])
+def test_a_trimesh_scene_is_seen_as_its_camera_is(fov):
+    trimesh = pytest.importorskip("trimesh")
+    scene = trimesh_scene()
+    scene.camera.fov = fov
+    scene.camera.z_far = 1000.0
+    scene.add_geometry(trimesh.creation.box())
+    own = rj.load(scene).camera
+    assert_same_camera(own, cameras.from_trimesh(scene.camera, scene.camera_transform))
+    assert own.far == math.inf
+    # In other sizes it keeps what it sees from bottom to top, and the shape of pixels.
+    wide = own.projection_matrix((2 * W, H))
+    assert wide[0, 0] == pytest.approx(own.projection_matrix(SIZE)[0, 0] / 2.0)
+    assert wide[1, 1] == own.projection_matrix(SIZE)[1, 1]
+
+
 # The size that a camera is made for
 
 

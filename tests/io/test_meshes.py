@@ -88,7 +88,8 @@ def test_each_format_gives_the_same_faces(tmp_path, extension):
     [
         ("box.obj", "", None),
         ("box.3mf", "", (0.0, 0.0, 1.0)),
-        ("box.dae", "Y_UP", None),
+        ("box.glb", "", (0.0, 1.0, 0.0)),
+        ("box.dae", "Y_UP", (0.0, 1.0, 0.0)),
         ("box.dae", "Z_UP", (0.0, 0.0, 1.0)),
         ("box.dae", "X_UP", (1.0, 0.0, 0.0)),
     ],

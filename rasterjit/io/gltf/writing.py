@@ -696,6 +696,8 @@ class _Writer:
             return []
         if camera.min_aspect:
             self.left_out.note("min_aspect of the camera")
+        if isinstance(camera, PerspectiveCamera) and camera.pixel_aspect != 1.0:
+            self.left_out.note("pixel_aspect of the camera")
         lens["znear"] = near
         if far != math.inf:
             lens["zfar"] = far

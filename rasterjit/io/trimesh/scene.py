@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io import cameras
 from rasterjit.io.attributes import mesh_of, usable_attributes
 from rasterjit.io.drawings import drawing_of_path, lines_of
 from rasterjit.io.gltf.scene import GLTF_FORMATS
@@ -21,7 +22,7 @@ from rasterjit.io.trimesh.materials import (
     colors_from_trimesh,
     material_from_trimesh,
 )
-from rasterjit.scene.camera import PerspectiveCamera, mirrors
+from rasterjit.scene.camera import mirrors
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
@@ -29,9 +30,6 @@ from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
-
-_TRIMESH_FAR = 1000.0
-"""The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
 
 _SUMMATION = 1e-12
 """By how much averages may differ that are summed in another order; float32 is coarser."""
@@ -252,21 +250,12 @@ class TrimeshAdapter:
         """Take the camera that a trimesh scene has, never the one it would make up."""
         if not loaded.has_camera:
             return
-        camera = loaded.camera
         try:
             pose = np.asarray(loaded.camera_transform, dtype=np.float64)
             if mirrors(pose):
                 self.left_out.note("camera whose pose mirrors")
                 return
-            eye = pose[:3, 3]
-            scene.camera = PerspectiveCamera(
-                eye,
-                eye - pose[:3, 2],
-                pose[:3, 1],
-                fov_y=float(camera.fov[1]),
-                near=camera.z_near,
-                far=math.inf if camera.z_far == _TRIMESH_FAR else camera.z_far,
-            )
+            scene.camera = cameras.perspective_from_trimesh(loaded.camera, pose)
         except ValueError:
             self.left_out.note("camera that is not a usable perspective")
 
