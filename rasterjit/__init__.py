@@ -54,8 +54,8 @@ The parts alone
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
 cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
 `OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
-says that a time budget had to be learnt first, a `ViewWarning` that nothing is in view, or that a
-near or far plane that was given cuts away what else were.
+says that a time budget had to be learnt first, a `ViewWarning` that nothing is in view, that a near
+or far plane that was given cuts away what else were, or that light burns out most of what is seen.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.

@@ -36,7 +36,14 @@ from rasterjit.cli.program import (
     warn,
     write_files,
 )
-from rasterjit.cli.report import print_diagnostics, print_stats, progress_notice, status, told_frame
+from rasterjit.cli.report import (
+    print_diagnostics,
+    print_stats,
+    progress_notice,
+    status,
+    told_exposure,
+    told_frame,
+)
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
@@ -211,7 +218,7 @@ def render_file(
     title = look.scalars if asked.colorbar else None
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
-    from rasterjit.rendering.notices import ViewWarning, notices_of
+    from rasterjit.rendering.notices import ViewWarning, notices_of_frame
     from rasterjit.runtime.ahead import beside
 
     quiet, start = asked.quiet, time.perf_counter()
@@ -231,14 +238,17 @@ def render_file(
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         style = in_style(asked.style, scene, camera, look, effects)
+        exposure = told_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
         chosen = write_files(frame, places, scale, title)
     saved = time.perf_counter()
-    for notice in notices_of(frame.plan, frame.stats).values():
+    for notice in notices_of_frame(frame).values():
         warn(notice, quiet)
     if quiet:
         return
+    if exposure:
+        click.echo(exposure)
     if asked.stats:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         print_stats(frame, seconds, saved - start)

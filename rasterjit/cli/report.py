@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rasterjit.inspect.measure import Measurement
     from rasterjit.outputs.diagnostics import Diagnostics
     from rasterjit.outputs.frame import Frame
+    from rasterjit.scene.scene import Scene
+    from rasterjit.styles import Style
 
 Item = TypeVar("Item")
 
@@ -125,6 +127,14 @@ def told_frame(frame: Frame, total: float) -> str:
     """Return what a line says of a picture: its size, what it is of, and the seconds it took."""
     width, height = frame.plan.size
     return f"  {width}x{height}  {frame.counted}  {total:.2f} s"
+
+
+def told_exposure(scene: Scene, style: Style) -> str:
+    """Return what a line says of the exposure that a style chose for a scene; "" if it did not."""
+    tones = style.scene.tone_map
+    if scene.tone_map is not None or tones is None or tones.exposure == 0.0:
+        return ""
+    return f"exposure {tones.exposure:+g} stops, chosen for what is seen; --exposure sets another"
 
 
 def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:

@@ -146,7 +146,7 @@ def _draw(
 ) -> list[str]:  # fmt: skip
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
-    from rasterjit.rendering.notices import ViewWarning, notices_of
+    from rasterjit.rendering.notices import ViewWarning, notices_of_frame
 
     scene = load_scene(file, look, effects, quiet)
     with warnings.catch_warnings():
@@ -158,4 +158,4 @@ def _draw(
         frame = renderer.render(made.scene, **drawn)
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
-    return list(notices_of(frame.plan, frame.stats).values())
+    return list(notices_of_frame(frame).values())

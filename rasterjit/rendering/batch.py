@@ -455,7 +455,7 @@ class OneByOne:
             for name, array in frame.arrays().items():
                 views.arrays[name][number] = array
             totals += [getattr(frame.stats, name) for name in COUNTED]
-            told.add(number, notices.notices_of(frame.plan, frame.stats))
+            told.add(number, notices.notices_of_frame(frame))
         return Drawn(totals, told)
 
     def close(self) -> None:

@@ -1,17 +1,34 @@
-"""Warn of what a picture does not show: nothing is in view, or planes cut faces away."""
+"""Warn of what a picture does not show: nothing is in view, planes cut faces away, all is white."""
 
 from __future__ import annotations
 
-from rasterjit.outputs.frame import Stats
+import math
+
+from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.clip_planes import Look
+from rasterjit.survey.lights import most_light
 from rasterjit.survey.plan import RenderPlan
 
 NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
 
 
+STRONG = 2.0
+"""Light that common surfaces are not burnt out by."""
+
+WHITE = 254
+"""Codes from here on show nothing any more."""
+
+LOOKED_AT = 64
+"""Rows and columns of a picture that are looked at, of as many as there are."""
+
+
 class ViewWarning(UserWarning):
-    """Nothing is in view, or a near or far plane that was given cuts away what else were."""
+    """
+    Nothing is in view, a plane that was given cuts away what else were, or all of it is white.
+
+    That is: light burns out more than half of what is seen.
+    """
 
 
 class Told:
@@ -64,6 +81,39 @@ def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
     if is_empty and not found:
         found["view"] = NOTHING_IN_VIEW
     return found
+
+
+def notices_of_frame(frame: Frame) -> dict[str, str]:
+    """Return what there is to warn of a frame that is drawn, by kind."""
+    found = notices_of(frame.plan, frame.stats)
+    facts = frame.plan.facts
+    if (facts.has_lights or facts.environment is not None) and "color" in facts.outputs:
+        # Most scenes have none, and pay nothing.
+        most = most_light(facts.lights.lights, facts.environment)
+        share = white_share(frame) if most > STRONG else 0.0
+        if share > 0.5:
+            stops = "below 0" if math.isinf(most) else f"of about {-math.log2(most):.1f} stops"
+            found["white"] = (
+                f"{share:.0%} of what is seen is white: the light is too strong to be shown; give "
+                f"the scene a ToneMap with an exposure {stops}, or let styles.studio choose it"
+            )
+    return found
+
+
+def white_share(frame: Frame) -> float:
+    """Return the share of the pixels with faces that are white, from a part of all; 0..1."""
+    plan, (height, width) = frame.plan, frame.color.shape[:2]
+    step = max(1, min(height, width) // LOOKED_AT)
+    codes = frame.color[::step, ::step]
+    white = float((codes[..., :3].min(axis=-1) >= WHITE).mean()) * height * width
+    covered = frame.stats.pixels_covered
+    facts = plan.facts
+    if facts.background_image is None:
+        # A sky may be white all over.
+        sky = not facts.has_background and facts.environment is not None
+        if sky or plan.background[:3].min() >= 1.0:
+            white -= height * width - covered
+    return white / covered if covered else 0.0
 
 
 def cuts_of(look: Look) -> dict[str, str]:

@@ -234,7 +234,7 @@ class Artist:
             )
         except Exception as error:
             return Begun(None, {}, error)
-        return Begun(frame, notices.notices_of(frame.plan, frame.stats))
+        return Begun(frame, notices.notices_of_frame(frame))
 
     def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
         """Draw those views, by their numbers, that have a place in a group."""

@@ -148,7 +148,7 @@ def render(
             frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         else:
             frame = renderer._render_asked(max_error, time_budget, what, camera, options, lens)
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    notices.warn(notices.notices_of_frame(frame), set())
     return frame
 
 
@@ -569,7 +569,7 @@ class Renderer(Guarded):
         options = outputs, background, cull, diagnose, previous
         frame = self._render_asked(max_error, time_budget, what, camera, options, lens)
         if self.told is not None:
-            notices.warn(notices.notices_of(frame.plan, frame.stats), self.told)
+            notices.warn(notices.notices_of_frame(frame), self.told)
         return frame
 
     def _render_asked(

@@ -256,6 +256,13 @@ class Environment:
         return self.intensity > 0.0 and any(sky.zenith + sky.horizon + sky.ground)
 
     @property
+    def brightest(self) -> float:
+        """The largest part of all of its light, linear."""
+        if isinstance(self.sky, Panorama):
+            return self.intensity * self.sky.brightest
+        return self.intensity * max(self.sky.zenith + self.sky.horizon + self.sky.ground)
+
+    @property
     def described(self) -> str:
         """What it is, in words."""
         if isinstance(self.sky, Panorama):

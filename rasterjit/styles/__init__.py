@@ -39,6 +39,7 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.styles import painting
+from rasterjit.styles.metering import metered_exposure
 from rasterjit.styles.style import Gradient, GroundLight, Style, with_changes
 from rasterjit.survey.posing import posed_scene
 
@@ -104,7 +105,8 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
 
     A scene that has lights or an environment keeps them: it gets no lamp and no sky, and on the
     ground lies the shadow of the sky alone. An environment that is a background, effects and a
-    camera of its own stay, too.
+    camera of its own stay, too. Where these lights would burn out what is seen, as physical units
+    do, an exposure is chosen for it, unless the scene has a tone map.
 
     Parameters
     ----------
@@ -125,8 +127,11 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         changes["eye_dome"] = EyeDome()
         adds["eye-dome lighting"] = "points have neither colours nor normals"
     if lit.tone_map is None:
-        changes["tone_map"] = ToneMap("neutral")
+        exposure = metered_exposure(lit, camera)
+        changes["tone_map"] = ToneMap("neutral", exposure)
         adds["tone mapping"] = "nothing is too bright to show"
+        if exposure:
+            adds["tone mapping"] += f", {exposure:+g} stops for what is seen"
     adds["anti-aliasing"] = f"{SAMPLES} samples"
     if lit.environment is not None and lit.environment.background:
         background = ground = None

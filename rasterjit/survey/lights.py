@@ -24,6 +24,7 @@ from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import Imitated, Lighting
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.environment import Environment
 from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import (
     MOST_TEXELS,
@@ -505,6 +506,17 @@ def _ending(end: float | None) -> float:
         return 0.0
     inverse = min(1.0 / end, FARTHEST_LIGHT)
     return inverse * inverse
+
+
+def most_light(lights: Sequence[Light], environment: Environment | None) -> float:
+    """Return what a white surface shows at most in some light; infinite where lamps shine."""
+    total = 0.0 if environment is None else environment.brightest
+    for light in lights:
+        if isinstance(light, PointLight | SpotLight):
+            # That depends on how near it is.
+            return math.inf
+        total += light.intensity * max(light.color)
+    return total
 
 
 def headlight(camera: Camera) -> list[Light]:
