@@ -190,7 +190,8 @@ def test_scalars_with_nan_are_shown_and_are_no_attributes():
 def test_cells_of_every_kind_become_faces_lines_and_points():
     mixed = cells(("triangle6", [[0, 1, 2, 3, 4, 5]]), ("line3", [[0, 1, 2]]), ("vertex", [[7]]))
     scene = rj.load(mixed)
-    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "lines"]
+    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "lines", "points"]
+    assert scene.nodes[2].mesh.vertices.tolist() == CUBE[[7]].tolist()
     assert scene.nodes[1].mesh.segments.tolist() == [[0, 2], [2, 1]]
     assert only(cells(("vertex", [[7], [2]]))).vertices.tolist() == CUBE[[7, 2]].tolist()
     assert len(only(cells())) == 8
@@ -198,6 +199,45 @@ def test_cells_of_every_kind_become_faces_lines_and_points():
         rj.load(cells(("VTK_LAGRANGE_CURVE", [[0, 1, 2]]), ("vertex", [[7]])))
     with pytest.raises(rj.MeshFileError, match="must have cells of points below 8, got 9"):
         rj.load(cells(("triangle", [[0, 1, 9]])))
+
+
+def test_vertex_cells_at_corners_of_others_are_not_drawn_again():
+    scene = rj.load(cells(("triangle", [[0, 1, 2]]), ("vertex", [[1], [5]])))
+    assert [node.mesh.primitive for node in scene.nodes] == ["triangles", "points"]
+    assert len(scene.nodes[1].mesh.vertices) == 1
+
+
+@pytest.mark.parametrize("kind", ["tetra", "hexahedron"])
+def test_faces_that_are_sides_of_solids_are_drawn_once(kind):
+    solid = [[0, 1, 3, 4]] if kind == "tetra" else [list(range(8))]
+    sides = [[3, 0, 1], [4, 1, 0]] if kind == "tetra" else [[0, 1, 2, 3], [7, 6, 5, 4]]
+    inside = [[0, 2, 5]]
+    face = "triangle" if kind == "tetra" else "quad"
+    alone = only(cells((kind, solid)))
+    mixed = only(cells((face, sides), (kind, solid), ("triangle", inside)))
+    assert len(mixed.faces) == len(alone.faces) + 1
+    assert mixed.is_closed() == (len(mixed.faces) == len(alone.faces))
+
+
+def test_values_of_sides_of_solids_and_sets_of_cells_are_named():
+    mesh = cells(
+        ("quad", [[0, 1, 2, 3]]), ("hexahedron", [list(range(8))]),
+        cell_data={"ref": [[4.0], [5.0]]}, point_sets={"left": [0, 3]},
+        cell_sets={"all": [[0], [0]]},
+    )  # fmt: skip
+    with pytest.warns(rj.LoadWarning) as said:
+        rj.load(mesh)
+    assert said[0].message.left_out == {
+        "point sets": 1, "cell sets": 1, "values of a face that is a side of a solid": 1,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("extension", ["vtk", "vtu"])
+def test_files_that_only_pyvista_reads_say_so(tmp_path, monkeypatch, extension):
+    (tmp_path / f"a.{extension}").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET ODD\n")
+    monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
+    with pytest.raises(rj.MeshFileError, match="PyVista may read it: pip install pyvista"):
+        rj.load(tmp_path / f"a.{extension}")
 
 
 @pytest.mark.parametrize("extension", ["vtu", "vtk", "msh", "inp", "su2", "mesh"])

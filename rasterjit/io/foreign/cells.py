@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rasterjit.io.drawings import Drawing
 from rasterjit.io.foreign.tables import NONE, is_scalar, kept_by_name, rows_of
 from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.parts import Part, Thing, triangles
 
@@ -36,6 +37,9 @@ _SIDES = {
 _STRIPS = {"line": (0, 1), "line3": (0, 2, 1), "line4": (0, 2, 3, 1)}
 """Cells that are lines, and in which order they pass their points."""
 
+_BESIDE = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
+"""What a ``meshio.Mesh`` has besides points, cells and their values."""
+
 _TAG = ":"
 """What names have that readers make up, such as ``gmsh:physical``."""
 
@@ -54,6 +58,12 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         str(name): _joined([np.asarray(one) for one in values])
         for name, values in what.cell_data.items()
     }
+    count = sum(len(data) for _, data in blocks)
+    for name in [name for name, values in of_cells.items() if len(values) != count]:
+        left_out.note(f"values {name[:LONGEST_NAME]!r} that do not fit all cells")
+        del of_cells[name]
+    for kind in _BESIDE:
+        left_out.note(kind.replace("_", " "), len(getattr(what, kind, None) or ()))
     polygons, strips, lone = _Rows(), _Rows(), _Rows()
     solids = _Rows()
     for (kind, data), begin in zip(blocks, begins, strict=False):
@@ -72,7 +82,12 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
             lone.add(data, numbers)
         else:
             left_out.note(f"{kind} cell", len(data))
-    polygons.add_all(solids.outer())
+    outer = solids.outer()
+    if outer.blocks:
+        polygons, before = polygons.without(outer), polygons
+        twice = len(before.numbers()) - len(polygons.numbers())
+        left_out.note("values of a face that is a side of a solid", twice if of_cells else 0)
+    polygons.add_all(outer)
     is_solid = bool(solids.blocks)
     return _things(points, of_points, of_cells, (polygons, strips, lone), is_solid, source)
 
@@ -94,22 +109,50 @@ class _Rows:
 
     def outer(self) -> _Rows:
         """Return the polygons whose corners no second one has."""
-        if not self.blocks:
-            return self
-        found, keys = _Rows(), []
-        for corners, _ in self.blocks:
-            key = np.full((len(corners), 4), -1, np.int64)
-            key[:, : corners.shape[1]] = np.sort(corners, axis=1)
-            keys.append(key)
-        _, which, counts = np.unique(
-            np.concatenate(keys), axis=0, return_inverse=True, return_counts=True
+        _, which, counts = self._sides()
+        return self._some(counts[which] == 1)
+
+    def without(self, other: _Rows) -> _Rows:
+        """Return the polygons whose corners no other one has."""
+        keys, _, _ = self._sides()
+        both, which = np.unique(
+            np.concatenate([keys, other._sides()[0]]), axis=0, return_inverse=True
         )
-        alone, at = counts[which.reshape(-1)] == 1, 0
+        is_other = np.zeros(len(both), bool)
+        is_other[which.reshape(-1)[len(keys) :]] = True
+        return self._some(~is_other[which.reshape(-1)[: len(keys)]])
+
+    def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """
+        Return the corners of all polygons, sorted; which of the different ones each is; how often.
+
+        Those of more than four corners are no side of a solid: they have none.
+        """
+        keys = [np.zeros((0, 4), np.int64)]
         for corners, numbers in self.blocks:
-            kept = alone[at : at + len(corners)]
+            key = np.full((len(corners), 4), -1, np.int64)
+            if corners.shape[1] <= 4:
+                key[:, : corners.shape[1]] = np.sort(corners, axis=1)
+            else:
+                # Each is another one.
+                key[:, 0] = -2 - numbers
+            keys.append(key)
+        every = np.concatenate(keys)
+        _, which, counts = np.unique(every, axis=0, return_inverse=True, return_counts=True)
+        return every, which.reshape(-1), counts
+
+    def _some(self, kept: NDArray[np.bool_]) -> _Rows:
+        """Return some of the polygons, of all blocks one after the other."""
+        found, at = _Rows(), 0
+        for corners, numbers in self.blocks:
+            rows = kept[at : at + len(corners)]
             at += len(corners)
-            found.add(corners[kept], numbers[kept])
+            found.add(corners[rows], numbers[rows])
         return found
+
+    def corners(self) -> NDArray[np.int64]:
+        """Return all corners, block by block."""
+        return np.concatenate([NONE, *(corners.reshape(-1) for corners, _ in self.blocks)])
 
     def numbers(self) -> NDArray[np.int64]:
         """Return the numbers of all cells, block by block."""
@@ -127,7 +170,7 @@ def _things(
     points: NDArray[Any], of_points: dict[str, NDArray[Any]], of_cells: dict[str, NDArray[Any]],
     rows: tuple[_Rows, _Rows, _Rows], is_solid: bool, source: str,
 ) -> list[Thing]:  # fmt: skip
-    """Return meshes, lines and points; a file without cells is a cloud of its points."""
+    """Return meshes, lines and lone points; a file without cells is a cloud of its points."""
     polygons, strips, lone = rows
     shown = _first_scalar(of_points, len(points))
     scalars = None if shown is None else of_points[shown].reshape(-1)
@@ -141,7 +184,7 @@ def _things(
         counts = np.concatenate(
             [np.full(len(corners), corners.shape[1]) for corners, _ in polygons.blocks]
         )
-        corners = np.concatenate([one.reshape(-1) for one, _ in polygons.blocks])
+        corners = polygons.corners()
         places, which = triangles(counts, by_size=False)
         _check(corners, len(points), source)
         cells, used = polygons.numbers()[which], None
@@ -166,10 +209,14 @@ def _things(
                 scalars, None if cell_scalars is None else cell_scalars[cells],
             )
         )  # fmt: skip
-    if not found:
-        picked = np.concatenate([NONE, *(one.reshape(-1) for one, _ in lone.blocks)])
-        _check(picked, len(points), source)
-        places = picked if len(picked) else np.arange(len(points))
+    places = lone.corners()
+    _check(places, len(points), source)
+    if found:
+        # The others are corners of what is shown.
+        places = np.setdiff1d(places, np.concatenate([polygons.corners(), strips.corners()]))
+    elif not len(places):
+        places = np.arange(len(points))
+    if len(places):
         found.append(
             Cloud("", points[places], None, None, rows_of(of_points, places), None,
                   None if scalars is None else scalars[places])

@@ -32,15 +32,16 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
     """
     Return what a file of `CELL_FORMATS` holds, or raise `MeshFileError`.
 
-    meshio reads unstructured grids alone of ``.vtk`` files; where PyVista is installed, it reads
-    the others.
+    meshio reads unstructured grids alone of ``.vtk`` files, and not all cells of ``.vtu`` files;
+    where PyVista is installed, it reads the others.
     """
     form = path.suffix.lower()
+    is_vtk = form in (".vtk", ".vtu")
     resources.budget.take("the file", path.stat().st_size * _BYTES)
     try:
         import meshio
     except ImportError as error:
-        if form in (".vtk", ".vtu") and find_spec("pyvista") is not None:
+        if is_vtk and find_spec("pyvista") is not None:
             return _by_pyvista(path, left_out)
         raise MeshFileError(
             f"{path}: reading {form} needs a package that is not installed ({error}); "
@@ -52,11 +53,12 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             mesh: Any = meshio.read(path)
     except (Exception, SystemExit) as error:
-        if form == ".vtk" and find_spec("pyvista") is not None:
+        if is_vtk and find_spec("pyvista") is not None:
             return _by_pyvista(path, left_out)
         text = said.getvalue() if isinstance(error, SystemExit) else reason_of(error)
         reason = " ".join(text.split())[:200] or "it is damaged or something else"
-        raise MeshFileError(f"{path} could not be read as {form}: {reason}") from error
+        other = "; PyVista may read it: pip install pyvista" if is_vtk else ""
+        raise MeshFileError(f"{path} could not be read as {form}: {reason}{other}") from error
     return things_of_cells(mesh, str(path), left_out)
 
 

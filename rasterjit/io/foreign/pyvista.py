@@ -24,10 +24,10 @@ from rasterjit.io.foreign.tables import (
     rgba_of,
     rows_of,
 )
-from rasterjit.io.gltf.content import STRIP, join_corners
 from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.parts import Part, Thing, triangles
+from rasterjit.io.text.parts import Part, Thing, strip_triangles, triangles
 from rasterjit.scene.lines import strip_segments
 
 _INTERNAL = "vtk"
@@ -44,6 +44,8 @@ def things_of_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
 
 def _things(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
     """Return what a data set holds, or all blocks of one."""
+    for key in getattr(what, "field_data", {}).keys():  # noqa: SIM118 - it is no mapping
+        left_out.note(f"field data {str(key)[:LONGEST_NAME]!r}")
     if hasattr(what, "keys") and not hasattr(what, "points"):
         found: list[Thing] = []
         for key in what.keys():  # noqa: SIM118 - it is no mapping
@@ -105,7 +107,7 @@ def _of_surface(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
         begins[kind] = first
         first += len(counts)
     found: list[Thing] = []
-    faces, numbers = _faces(cells, begins)
+    faces, numbers = _faces(cells, begins, left_out)
     if len(faces):
         found.append(_part(what, name, points, faces, numbers, of_points, of_cells))
     corners, counts = cells["lines"]
@@ -121,11 +123,14 @@ def _of_surface(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
 
 
 def _faces(
-    cells: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]], begins: dict[str, int]
+    cells: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]],
+    begins: dict[str, int],
+    left_out: LeftOut,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the triangles of polygons and strips, and the numbers of their cells."""
     corners, counts = cells["faces"]
     kept = counts >= 3
+    left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(~kept)))
     corners = corners[np.repeat(kept, counts)]
     numbers = np.flatnonzero(kept) + begins["faces"]
     faces, polygons = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
@@ -133,13 +138,9 @@ def _faces(
         places, polygons = triangles(counts[kept], by_size=False)
         faces, polygons = corners[places], numbers[polygons]
     corners, counts = cells["strips"]
-    ends = np.cumsum(counts)
-    for number, (end, count) in enumerate(zip(ends.tolist(), counts.tolist(), strict=True)):
-        strip = join_corners(corners[end - count : end], STRIP)
-        faces = np.concatenate([faces, strip])
-        of_strip = np.full(len(strip), number + begins["strips"])
-        polygons = np.concatenate([polygons, of_strip])
-    return faces, polygons
+    places, strips = strip_triangles(counts)
+    faces = np.concatenate([faces, corners[places]])
+    return faces, np.concatenate([polygons, strips + begins["strips"]])
 
 
 def _part(
