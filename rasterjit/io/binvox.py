@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import MeshFileError, reason_of
+from rasterjit.io.resources import LONGEST_NAME, Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -28,11 +28,14 @@ _LONGEST_SIDE = 4096
 _VOXEL_BYTES, _SIDE_BYTES = 5, 1500
 """What a voxel takes, and what its side does as two faces of a mesh."""
 
+_KNOWN = {"#binvox", "dim", "translate", "scale"}
+"""Lines of the head that are read."""
+
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 """Of a square, counter-clockwise, along the two axes after the one that it is square to."""
 
 
-def load_binvox(path: Path, resources: Resources) -> Scene:
+def load_binvox(path: Path, resources: Resources, left_out: LeftOut) -> Scene:
     """
     Read a ``.binvox`` file.
 
@@ -48,7 +51,8 @@ def load_binvox(path: Path, resources: Resources) -> Scene:
         If the file cannot be read or has no full voxel.
     """
     try:
-        full, scale, translate = read_voxels(resources.read_itself(path), resources.budget)
+        content = resources.read_itself(path)
+        full, scale, translate = read_voxels(content, resources.budget, left_out)
         resources.budget.take("the sides of its voxels", count_sides(full) * _SIDE_BYTES)
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path} could not be read as .binvox: {reason_of(error)}") from error
@@ -66,7 +70,7 @@ def load_binvox(path: Path, resources: Resources) -> Scene:
 
 
 def read_voxels(
-    content: bytes, budget: MemoryBudget
+    content: bytes, budget: MemoryBudget, left_out: LeftOut
 ) -> tuple[NDArray[np.bool_], float, NDArray[np.float64]]:
     """
     Return which voxels of a file are full, the side of the grid, and where it begins.
@@ -83,6 +87,8 @@ def read_voxels(
         If the header is none of binvox, or the voxels are fewer or more than it says.
     """
     words, start = _header(content)
+    for key in words.keys() - _KNOWN:
+        left_out.note(f"line {key[:LONGEST_NAME]!r} of its head")
     shape = _numbers(words, "dim", 3, None)
     if any(side != int(side) or not 1 <= side <= _LONGEST_SIDE for side in shape):
         raise ValueError(f"dim must be three whole numbers in 1..{_LONGEST_SIDE}, got {shape}")

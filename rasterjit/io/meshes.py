@@ -234,7 +234,7 @@ def _load(
     if extension == "3mf":
         return load_3mf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
-        return load_binvox(file, resources)
+        return load_binvox(file, resources, left_out)
     if extension in PART_FORMATS:
         damage = Damage(file, on_damage, left_out)
         parts = _read_parts(file, resources, damage, left_out)
@@ -283,14 +283,14 @@ def _read_parts(
         if extension == "pcd":
             return read_pcd(file, resources, damage, left_out)
         if extension in LAS_FORMATS:
-            return read_las(file, resources, damage)
+            return read_las(file, resources, damage, left_out)
         if extension in ROW_FORMATS:
             return read_rows(file, resources, damage, left_out)
         if extension in VTK_FORMATS:
             return read_vtk(file, resources, left_out)
         if extension in CELL_FORMATS:
             return read_cells(file, resources, left_out)
-        return read_stl(file, resources, damage)
+        return read_stl(file, resources, damage, left_out)
     except (OSError, MemoryError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
         raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error

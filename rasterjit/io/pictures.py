@@ -119,10 +119,19 @@ def nearest_codes(linear: NDArray[np.float32], color_space: str) -> tuple[NDArra
     return codes, bool((read == linear).all())
 
 
-def resized(grey: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a grey picture in another size, (width, height); the same if it has it."""
+def in_16_bits(codes: NDArray[Any]) -> NDArray[np.uint16]:
+    """Return a picture of 8 or 16 bits as one of 16."""
+    return codes if codes.dtype == np.uint16 else codes.astype(np.uint16) * np.uint16(257)
+
+
+def resized(grey: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """Return a grey picture, uint8 or uint16, in another size, (width, height), or the same."""
     if (grey.shape[1], grey.shape[0]) == size:
         return grey
     from PIL import Image
 
-    return np.asarray(Image.fromarray(np.ascontiguousarray(grey)).resize(size))
+    if grey.dtype == np.uint8:
+        return np.asarray(Image.fromarray(np.ascontiguousarray(grey)).resize(size))
+    # Pillow mixes pixels of 16 bits as floats alone.
+    mixed = np.asarray(Image.fromarray(grey.astype(np.float32)).resize(size))
+    return np.clip(np.rint(mixed), 0, 65535).astype(np.uint16)

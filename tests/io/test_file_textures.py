@@ -263,12 +263,92 @@ def test_a_map_d_is_the_alpha_of_the_texture(tmp_path, has_color, size):
     assert (corners[0, :3] == [1.0, 0.0 if has_color else 1.0, 0.0 if has_color else 1.0]).all()
 
 
-def test_options_before_the_name_of_a_picture_are_skipped(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "laid"),
+    [
+        ("-s 1 1 1 -clamp off -o 0 0 0 ", {}),
+        ("-bm 1 -mm 0 1 -blendu on -t 0 0 0 ", {}),
+        ("-s 2 3 ", {"scale": (2.0, 3.0)}),
+        ("-s 4 -o 0.5 .25 0 ", {"scale": (4.0, 1.0), "offset": (0.5, 0.25)}),
+        ("-clamp on -o -1.5e-1 ", {"wrap": ("clamp", "clamp"), "offset": (-0.15, 0.0)}),
+    ],
+)
+def test_a_texture_is_laid_as_the_options_of_an_mtl_file_say(tmp_path, options, laid):
     path = write_obj(tmp_path, picture())
     text = (tmp_path / "a.mtl").read_text()
-    for options in ("-s 1 1 1 -clamp on ", "-o 0.5 ", "-bm 1 -mm 0 1 "):
-        (tmp_path / "a.mtl").write_text(text.replace("map_Kd ", "map_Kd " + options))
+    (tmp_path / "a.mtl").write_text(text.replace("map_Kd ", "map_Kd " + options))
+    texture = only_mesh(load(path)).material.base_color_texture
+    usual = {"scale": (1.0, 1.0), "offset": (0.0, 0.0), "wrap": ("repeat", "repeat")}
+    assert {key: getattr(texture, key) for key in usual} == usual | laid
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ("-mm 0.1 2", ["-mm"]), ("-t 1 1 1", ["-t"]), ("-bm 0.5", ["-bm"]), ("-cc on", ["-cc"]),
+        ("-blendu off -blendv off", ["-blendu", "-blendv"]), ("-texres 512", ["-texres"]),
+        ("-imfchan r", ["-imfchan"]), ("-boost 2", ["-boost"]), ("-s 1e9 1", ["-s"]),
+    ],
+)  # fmt: skip
+def test_options_that_a_texture_cannot_keep_are_named(tmp_path, options, named):
+    path = write_obj(tmp_path, picture())
+    text = (tmp_path / "a.mtl").read_text()
+    (tmp_path / "a.mtl").write_text(text.replace("map_Kd ", f"map_Kd {options} "))
+    with pytest.warns(LoadWarning) as said:
         assert only_mesh(load(path)).material.base_color_texture.size == (2, 2)
+    left_out = {f"option {one} of map_Kd of material 'skin'": 1 for one in named}
+    assert said[0].message.left_out == left_out
+
+
+def test_statements_of_an_mtl_file_that_show_something_else_are_named(tmp_path):
+    more = "Ka 1 1 1\nillum 2\nKe 0 0 0\nNi 1.5\nKe 1 0 0 # red\nmap_Bump -bm 1 a.png\nfoo 1\n"
+    path = write_obj(tmp_path, picture(), more=more)
+    with pytest.warns(LoadWarning) as said:
+        load(path)
+    names = ("Ke", "map_Bump", "foo")
+    assert said[0].message.left_out == {f"{one} of material 'skin'": 1 for one in names}
+
+
+@pytest.mark.parametrize(
+    "line", ["b.mtl a.mtl", "a.mtl b.mtl # the second is red", "a.mtl  # all", "'a.mtl' \"b.mtl\""]
+)
+def test_all_mtl_files_of_a_line_are_read(tmp_path, line):
+    path = write_obj(tmp_path, picture())
+    (tmp_path / "b.mtl").write_text("newmtl red\nKd 1 0 0 # red\n")
+    text = path.read_text().replace("mtllib a.mtl", f"mtllib {line}")
+    text += "usemtl red # the second\nf 1/1 2/2 3/3\n" if "b.mtl" in line else ""
+    path.write_text(text)
+    materials = {one.mesh.material.name: one.mesh.material for one in load(path).nodes}
+    assert materials["skin"].base_color_texture.size == (2, 2)
+    assert "b.mtl" not in line or materials["red"].base_color == (1.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["my own.mtl", "a #1.mtl", "two.mtl of them.mtl"])
+def test_the_name_of_an_mtl_file_may_have_blanks_and_more(tmp_path, name):
+    path = write_obj(tmp_path, picture())
+    (tmp_path / "a.mtl").rename(tmp_path / name)
+    path.write_text(path.read_text().replace("mtllib a.mtl", f"mtllib {name}"))
+    assert only_mesh(load(path)).material.base_color_texture.size == (2, 2)
+
+
+def test_a_missing_mtl_file_is_named_beside_one_that_is_there(tmp_path):
+    path = write_obj(tmp_path, picture())
+    path.write_text(path.read_text().replace("mtllib a.mtl", "mtllib a.mtl gone.mtl"))
+    with pytest.warns(LoadWarning, match=r"left out MTL file 'gone\.mtl': it is missing \(1\);"):
+        assert only_mesh(load(path)).material.base_color_texture.size == (2, 2)
+
+
+def test_names_of_materials_with_a_number_sign_are_not_cut(tmp_path):
+    path = write_obj(tmp_path, picture())
+    names = ["Material #1", "Material #2"]
+    (tmp_path / "a.mtl").write_text(
+        "".join(f"newmtl {name}\nKd {at} 1 0\n" for at, name in enumerate(names))
+    )
+    lines = [line for line in path.read_text().splitlines() if line[:6] != "usemtl"]
+    text = "\n".join(lines[:-1])
+    path.write_text(text + "".join(f"\nusemtl {one}\n{lines[-1]}" for one in names) + "\n")
+    colors = {one.mesh.material.name: one.mesh.material.base_color for one in load(path).nodes}
+    assert colors == {names[0]: (0.0, 1.0, 0.0, 1.0), names[1]: (1.0, 1.0, 0.0, 1.0)}
 
 
 def test_a_material_that_no_mtl_has_is_named(tmp_path):

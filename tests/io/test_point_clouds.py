@@ -292,7 +292,7 @@ def test_points_that_a_depth_camera_did_not_measure_are_counted_and_keep_their_n
         (lambda data: data.replace(b"SIZE 4 4", b"SIZE 4 3"), "field 'y' must be of a known type"),
         (lambda data: data.replace(b"SIZE 4 4", b"SIZE 4"), "must be as many, got 9, 8, 9 and 9"),
         (lambda data: data.replace(b"FIELDS x", b"FIELDS w"), "must have the fields x, y and z"),
-        (lambda data: data.replace(b"VERSION", b"version"), "line 2: expected one of VERSION"),
+        (lambda data: data.replace(b"VERSION", b"EDITION"), "line 2: expected one of VERSION"),
         (lambda data: data[:100], "its head has no DATA"),
         (lambda data: data[:-50], "expected 60 points, as its head says, got room for"),
     ],

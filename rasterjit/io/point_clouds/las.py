@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.point_clouds.cloud import Cloud
-from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import MeshFileError, reason_of
+from rasterjit.io.resources import LONGEST_NAME, Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
 from rasterjit.scene.color import srgb_to_linear
 
@@ -26,10 +26,13 @@ _POINT_BYTES = 3
 """What a byte of a point takes, while it is unpacked and in its columns."""
 
 _COLORS = ("red", "green", "blue")
+_KNOWN_RECORDS = ("LASF_Projection", "LASF_Spec", "laszip encoded", "copc")
+"""What writes records that say how points are packed, and where on Earth they are."""
+
 _KNOWN = {"X", "Y", "Z", *_COLORS}
 
 
-def read_las(path: Path, resources: Resources, damage: Damage) -> list[Cloud]:
+def read_las(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
     """Return the cloud of a LAS or LAZ file, or raise `MeshFileError`."""
     form = path.suffix.lower()
     try:
@@ -49,6 +52,7 @@ def read_las(path: Path, resources: Resources, damage: Damage) -> list[Cloud]:
             if not packed:
                 _check_length(path, reader.header, damage)
             points = reader.read_points(count)
+            _note_records(reader, left_out)
             scales, offsets = reader.header.scales, reader.header.offsets
     except MeshFileError:
         raise
@@ -76,6 +80,18 @@ def read_las(path: Path, resources: Resources, damage: Damage) -> list[Cloud]:
         if name not in _KNOWN and (values != values[0]).any():
             attributes[name] = values
     return [Cloud(path.name, positions, colors, attributes=attributes)]
+
+
+def _note_records(reader: Any, left_out: LeftOut) -> None:
+    """Note records beside the points that are of no known kind."""
+    header = reader.header
+    records = [
+        *header.vlrs,
+        *(getattr(reader, "evlrs", None) or getattr(header, "evlrs", None) or ()),
+    ]
+    for one in records:
+        if one.user_id not in _KNOWN_RECORDS:
+            left_out.note(f"record of {one.user_id[:LONGEST_NAME]!r}")
 
 
 def _check_length(path: Path, header: Any, damage: Damage) -> None:

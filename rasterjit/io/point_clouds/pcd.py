@@ -22,7 +22,7 @@ from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.point_clouds.lzf import unpack_lzf
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, line_end, number_rows
 from rasterjit.scene.color import srgb_to_linear
 
 _TYPES = {
@@ -36,6 +36,12 @@ _COLORS = ("rgb", "rgba")
 """Fields of four bytes: blue, green, red and, of the latter, alpha."""
 
 _PADDING = "_"
+
+_MEANT = {*_POSITION, *_NORMAL, *_COLORS}
+"""Fields that mean the same in capitals."""
+
+_VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""Position and quaternion of who saw the points, unless the head says another one."""
 
 _HEAD_WORDS = ("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT",
                "VIEWPOINT", "POINTS", "DATA")  # fmt: skip
@@ -62,6 +68,8 @@ class _Head:
     form: str
     at: int
     """Where its rows begin."""
+    has_viewpoint: bool
+    """Whether it was seen from elsewhere than the origin, or along another axis."""
 
 
 def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
@@ -73,6 +81,7 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
             f"its {head.points} points",
             head.points * BINARY_BYTES * sum(one.kind.itemsize * one.count for one in head.fields),
         )
+        left_out.note("viewpoint", int(head.has_viewpoint))
         if head.form == "ascii":
             columns = _text_columns(Lines(data, resources.budget, head.at), head, damage)
         elif head.form == "binary":
@@ -89,15 +98,16 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
 def _head(data: bytes) -> _Head:
     """Read the head of a file, or raise ``ValueError``."""
     said: dict[str, list[str]] = {}
-    at, number = 0, 0
+    at, number, ending = 0, 0, line_end(data)
     while "DATA" not in said:
-        end = data.find(b"\n", at)
+        end = data.find(ending, at)
         if end < 0:
             raise ValueError("its head has no DATA")
         words = data[at:end].decode("utf-8", "replace").split()
         at, number = end + 1, number + 1
         if not words or words[0].startswith("#"):
             continue
+        words[0] = words[0].upper()
         if words[0] not in _HEAD_WORDS:
             raise ValueError(
                 f"line {number}: expected one of {', '.join(_HEAD_WORDS)}, got {words[0][:40]!r}"
@@ -113,10 +123,11 @@ def _head(data: bytes) -> _Head:
         )
     fields = []
     for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
-        known = _TYPES.get((kind, _whole("SIZE", size)))
+        known = _TYPES.get((kind.upper(), _whole("SIZE", size)))
         if known is None:
             raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
-        fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
+        meant = name.lower() if name.lower() in _MEANT and name.lower() not in names else name
+        fields.append(_Field(meant, np.dtype(known), _whole("COUNT", count)))
     if not 0 < sum(one.count for one in fields) <= _MOST_VALUES:
         raise ValueError(f"COUNT must name 1 to {_MOST_VALUES} values of a point")
     shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]
@@ -125,10 +136,21 @@ def _head(data: bytes) -> _Head:
         raise ValueError(
             f"POINTS must be WIDTH times HEIGHT, got {points}, {shape[0]} and {shape[1]}"
         )
-    form = " ".join(said["DATA"])
+    form = " ".join(said["DATA"]).lower()
     if form not in ("ascii", "binary", "binary_compressed"):
         raise ValueError(f"DATA must be ascii, binary or binary_compressed, got {form[:40]!r}")
-    return _Head(fields, points, form, at)
+    has_viewpoint = any(
+        _is_other(*pair) for pair in zip(said.get("VIEWPOINT", ()), _VIEWPOINT, strict=False)
+    )
+    return _Head(fields, points, form, at, has_viewpoint)
+
+
+def _is_other(word: str, number: float) -> bool:
+    """Tell whether a word is another number."""
+    try:
+        return float(word) != number
+    except ValueError:
+        return True
 
 
 def _whole(name: str, *words: str) -> int:

@@ -29,6 +29,13 @@ ROW_BYTES, CORNER_BYTES = 64, 80
 """What a row of numbers of its own kind takes, and what a corner of a face that refers to them."""
 
 
+def line_end(data: bytes) -> bytes:
+    """Return what ends the first line of a text: a line feed, or a carriage return alone."""
+    feed, turn = data.find(b"\n"), data.find(b"\r")
+    is_turn = turn >= 0 and (feed < 0 or turn < feed - 1)
+    return b"\r" if is_turn else b"\n"
+
+
 class Damage:
     """
     Refuse damaged places of a file, or count them.
@@ -138,6 +145,12 @@ class Lines:
         """Return a line as messages show it."""
         text = self.text(line)
         return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}...")
+
+    def note_unknown(self, which: NDArray[np.int64], left_out: LeftOut) -> None:
+        """Note lines of no known kind, if there are any, and where the first one is."""
+        if len(which):
+            first = f"{self.where(int(which[0]))}: {self.shown(int(which[0]))}"
+            left_out.note(f"lines of no known kind, first {first}", len(which))
 
     def char(self, offset: int) -> NDArray[np.uint8]:
         """Return the byte of every line at an offset from its start; a line end beyond its end."""

@@ -10,21 +10,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.pictures import picture_pixels, resized
+from rasterjit.io.pictures import in_16_bits, picture_pixels, resized
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
-from rasterjit.io.skipped import LeftOut, reason_of
+from rasterjit.io.skipped import LeftOut, MissingFileError, reason_of
 from rasterjit.io.text.parts import srgb_bytes
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import FileSizeError
-from rasterjit.scene.texture import Texture
+from rasterjit.scene.texture import FARTHEST_MOVE, Texture
 
 GREY = (102, 102, 102, 255)
 """The colour that a material has whose file names none, as in trimesh."""
@@ -42,12 +42,31 @@ _COMMENT_LENGTH = 400
 """Characters of an MTL file among which its writer is named."""
 
 _OPTIONS = {
-    "-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-bm": 1, "-boost": 1,
-    "-texres": 1, "-mm": 2, "-o": 3, "-s": 3, "-t": 3,
+    "-blendu": ("on",), "-blendv": ("on",), "-cc": ("off",), "-clamp": ("off",), "-imfchan": ("",),
+    "-bm": ("1",), "-boost": ("0",), "-texres": ("",), "-mm": ("0", "1"), "-o": ("0", "0", "0"),
+    "-s": ("1", "1", "1"), "-t": ("0", "0", "0"),
 }  # fmt: skip
-"""Options before the name of a picture, and how many words follow each at most."""
+"""Options before the name of a picture: as many words as may follow, those that change nothing."""
+
+_CHANNEL = "-imfchan"
+"""The option that names the channel of a picture."""
+
+_LAID = {"-s": "scale", "-o": "offset", "-clamp": "wrap"}
+"""Options that a texture keeps, and as what."""
 
 _NUMBERS = ("kd", "ks", "ns")
+
+_NEUTRAL = {
+    "ke": 0.0, "tf": 1.0, "pr": 0.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "pcr": 0.0, "aniso": 0.0,
+    "anisor": 0.0,
+}  # fmt: skip
+"""Numbers that are not shown, and their value that changes nothing."""
+
+_WITHOUT_EFFECT = ("ka", "illum", "ni", "sharpness", "map_aat")
+"""Statements that other lights, or rays, would need."""
+
+_PICTURES = ("bump", "disp", "decal", "refl", "norm")
+"""Pictures that are not shown, besides those whose statements begin with ``map_``."""
 
 
 @dataclass
@@ -71,13 +90,22 @@ class MtlMaterial:
     specular: Any = GREY
     glossiness: float | None = None
     said: dict[str, Any] = field(default_factory=dict)
+    unread: list[str] = field(default_factory=list)
+    """Statements that are not shown."""
 
-    def take(self, key: str, words: list[str]) -> None:
+    def take(self, statement: str, words: list[str]) -> None:
         """Keep what a statement says, unless it is no number where one belongs."""
+        key = statement.lower()
         if key in _MAPS:
-            self.said[key] = picture_name(words)
-        elif key in ("d", "tr"):
+            self.said[key] = PictureUse.of(words)
+            return
+        words = without_comment(words)
+        if key in ("d", "tr"):
             self.said[key] = words
+        elif key.startswith("map_") or key in _PICTURES or key not in _NUMBERS:
+            is_neutral = key in _NEUTRAL and all(_is_number(one, _NEUTRAL[key]) for one in words)
+            if key not in _WITHOUT_EFFECT and not is_neutral:
+                self.unread.append(statement)
         elif key in _NUMBERS:
             try:
                 numbers = [float(word) for word in words]
@@ -186,32 +214,57 @@ class MtlLibrary:
         self._textures: dict[tuple[str | None, ...], Texture | None] = {}
         self._materials: dict[str, Material] = {}
         self.said: dict[str, MtlMaterial] = {}
-        for name in dict.fromkeys(names):
-            self._read(name)
+        for line in dict.fromkeys(names):
+            self._read_all(line)
+        self._known_as: dict[str, str] = {}
+        """Materials that are used by a name without the comment behind it, or with one."""
         used = dict.fromkeys(used)
         for name in used:
-            if name not in self.said:
+            if self._find(name) is None:
                 left_out.note(f"reference to material {name!r}, which no MTL file of it has")
         # MeshLab writes ``Tr 1`` for opaque surfaces, where others mean invisible ones. A file of
         # which nothing would be seen is taken as MeshLab's.
-        said = [self.said[name].said if name in self.said else {} for name in used]
+        found = (self._find(name) for name in used)
+        said = [{} if name is None else self.said[name].said for name in found]
         self.tr_is_opacity = self._is_from_meshlab or (
             bool(said) and all("d" not in one and _is_one(one.get("tr")) for one in said)
         )
 
-    def _read(self, name: str) -> None:
-        """Keep the materials of an MTL file; one that is missing has none."""
-        try:
-            content = self._resources.read(name)
-            self._resources.budget.take("an MTL file", _STATEMENT_BYTES * len(content))
-            text = content.decode("utf-8-sig", "replace")
-        except FileSizeError:
-            raise
-        except RefusedFileError as error:
-            self._left_out.note(f"MTL file: {reason_of(error)}")
-            return
-        except ValueError:
-            return
+    def _read_all(self, line: str) -> None:
+        """
+        Keep the materials of the MTL files that a line names.
+
+        Names may have blanks, and a comment may stand behind them: the first way to take the line
+        apart that leads to a file is the right one.
+        """
+        said: dict[str, Exception] = {}
+        for names in library_names(line):
+            contents = {}
+            for name in names:
+                try:
+                    contents[name] = self._resources.read(name)
+                except FileSizeError:
+                    raise
+                except ValueError as error:
+                    said[name] = error
+            if contents:
+                for content in contents.values():
+                    self._read(content)
+                missing = [name for name in names if name not in contents]
+                break
+        else:
+            missing = named_as_mtl(line) or [_before_comment(line)]
+        for name in missing:
+            error = said[name]
+            if isinstance(error, RefusedFileError):
+                self._left_out.note(f"MTL file: {reason_of(error)}")
+            else:
+                self._left_out.note(f"MTL file {shown_name(name)}: {reason_of(error)}")
+
+    def _read(self, content: bytes) -> None:
+        """Keep the materials of an MTL file, unless one before has those of their names."""
+        self._resources.budget.take("an MTL file", _STATEMENT_BYTES * len(content))
+        text = content.decode("utf-8-sig", "replace")
         self._is_from_meshlab |= "meshlab" in text[:_COMMENT_LENGTH].lower()
         material, found = None, {}
         for line in text.splitlines():
@@ -222,15 +275,31 @@ class MtlLibrary:
                 name = " ".join(words[1:])
                 material = found[name] = MtlMaterial(name)
             elif material is not None:
-                material.take(words[0].lower(), words[1:])
+                material.take(words[0], words[1:])
         self.said = {**found, **self.said}
+
+    def _find(self, name: str | None) -> str | None:
+        """Return what the MTL files call a material that is used; None if none has it."""
+        if name is None or name in self.said:
+            return name
+        if name not in self._known_as:
+            plain = _before_comment(name)
+            alike = (one for one in self.said if plain in (one, _before_comment(one)))
+            found = next(alike, None)
+            if found is None:
+                return None
+            self._known_as[name] = found
+        return self._known_as[name]
 
     def material(self, name: str | None) -> Material | None:
         """Return a material, one for all meshes that share it; None if no MTL file has it."""
-        if name is None or name not in self.said:
+        name = self._find(name)
+        if name is None:
             return None
         if name not in self._materials:
             said = self.said[name]
+            for statement in said.unread:
+                self._left_out.note(f"{statement} of material {name!r}")
             self._materials[name] = material_from_mtl(
                 said, self.texture(name), "map_d" in said.said, self._left_out, self.tr_is_opacity
             )
@@ -238,36 +307,50 @@ class MtlLibrary:
 
     def texture(self, material: str) -> Texture | None:
         """Return the texture of a material: colour and opacity in one; None if it has none."""
-        names = self.said[material].said
-        key = tuple(names.get(kind) for kind in _MAPS)
+        uses = self.said[material].said
+        key = tuple(uses.get(kind) for kind in _MAPS)
         if key not in self._textures:
-            self._textures[key] = self._join(names, f"material {material!r}")
+            self._textures[key] = self._join(*key, f"material {material!r}")
         return self._textures[key]
 
-    def _join(self, names: dict[str, Any], label: str) -> Texture | None:
-        """Return a texture of the pictures that can be read."""
-        color = self._pixels(names.get("map_kd"), "map_Kd", label)
-        opacity = self._pixels(names.get("map_d"), "map_d", label)
+    def _join(
+        self, of_color: PictureUse | None, of_opacity: PictureUse | None, label: str
+    ) -> Texture | None:
+        """Return a texture of the pictures that can be read, laid as the first of them is."""
+        color = self._pixels(of_color, "map_Kd", label)
+        opacity = self._pixels(of_opacity, "map_d", label)
+        laid = of_opacity if color is None else of_color
+        for use, key, pixels in ((of_color, "map_Kd", color), (of_opacity, "map_d", opacity)):
+            if use is not None and pixels is not None:
+                kept = use.laid() if use.laid() == laid.laid() else {}
+                for option, said in use.options.items():
+                    is_channel = key == "map_d" and option == _CHANNEL and said[0] in "rgbm"
+                    if not is_channel and _LAID.get(option) not in kept:
+                        self._left_out.note(f"option {option} of {key} of {label}")
         if opacity is None:
-            return None if color is None else Texture(color)
-        # Grey counts, or else alpha: a picture in colour with alpha is the same as map_Kd.
-        alpha = opacity if opacity.ndim == 2 else opacity[..., -1 if opacity.shape[2] > 3 else 0]
-        alpha = alpha if alpha.dtype == np.uint8 else (alpha >> 8).astype(np.uint8)
+            return None if color is None else Texture(color, **laid.laid())
+        alpha = _channel(opacity, of_opacity)
         if color is None:
             color = np.full((*alpha.shape, 3), 255, np.uint8)
-        if color.dtype != np.uint8:
-            color = (color >> 8).astype(np.uint8)
+        if color.dtype != alpha.dtype:
+            color, alpha = in_16_bits(color), in_16_bits(alpha)
         color = color[..., np.newaxis] if color.ndim == 2 else color
         red_green_blue = color[..., :3] if color.shape[2] >= 3 else np.repeat(color[..., :1], 3, 2)
         alpha = resized(alpha, (color.shape[1], color.shape[0]))
-        return Texture(np.dstack([red_green_blue, alpha]))
+        return Texture(np.dstack([red_green_blue, alpha]), **laid.laid())
 
-    def _pixels(self, name: str | None, key: str, label: str) -> NDArray[Any] | None:
+    def _pixels(self, use: PictureUse | None, key: str, label: str) -> NDArray[Any] | None:
         """Return a picture's pixels; None, with a note if it has a name and cannot be read."""
-        if name is None:
+        if use is None:
             return None
+        name = use.name
         try:
-            content = self._resources.read(name)
+            try:
+                content = self._resources.read(name)
+            except MissingFileError:
+                if (plain := _before_comment(name)) == name:
+                    raise
+                content, name = self._resources.read(plain), plain
             return picture_pixels(content, f"picture {shown_name(name)}", self._resources.budget)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
@@ -277,30 +360,118 @@ class MtlLibrary:
             return None
 
 
+def _channel(opacity: NDArray[Any], use: PictureUse | None) -> NDArray[Any]:
+    """
+    Return the channel of a picture that is the opacity.
+
+    Without an option that names it, grey counts, or else alpha: a picture in colour with alpha is
+    mostly that of map_Kd.
+    """
+    if opacity.ndim == 2:
+        return opacity
+    named = () if use is None else use.options.get(_CHANNEL, ())
+    width = opacity.shape[2]
+    if named in (("r",), ("g",), ("b",)) and width > 2:
+        return opacity[..., "rgb".index(named[0])]
+    return opacity[..., width - 1 if width > 3 or (width == 2 and named == ("m",)) else 0]
+
+
 def _is_one(words: list[str] | None) -> bool:
     """Tell the number 1 in an MTL file."""
+    return bool(words) and _is_number(words[-1], 1.0)
+
+
+class PictureUse(NamedTuple):
+    """
+    A picture, and how it is laid.
+
+    Parameters
+    ----------
+    name : str
+        It may have blanks.
+    options : dict of str to words
+        Those that change anything.
+    """
+
+    name: str
+    options: dict[str, tuple[str, ...]]
+
+    def __hash__(self) -> int:
+        return hash((self.name, *self.options.items()))
+
+    @classmethod
+    def of(cls, words: list[str]) -> PictureUse:
+        """
+        Take apart the options of a picture and its name behind them.
+
+        An option takes up to three numbers; what is none belongs to the name.
+        """
+        at, options = 0, {}
+        while at < len(words) and words[at].lower() in _OPTIONS:
+            option, at = words[at].lower(), at + 1
+            usual = _OPTIONS[option]
+            begin = at
+            while at < min(begin + len(usual), len(words) - 1) and _is_option_value(words[at]):
+                at += 1
+            said = tuple(words[begin:at])
+            if not all(map(_is_same, said, usual)):
+                options[option] = said
+        return cls(" ".join(words[at:]), options)
+
+    def laid(self) -> dict[str, Any]:
+        """Return how a `Texture` is laid: its scale, offset and wrap."""
+        found: dict[str, Any] = {}
+        for option in ("-s", "-o"):
+            if option in self.options:
+                usual = [float(word) for word in _OPTIONS[option][:2]]
+                said = [float(word) for word in self.options[option][:2]]
+                pair = tuple(said + usual[len(said) :])
+                if all(abs(number) <= FARTHEST_MOVE for number in pair):
+                    found[_LAID[option]] = pair
+        return {**found, **({"wrap": "clamp"} if "-clamp" in self.options else {})}
+
+
+def library_names(text: str) -> Iterator[list[str]]:
+    """Yield the names of MTL files that a line may mean, the likeliest first."""
+    plain = _before_comment(text)
+    yield [text]
+    yield [plain]
+    yield named_as_mtl(text)
+    yield plain.split()
+
+
+def named_as_mtl(text: str) -> list[str]:
+    """Return the names that end in ``.mtl``."""
+    found = re.findall(r"\S.*?\.mtl\b[\"']?(?=\s|$)", _before_comment(text), re.IGNORECASE)
+    return [name.strip("\"' ") for name in found]
+
+
+def without_comment(words: list[str]) -> list[str]:
+    """Return the words before one that begins a comment."""
+    end = next((at for at, word in enumerate(words) if word.startswith("#")), len(words))
+    return words[:end]
+
+
+def _before_comment(text: str) -> str:
+    """Return what stands before a comment, if anything does."""
+    return re.split(r"\s+#", text, maxsplit=1)[0].strip() or text
+
+
+def _is_number(word: str, number: float) -> bool:
+    """Tell a word that is a number."""
     try:
-        return words is not None and float(words[-1]) == 1.0
+        return float(word) == number
     except ValueError:
         return False
 
 
-def picture_name(words: list[str]) -> str:
-    """
-    Return the name of a picture, which may have blanks, behind its options.
-
-    An option takes up to three numbers; what is none belongs to the name.
-    """
-    at = 0
-    while at < len(words) and words[at] in _OPTIONS:
-        most, at = at + 1 + _OPTIONS[words[at]], at + 1
-        while at < min(most, len(words) - 1) and _is_option_value(words[at]):
-            at += 1
-    return " ".join(words[at:])
+def _is_same(word: str, usual: str) -> bool:
+    """Tell whether two words are the same, or the same number."""
+    return word == usual or (usual.isdecimal() and _is_number(word, float(usual)))
 
 
 def _is_option_value(word: str) -> bool:
     """Tell a number or a switch from the beginning of a name."""
     return word in ("on", "off", "r", "g", "b", "m", "l", "z") or bool(
-        re.fullmatch(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?", word)
+        re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?", word, re.I)
     )

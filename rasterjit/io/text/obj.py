@@ -76,7 +76,7 @@ def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     # A backslash joins lines; blanks in its place keep every byte where it was.
     data = original = resources.read_itself(path)
     if b"\\" in data:
-        data = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+        data = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ").replace(b"\\\r", b"  ")
     lines = Lines(data, resources.budget, 0, original)
     return list(_ObjFile(path, lines, resources, damage, left_out).parts())
 
@@ -143,10 +143,7 @@ class _ObjFile:
                 self._left_out.note(_NOT_SHOWN[word[0]])
             elif word and word[0] not in _SHAPELESS:
                 unknown.append(line)
-        if unknown:
-            first = min(unknown)
-            shown = f"{self._lines.where(first)}: {self._lines.shown(first)}"
-            self._left_out.note(f"lines of no known kind, first {shown}", len(unknown))
+        self._lines.note_unknown(np.array(sorted(unknown), np.int64), self._left_out)
 
     def _read_numbers(self) -> None:
         """Read positions with their colours, texture coordinates and normals."""

@@ -1,5 +1,5 @@
 """
-Read OFF files [1]_: positions and faces; colours, normals and texture coordinates are not read.
+Read OFF files [1]_: positions and faces. Colours, normals and texture coordinates are left out.
 
 References
 ----------
@@ -20,6 +20,9 @@ from rasterjit.io.text.parts import POLYGON_CORNER_BYTES, Part, sound_polygons, 
 
 _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
 """Some files have the numbers of vertices and faces right behind it."""
+
+_BESIDE = {"N": "normal", "C": "colour", "ST": "texture coordinates"}
+"""What vertices have besides positions, by the letters before ``OFF``."""
 
 _A_FACE = "a face: how many vertices it has, and their numbers, below"
 
@@ -50,7 +53,12 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     rows = filled[at + 1 : at + 1 + vertex_count]
     if len(rows) < vertex_count:
         damage.end(f"{vertex_count} vertices, as its head says", str(len(rows)))
-    vertices, there = columns(*number_rows(lines, rows, 0, 3, "a vertex", damage), 3)
+    values, found = number_rows(lines, rows, 0, 3, "a vertex", damage)
+    letters = header[0][: header[0].upper().index("OFF")].upper()
+    kinds = [name for letter, name in _BESIDE.items() if letter in letters]
+    beside = " and ".join(kinds) or "further numbers"
+    left_out.note(f"{beside} of a vertex", int(np.count_nonzero(found > 3)))
+    vertices, there = columns(values, found, 3)
     rows = filled[at + 1 + vertex_count : at + 1 + vertex_count + face_count]
     if len(rows) < face_count:
         damage.end(f"{face_count} faces, as its head says", str(len(rows)))
@@ -65,6 +73,7 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     for line in rows[~good].tolist():
         damage.line(lines, line, f"{_A_FACE} {len(there)}")
     rows, begins, counts = rows[good], begins[good] + 1, said[good].astype(np.int64)
+    left_out.note("colour of a face", int(np.count_nonzero(found[good] > counts + 1)))
     shift = begins - (np.cumsum(counts) - counts)
     corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
     resources.budget.take("the corners of its faces", len(corners) * POLYGON_CORNER_BYTES)

@@ -286,6 +286,29 @@ def triangles(
     return corners, polygons
 
 
+def strip_triangles(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Cut strips into triangles, of which every second one is turned over.
+
+    Parameters
+    ----------
+    counts : (S,) int64
+        Corners of each strip, which stand one strip after the other; fewer than 3 are no triangle.
+
+    Returns
+    -------
+    corners : (T, 3) int64
+        Numbers of corners.
+    strips : (T,) int64
+        Of which strip each triangle is.
+    """
+    inside = np.maximum(counts - 2, 0)
+    strips = np.repeat(np.arange(len(counts)), inside)
+    step = np.arange(len(strips)) - (np.cumsum(inside) - inside)[strips]
+    first, odd = (np.cumsum(counts) - counts)[strips] + step, step % 2
+    return np.stack([first, first + 1 + odd, first + 2 - odd], axis=1), strips
+
+
 def sound_polygons(
     corners: NDArray[Any],
     counts: NDArray[np.int64],

@@ -8,10 +8,11 @@ References
 
 from __future__ import annotations
 
+import re
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +22,19 @@ from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, line_end, number_rows
 from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import (
     COLORS_BESIDE,
     POLYGON_CORNER_BYTES,
+    Names,
     Part,
     Thing,
     joined,
     linear_rgba,
     sound_polygons,
     srgb_bytes,
+    strip_triangles,
     triangles,
 )
 from rasterjit.scene.memory import MemoryBudget
@@ -46,18 +49,37 @@ _TYPES = {
 
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-_UV = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+_COLORS = (("red", "green", "blue", "alpha"), ("red", "green", "blue"))
+
+_UV = (
+    ("texture_u", "texture_v"), ("u", "v"), ("s", "t"), ("texture_s", "texture_t"),
+    ("tex_u", "tex_v"), ("texcoord_u", "texcoord_v"), ("texcoord_s", "texcoord_t"), ("tu", "tv"),
+)  # fmt: skip
 """Names of texture coordinates of vertices."""
 
-_KNOWN = {*("x", "y", "z", "nx", "ny", "nz"), *("red", "green", "blue", "alpha"), *sum(_UV, ())}
-"""Properties that have a meaning; the others are attributes."""
+_CORNER_UV = ("texcoord", "texcoords", "texture_coordinates", "tex_coord", "uv", "uvs")
+"""Names of lists of texture coordinates of the corners of a face."""
+
+_NUMBER = ("texnumber", "texture_number", "tex_number")
+"""Names of the number of a picture, of those that the head names."""
 
 _CORNERS = ("vertex_index", "vertex_indices")
 
 _ENDS = ("vertex1", "vertex2")
 """Names of the ends of an edge."""
 
-_TEXTURE_FILE = "texturefile"
+_STRIPS = "tristrips"
+
+_RESTART = -1
+"""The corner behind which a strip begins anew; as it is, or in a type without a sign."""
+
+_PICTURE = re.compile(
+    r"(?:comment|obj_info)\s+(?:texture_?file[:=]?\s*(.+)"
+    r"|texture[:=]?\s+(.+\.(?:png|jpe?g|tga|bmp|tiff?|webp|gif)))",
+    re.IGNORECASE,
+)
+"""A line of the head that names a picture."""
 
 
 @dataclass
@@ -88,16 +110,17 @@ class _Element:
 
     def attributes(self, left_out: LeftOut, known: set[str]) -> dict[str, NDArray[Any]]:
         """
-        Return by name the values that have no meaning of their own: (N,), or of lists (N, D).
+        Return by name the values that nothing else is made of: (N,), or of lists (N, D).
 
-        ``known`` are names of lists that have one; lists of several lengths are left out.
+        ``known`` are names of what is; lists of several lengths are left out.
         """
         found = {}
         for name, values in self.columns.items():
+            if name in known:
+                continue
             if name not in self.counts:
-                if name not in _KNOWN:
-                    found[name] = values
-            elif name not in known:
+                found[name] = values
+            else:
                 counts = self.counts[name]
                 lengths = np.unique(counts[self.there])
                 if len(lengths) == 1 and lengths[0] > 0:
@@ -107,8 +130,13 @@ class _Element:
                     found[name] = np.zeros((len(counts), int(lengths[0])), values.dtype)
                     found[name][rows] = values[begins + np.arange(lengths[0])]
                 elif len(lengths) > 1:
-                    left_out.note(f"{self.name} lists {name!r} of several lengths")
+                    what = f"{self.name} lists {name!r} of several lengths"
+                    left_out.note(what, len(counts))
         return found
+
+    def names(self, *known: tuple[str, ...]) -> set[str]:
+        """Return the first of some groups of names of which all are there, or none."""
+        return set(next((names for names in known if self.table(names) is not None), ()))
 
     def table(self, names: tuple[str, ...]) -> NDArray[Any] | None:
         """Return single values as columns, or None if one has no such name."""
@@ -121,7 +149,7 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     """Return the mesh of a PLY file, else its edges, else its points, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     try:
-        order, elements, picture, at = _head(data)
+        order, elements, pictures, at = _head(data)
     except ValueError as error:
         raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
     lines = None
@@ -132,36 +160,40 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         resources.budget.take("its rows", BINARY_BYTES * len(data))
         _read_binary(data, at, elements, damage)
     by_name = {element.name: element for element in elements}
+    for name, element in by_name.items():
+        left_out.found(f"element {name!r}", element.length)
     vertex = by_name.get("vertex")
-    positions = vertex.table(("x", "y", "z")) if vertex is not None else None
+    positions = vertex.table(_POSITION) if vertex is not None else None
     if vertex is None or positions is None or not len(positions):
         raise MeshFileError(f"{path} holds no faces and no points")
-    face, edge = by_name.get("face"), by_name.get("edge")
+    left_out.read("element 'vertex'", vertex.length)
+    face, edge = _with_strips(by_name, left_out), by_name.get("edge")
     ends = None if edge is None else edge.table(_ENDS)
     polygons = None
     if face is not None:
         polygons = _polygons(face, vertex.there, lines, damage, left_out, resources.budget)
-    if face is None or polygons is None or not len(polygons[1]):
+    if face is None or polygons is None or not len(polygons.counts):
         if edge is not None and ends is not None and len(ends):
+            left_out.read("element 'edge'", edge.length)
             return [_drawing(path, vertex, edge, ends, damage, left_out)]
+        left_out.found("texture file", len(pictures))
         return [_cloud(path, vertex, left_out)]
-    if ends is not None and len(ends):
-        left_out.note("edges beside faces", len(ends))
-    return [_part(path.name, vertex, positions, face, polygons, picture, resources, left_out)]
+    return _parts(path.name, vertex, face, polygons, pictures, resources, left_out)
 
 
 def _cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
     """Return the points of a file without faces; damaged rows are no points."""
     there = vertex.there
-    positions, normals = vertex.table(("x", "y", "z")), vertex.table(("nx", "ny", "nz"))
+    positions, normals = vertex.table(_POSITION), vertex.table(_NORMAL)
     if positions is None or not there.any():
         raise MeshFileError(f"{path} holds a point cloud of no points")
     colors = _colors(vertex)
+    known = vertex.names(_POSITION) | vertex.names(_NORMAL) | vertex.names(*_COLORS)
     return Cloud(
         path.name, positions[there].astype(np.float64),
         None if colors is None else linear_rgba(srgb_bytes(colors[there]), False),
         None if normals is None else normals[there],
-        {name: values[there] for name, values in vertex.attributes(left_out, set()).items()},
+        {name: values[there] for name, values in vertex.attributes(left_out, known).items()},
     )  # fmt: skip
 
 
@@ -170,7 +202,7 @@ def _drawing(
     left_out: LeftOut,
 ) -> Drawing:  # fmt: skip
     """Return the edges of a file without faces."""
-    there, positions = vertex.there, vertex.table(("x", "y", "z"))
+    there, positions = vertex.there, vertex.table(_POSITION)
     sound = edge.there & ((ends >= 0) & (ends < len(there)) & (ends == np.floor(ends))).all(axis=1)
     sound[sound] = there[ends[sound].astype(np.int64)].all(axis=1)
     for row in np.flatnonzero(edge.there & ~sound).tolist():
@@ -180,17 +212,18 @@ def _drawing(
         raise MeshFileError(f"{path} holds edges, none of which joins two of its vertices")
     of_vertices, of_edges = _colors(vertex), _colors(edge)
     colors = of_vertices if of_edges is None else of_edges[sound]
-    attributes = edge.attributes(left_out, set())
+    attributes = edge.attributes(left_out, edge.names(*_COLORS) | set(_ENDS))
+    known = vertex.names(_POSITION) | (vertex.names(*_COLORS) if of_edges is None else set())
     return Drawing(
         path.name, np.where(there[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
         None if colors is None else linear_rgba(srgb_bytes(colors), False),
-        of_edges is not None, vertex.attributes(left_out, set()),
-        {name: values[sound] for name, values in attributes.items() if name not in _ENDS},
+        of_edges is not None, vertex.attributes(left_out, known),
+        {name: values[sound] for name, values in attributes.items()},
     )  # fmt: skip
 
 
-def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
+def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     """
     Read the head of a file, or raise ``ValueError``.
 
@@ -199,15 +232,16 @@ def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
     order : {"=", "<", ">"}
         Byte order; ``"="`` for text.
     elements : list of _Element
-    picture : str or None
-        Name of the texture's file.
+    pictures : list of str
+        Names of the textures' files.
     at : int
         Where the rows begin.
     """
-    order, picture, at, number = None, None, 0, 0
+    order, at, number, ending = None, 0, 0, line_end(data)
     elements: list[_Element] = []
+    pictures: dict[str, None] = {}
     while True:
-        end = data.find(b"\n", at)
+        end = data.find(ending, at)
         if number and end < 0:
             raise ValueError("its head has no end_header")
         text = data[at : end if end >= 0 else len(data)].decode("utf-8", "replace").strip()
@@ -233,8 +267,8 @@ def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
                 raise ValueError(
                     f"line {number}: expected an element or a property, got {text[:40]!r}"
                 ) from None
-        elif _TEXTURE_FILE in text.lower():
-            picture = text[text.lower().index(_TEXTURE_FILE) + len(_TEXTURE_FILE) :].strip()
+        elif named := _PICTURE.fullmatch(text):
+            pictures[(named[1] or named[2]).strip().strip("\"'")] = None
         elif words[0] not in ("comment", "obj_info"):
             raise ValueError(
                 f"line {number}: expected format, comment, obj_info, element, property or "
@@ -247,7 +281,7 @@ def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
             one.kind = one.kind.newbyteorder(order)
             if one.count_kind is not None:
                 one.count_kind = one.count_kind.newbyteorder(order)
-    return order, elements, picture, at
+    return order, elements, list(pictures), at
 
 
 def _declare(words: list[str], elements: list[_Element]) -> None:
@@ -437,6 +471,80 @@ def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], lis
     return begins, counts, at
 
 
+class _Polygons(NamedTuple):
+    """
+    The sound faces of a file.
+
+    Parameters
+    ----------
+    corners : (N,) int64
+        Numbers of vertices, one polygon after the other.
+    counts, rows : (G,) int64
+        Corners of each polygon, and its row of the element.
+    all_counts : (F,) int64
+        Corners of all rows.
+    """
+
+    corners: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    all_counts: NDArray[np.int64]
+
+    def some(self, kept: NDArray[np.bool_]) -> _Polygons:
+        """Return some of the polygons."""
+        corners = self.corners[np.repeat(kept, self.counts)]
+        return _Polygons(corners, self.counts[kept], self.rows[kept], self.all_counts)
+
+
+def _with_strips(by_name: dict[str, _Element], left_out: LeftOut) -> _Element | None:
+    """Return the faces of a file, and the triangles of its strips behind them; None without any."""
+    face, strips = by_name.get("face"), by_name.get(_STRIPS)
+    name = None if face is None else _corner_name(face)
+    of_strips = None if strips is None else _corner_name(strips)
+    if face is not None and name is not None:
+        left_out.read("element 'face'", face.length)
+    if strips is None or of_strips is None:
+        return face
+    left_out.read(f"element {_STRIPS!r}", strips.length)
+    cut = _cut_strips(strips, of_strips, name or _CORNERS[0])
+    if face is None or name is None or not face.length:
+        return cut
+    both = _Element("face", face.length + cut.length)
+    both.there = np.concatenate([face.there, cut.there])
+    both.counts[name] = np.concatenate([face.counts[name], cut.counts[name]])
+    if face.lines is not None and cut.lines is not None:
+        both.lines = np.concatenate([face.lines, cut.lines])
+    shared = [one for one in face.columns if one == name or one in cut.columns]
+    for one in shared:
+        both.columns[one] = np.concatenate([face.columns[one], cut.columns[one]])
+    for element in (face, cut):
+        for one in element.columns.keys() - set(shared):
+            left_out.note(f"property {one!r} of faces beside strips", element.length)
+    return both
+
+
+def _cut_strips(strips: _Element, of_strips: str, name: str) -> _Element:
+    """Return the triangles of strips as faces, with what the strip of each has, but for lists."""
+    corners, counts = strips.columns[of_strips], strips.counts[of_strips]
+    restarts = {_RESTART, *([np.iinfo(corners.dtype).max] if corners.dtype.kind == "u" else [])}
+    ends = np.isin(corners, list(restarts))
+    of_corners = np.repeat(np.arange(len(counts)), counts)[~ends]
+    # A strip goes on to its end, or to where it begins anew.
+    run = (np.cumsum(ends) + np.repeat(np.arange(len(counts)), counts))[~ends]
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+    lengths = np.diff(begins, append=len(run))
+    places, of_runs = strip_triangles(lengths)
+    rows = of_corners[begins[of_runs]] if len(begins) else np.zeros(0, np.int64)
+    cut = _Element("face", len(rows), there=strips.there[rows])
+    cut.columns[name] = corners[~ends][places].reshape(-1)
+    cut.counts[name] = np.full(len(rows), 3)
+    for one, values in strips.columns.items():
+        if one not in strips.counts:
+            cut.columns[one] = values[rows]
+    cut.lines = None if strips.lines is None else strips.lines[rows]
+    return cut
+
+
 def _polygons(
     face: _Element,
     there: NDArray[np.bool_],
@@ -444,8 +552,8 @@ def _polygons(
     damage: Damage,
     left_out: LeftOut,
     budget: MemoryBudget,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
-    """Return corners, their number in each polygon, rows of these, and all rows' numbers."""
+) -> _Polygons | None:
+    """Return the sound faces, or None if there are no lists of corners."""
     name = _corner_name(face)
     if name is None:
         return None
@@ -463,7 +571,7 @@ def _polygons(
 
     budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_BYTES)
     corners, kept, rows = sound_polygons(face.columns[name], counts, there, report, left_out)
-    return corners, kept, rows, counts
+    return _Polygons(corners, kept, rows, counts)
 
 
 def _corner_name(face: _Element) -> str | None:
@@ -472,43 +580,89 @@ def _corner_name(face: _Element) -> str | None:
     return next(iter(face.counts)) if name is None and len(face.counts) == 1 else name
 
 
+def _parts(
+    name: str,
+    vertex: _Element,
+    face: _Element,
+    polygons: _Polygons,
+    pictures: list[str],
+    resources: Resources,
+    left_out: LeftOut,
+) -> list[Thing]:
+    """Return a mesh for each picture that faces show, or one."""
+    is_laid = bool(_corner_uv_name(face, polygons) or vertex.names(*_UV))
+    if not is_laid:
+        left_out.found("texture file without texture coordinates", len(pictures))
+        return [_part(name, vertex, face, polygons, None, left_out)]
+    if len(pictures) < 2:
+        texture = _texture(pictures[0], resources, left_out) if pictures else None
+        return [_part(name, vertex, face, polygons, texture, left_out)]
+    numbers = _picture_numbers(vertex, face, polygons)
+    if numbers is None:
+        left_out.note("further texture file, which no face names", len(pictures) - 1)
+        texture = _texture(pictures[0], resources, left_out)
+        return [_part(name, vertex, face, polygons, texture, left_out)]
+    parts: list[Thing] = []
+    names = Names()
+    for number in np.unique(numbers).tolist():
+        texture = None
+        if 0 <= number < len(pictures):
+            texture = _texture(pictures[int(number)], resources, left_out)
+        some = polygons.some(numbers == number)
+        parts.append(_part(names.unique(name), vertex, face, some, texture, left_out))
+    return parts
+
+
+def _picture_numbers(vertex: _Element, face: _Element, polygons: _Polygons) -> NDArray[Any] | None:
+    """Return the number of the picture of each polygon, by it or its first corner, or None."""
+    for element in (face, vertex):
+        name = next((one for one in _NUMBER if one in element.columns), None)
+        if name is not None and name not in element.counts:
+            firsts = polygons.corners[np.cumsum(polygons.counts) - polygons.counts]
+            return element.columns[name][polygons.rows if element is face else firsts]
+    return None
+
+
 def _part(
     name: str,
     vertex: _Element,
-    positions: NDArray[Any],
     face: _Element,
-    polygons: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-    picture: str | None,
-    resources: Resources,
+    polygons: _Polygons,
+    texture: Texture | None,
     left_out: LeftOut,
 ) -> Part:
-    """Return the mesh, with vertices of its own where faces differ in texture coordinates."""
-    corners, counts, rows, all_counts = polygons
-    texture = None if picture is None else _texture(picture, resources, left_out)
-    uv = _corner_uv(face, rows, all_counts)
-    numbers = corners[:, np.newaxis]
-    if uv is not None:
+    """Return a mesh, with vertices of its own where faces differ in texture coordinates."""
+    corners, counts, rows, _ = polygons
+    positions = vertex.table(_POSITION)
+    assert positions is not None
+    of_corners = _corner_uv_name(face, polygons)
+    numbers, uv_names = corners[:, np.newaxis], set()
+    uv = None
+    if of_corners is not None:
+        uv = _corner_uv(face, of_corners, polygons)
         _, number = np.unique(uv, axis=0, return_inverse=True)
         numbers = np.column_stack([corners, number.reshape(-1)])
-    else:
-        tables = [vertex.table(names) for names in _UV]
-        uv = next((table[corners] for table in tables if table is not None), None)
+    elif uv_names := vertex.names(*_UV):
+        pair = next(one for one in _UV if set(one) == uv_names)
+        uv = vertex.table(pair)[corners]
     which, picked = corners, None
     if uv is not None or not vertex.there.all():
         found, which = joined(numbers)
         picked, uv = corners[found], None if uv is None else uv[found]
     cut, of_polygons = triangles(counts, by_size=True)
-    colors, is_by_face = _colors(vertex), False
+    of_vertices = vertex.names(*_COLORS)
+    colors, face_colors = _colors(vertex), set()
     if colors is None:
-        of_faces = _colors(face)
-        if of_faces is not None:
-            colors, is_by_face = of_faces[rows[of_polygons]], True
-    normals, attributes = vertex.table(("nx", "ny", "nz")), vertex.attributes(left_out, set())
+        of_faces, face_colors = _colors(face), face.names(*_COLORS)
+        colors = None if of_faces is None else of_faces[rows[of_polygons]]
+    known = vertex.names(_POSITION) | vertex.names(_NORMAL) | of_vertices | uv_names
+    normals = vertex.table(_NORMAL)
+    attributes = vertex.attributes(left_out, known | set(_NUMBER))
     if picked is not None:
         attributes = {name: values[picked] for name, values in attributes.items()}
         positions = positions[picked]
         normals = None if normals is None else normals[picked]
-        colors = colors if colors is None or is_by_face else colors[picked]
+        colors = colors if colors is None or not of_vertices else colors[picked]
     material = None
     if uv is not None:
         material = material_from_mtl(MtlMaterial("material_0"), texture, False, left_out)
@@ -517,7 +671,7 @@ def _part(
         colors = None
     elif colors is not None:
         colors = linear_rgba(srgb_bytes(colors), False)
-    known = {"texcoord", str(_corner_name(face))}
+    known = {str(_corner_name(face)), str(of_corners), *_NUMBER, *face_colors}
     of_faces = {
         name: values[rows[of_polygons]] for name, values in face.attributes(left_out, known).items()
     }
@@ -527,23 +681,27 @@ def _part(
     )  # fmt: skip
 
 
-def _corner_uv(
-    face: _Element, rows: NDArray[np.int64], counts: NDArray[np.int64]
-) -> NDArray[Any] | None:
-    """Return the texture coordinates that faces have for each of their corners, or None."""
-    said = face.counts.get("texcoord")
-    if said is None or not np.array_equal(said, 2 * counts):
-        return None
-    kept = np.zeros(len(counts), bool)
-    kept[rows] = True
-    pairs = face.columns["texcoord"].reshape(-1, 2)
-    return pairs[np.repeat(kept, counts)]
+def _corner_uv_name(face: _Element, polygons: _Polygons) -> str | None:
+    """Return the name of the texture coordinates that faces have for each corner, or None."""
+    for name in _CORNER_UV:
+        said = face.counts.get(name)
+        if said is not None and np.array_equal(said, 2 * polygons.all_counts):
+            return name
+    return None
+
+
+def _corner_uv(face: _Element, name: str, polygons: _Polygons) -> NDArray[Any]:
+    """Return the texture coordinates of the corners of the polygons, (N, 2)."""
+    kept = np.zeros(len(polygons.all_counts), bool)
+    kept[polygons.rows] = True
+    pairs = face.columns[name].reshape(-1, 2)
+    return pairs[np.repeat(kept, polygons.all_counts)]
 
 
 def _colors(element: _Element) -> NDArray[Any] | None:
     """Return the colours of an element's rows, as they are, or None."""
-    rgba = element.table(("red", "green", "blue", "alpha"))
-    return element.table(("red", "green", "blue")) if rgba is None else rgba
+    rgba = element.table(_COLORS[0])
+    return element.table(_COLORS[1]) if rgba is None else rgba
 
 
 def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import MeshFileError
+from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, columns, number_rows
 from rasterjit.io.text.parts import Names, Part
 
@@ -22,7 +22,7 @@ _PROBE = 1024
 """Bytes among which a text has no zero."""
 
 
-def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
+def read_stl(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
     """Return the meshes of an STL file, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     count = int.from_bytes(data[80:_HEAD], "little")
@@ -36,9 +36,11 @@ def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
             damage.end(f"nothing after {count} triangles", f"{extra} bytes")
         resources.budget.take("its triangles", BINARY_BYTES * len(data))
         triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
+        marked = int(np.count_nonzero(triangles["attribute"]))
+        left_out.note("colour or attribute of a triangle", marked)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
-        parts = list(_text_parts(Lines(data, resources.budget), path.name, damage))
+        parts = list(_text_parts(Lines(data, resources.budget), path.name, damage, left_out))
     if not parts:
         raise MeshFileError(f"{path} holds no faces")
     return parts
@@ -49,7 +51,7 @@ def _part(name: str, vertices: NDArray) -> Part:
     return Part(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
 
 
-def _text_parts(lines: Lines, file_name: str, damage: Damage) -> Iterator[Part]:
+def _text_parts(lines: Lines, file_name: str, damage: Damage, left_out: LeftOut) -> Iterator[Part]:
     """Yield a mesh for each solid of a text file that has triangles; the file's name stands in."""
     first, second, fourth = (lines.char(offset) | 0x20 for offset in (0, 1, 3))
     solids = np.flatnonzero((first == ord("s")) & (second == ord("o")))
@@ -58,6 +60,10 @@ def _text_parts(lines: Lines, file_name: str, damage: Damage) -> Iterator[Part]:
     ends = np.flatnonzero((first == ord("e")) & (second == ord("n")) & (fourth == ord("s")))
     if not len(corners):
         return
+    known = np.isin(first, np.frombuffer(b"sfve", np.uint8)) | (
+        (first == ord("o")) & (second == ord("u"))
+    )
+    lines.note_unknown(np.flatnonzero(~known & (lines.starts < lines.ends)), left_out)
     if not len(ends) or ends[-1] < corners[-1]:
         damage.end("'endsolid'", lines.shown(len(lines) - 1))
     values, counts = number_rows(lines, corners, len("vertex"), 3, "a vertex", damage)
