@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory import TEXEL_BYTES, MemoryBudget
+from rasterjit.scene.picture_codes import picture_codes
 from rasterjit.scene.texture import opened_picture
 
 if TYPE_CHECKING:
     from PIL import Image
-
-SAMPLED_AS_THEY_ARE = ("L", "LA", "RGB", "RGBA", "I;16")
-"""Pillow's kinds of picture that lie in memory as `Texture` takes them; others become RGBA."""
 
 
 def picture_pixels(
@@ -88,7 +86,7 @@ def _opened(content: bytes, further: tuple[str, ...] = ()) -> Iterator[Image.Ima
 
 def image_pixels(image: Image.Image) -> NDArray[Any]:
     """Return the pixels of a Pillow image as `Texture` takes them."""
-    return np.asarray(image if image.mode in SAMPLED_AS_THEY_ARE else image.convert("RGBA"))
+    return picture_codes(image.convert("RGBA") if image.mode == "F" else image)
 
 
 def nearest_codes(linear: NDArray[np.float32], color_space: str) -> tuple[NDArray[np.uint8], bool]:

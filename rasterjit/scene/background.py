@@ -114,8 +114,9 @@ def _read(path: str, changed: int, length: int) -> BackgroundImage:
     image = read_picture("background", existing_file("background", path), is_turned=True)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
-    if image.ndim == 2:
-        image = np.repeat(image[..., None], 3, axis=2)
+    image = image.reshape(*image.shape[:2], -1)
+    if image.shape[2] < 3:
+        image = np.dstack([np.repeat(image[..., :1], 3, axis=2), image[..., 1:]])
     return BackgroundImage(image)
 
 

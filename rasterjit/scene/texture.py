@@ -18,6 +18,7 @@ from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
+from rasterjit.scene.picture_codes import picture_codes
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.validation import (
     MaskedError,
@@ -93,9 +94,6 @@ What is opened as a picture, by Pillow's names, told by its content.
 
 Others are refused: Pillow knows fifty, among them some that start programs, such as PostScript.
 """
-
-_CONVERTED_MODES = ("1", "P", "PA", "La", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
-"""Pillow's kinds of picture that are neither grey nor RGB as they lie in memory."""
 
 
 class PictureSizeError(ValueError):
@@ -308,7 +306,8 @@ class Texture:
         """
         Read a texture from a picture: PNG, JPEG, WebP, TIFF, BMP, TGA or GIF.
 
-        Grey, 16-bit grey, RGB and RGBA pictures are taken as they are, others as RGBA.
+        Grey, RGB and RGBA pictures of 8 and 16 bits are taken as they are, with the holes of a
+        colour key of a PNG file; others as RGBA.
 
         Parameters
         ----------
@@ -464,12 +463,7 @@ def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[A
     """
     try:
         with opened_picture(f"the picture {str(file)!r}", file) as image:
-            if is_turned:
-                from PIL import ImageOps
-
-                ImageOps.exif_transpose(image, in_place=True)
-            mode = image.mode
-            pixels = np.asarray(image.convert("RGBA") if mode in _CONVERTED_MODES else image)
+            return picture_codes(image, is_turned)
     except PictureSizeError:
         raise
     except Exception as error:
@@ -478,10 +472,6 @@ def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[A
         if type(error).__name__ == "UnidentifiedImageError":
             reason = f"it is none of {', '.join(PICTURE_FORMATS)}"
         raise ValueError(f"{name} must be a picture, but {str(file)!r} is not: {reason}") from error
-    if mode == "I":
-        # Pillow's name for 16-bit grey in 32-bit integers.
-        pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
-    return pixels
 
 
 def turned_over(
