@@ -232,6 +232,41 @@ def test_values_of_sides_of_solids_and_sets_of_cells_are_named():
     }  # fmt: skip
 
 
+STRIP = """<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">
+<UnstructuredGrid><Piece NumberOfPoints="6" NumberOfCells="1"><Points>
+<DataArray type="Float64" NumberOfComponents="3" format="ascii">
+0 0 0 0 1 0 1 0 0 1 1 0 2 0 0 2 1 0</DataArray></Points><Cells>
+<DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3 4 5</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">6</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">6</DataArray></Cells></Piece>
+</UnstructuredGrid></VTKFile>
+"""
+
+
+def test_cells_that_meshio_drops_are_named(tmp_path, monkeypatch):
+    (tmp_path / "a.vtu").write_text(STRIP)
+    monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
+    with pytest.warns(rj.LoadWarning, match=r"cells that meshio cannot handle \(type 6\)"):
+        rj.load(tmp_path / "a.vtu")
+
+
+def test_strips_of_a_vtu_file_are_triangles(tmp_path):
+    pytest.importorskip("pyvista")
+    (tmp_path / "a.vtu").write_text(STRIP)
+    corners = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [2, 0, 0], [2, 1, 0]])
+    found = only(tmp_path / "a.vtu")
+    expected = [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]]
+    at = [[corners.tolist().index(place.tolist()) for place in face]
+          for face in found.vertices[found.faces]]  # fmt: skip
+    assert sorted(map(rolled, at)) == sorted(map(rolled, expected))
+
+
+def rolled(face):
+    """Return the corners of a face, the least first, which turns as before."""
+    first = face.index(min(face))
+    return face[first:] + face[:first]
+
+
 @pytest.mark.parametrize("extension", ["vtk", "vtu"])
 def test_files_that_only_pyvista_reads_say_so(tmp_path, monkeypatch, extension):
     (tmp_path / f"a.{extension}").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET ODD\n")

@@ -12,7 +12,7 @@ from typing import Any
 from rasterjit.io.foreign.cells import things_of_cells
 from rasterjit.io.foreign.pyvista import things_of_pyvista
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.io.skipped import LONGEST_REASON, LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.parts import Thing
 
 CELL_FORMATS = (
@@ -24,6 +24,9 @@ CELL_FORMATS = (
 VTK_FORMATS = ("vtp", "vti", "vtr", "vts", "vtm")
 """Formats of VTK's that meshio does not read, and PyVista does."""
 
+_WARNING, _UNREAD = "Warning:", "cannot handle"
+"""What meshio prints before a warning, and in one about cells that it drops."""
+
 _BYTES = 12
 """What a byte of a file takes, with all that is made of it."""
 
@@ -32,8 +35,8 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
     """
     Return what a file of `CELL_FORMATS` holds, or raise `MeshFileError`.
 
-    meshio reads unstructured grids alone of ``.vtk`` files, and not all cells of ``.vtu`` files;
-    where PyVista is installed, it reads the others.
+    meshio reads unstructured grids alone of ``.vtk`` files, and of these and ``.vtu`` files neither
+    strips nor some other cells; where PyVista is installed, it reads what meshio does not.
     """
     form = path.suffix.lower()
     is_vtk = form in (".vtk", ".vtu")
@@ -54,11 +57,17 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
             mesh: Any = meshio.read(path)
     except (Exception, SystemExit) as error:
         if is_vtk and find_spec("pyvista") is not None:
-            return _by_pyvista(path, left_out)
+            with contextlib.suppress(MeshFileError):
+                return _by_pyvista(path, left_out)
         text = said.getvalue() if isinstance(error, SystemExit) else reason_of(error)
         reason = " ".join(text.split())[:200] or "it is damaged or something else"
-        other = "; PyVista may read it: pip install pyvista" if is_vtk else ""
+        has_other = is_vtk and find_spec("pyvista") is None
+        other = "; PyVista may read it: pip install pyvista" if has_other else ""
         raise MeshFileError(f"{path} could not be read as {form}: {reason}{other}") from error
+    if _UNREAD in " ".join(said.getvalue().split()) and is_vtk and find_spec("pyvista") is not None:
+        return _by_pyvista(path, left_out)
+    for text in said.getvalue().split(_WARNING)[1:]:
+        left_out.note(f"what meshio says: {' '.join(text.split())[:LONGEST_REASON]}")
     return things_of_cells(mesh, str(path), left_out)
 
 
@@ -78,7 +87,12 @@ def _by_pyvista(path: Path, left_out: LeftOut) -> list[Thing]:
     import pyvista
 
     try:
-        with warnings.catch_warnings():
+        # VTK and PyVista print what is wrong with a file, each in its own way.
+        with (
+            warnings.catch_warnings(),
+            pyvista.vtk_verbosity("off"),
+            contextlib.redirect_stderr(io.StringIO()),
+        ):
             warnings.simplefilter("ignore")
             found = pyvista.read(path)
     except Exception as error:

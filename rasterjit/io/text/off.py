@@ -1,5 +1,5 @@
 """
-Read OFF files [1]_: positions and faces. Colours, normals and texture coordinates are left out.
+Read OFF files [1]_: positions, faces and colours. Normals and texture coordinates are left out.
 
 References
 ----------
@@ -12,17 +12,29 @@ import re
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
-from rasterjit.io.text.parts import POLYGON_CORNER_BYTES, Part, sound_polygons, triangles
+from rasterjit.io.text.parts import (
+    POLYGON_CORNER_BYTES,
+    Part,
+    linear_rgba,
+    sound_polygons,
+    srgb_bytes,
+    triangles,
+)
+from rasterjit.scene.material import Material
 
 _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
 """Some files have the numbers of vertices and faces right behind it."""
 
-_BESIDE = {"N": "normal", "C": "colour", "ST": "texture coordinates"}
-"""What vertices have besides positions, by the letters before ``OFF``."""
+_BESIDE = {"N": "normal", "ST": "texture coordinates"}
+"""What vertices have besides positions and colours, by the letters before ``OFF``."""
+
+_MOST = 12
+"""Numbers of a vertex that are looked at: position, normal, colour, texture coordinates."""
 
 _A_FACE = "a face: how many vertices it has, and their numbers, below"
 
@@ -55,10 +67,14 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         damage.end(f"{vertex_count} vertices, as its head says", str(len(rows)))
     values, found = number_rows(lines, rows, 0, 3, "a vertex", damage)
     letters = header[0][: header[0].upper().index("OFF")].upper()
+    table, there = columns(values, found, _MOST)
+    vertices, width = table[:, :3], table.shape[1]
+    begin = 6 if "N" in letters else 3
+    end = width - 2 if "ST" in letters else width
+    vertex_colors = _colors(table[:, begin:end]) if "C" in letters and there.any() else None
     kinds = [name for letter, name in _BESIDE.items() if letter in letters]
-    beside = " and ".join(kinds) or "further numbers"
-    left_out.note(f"{beside} of a vertex", int(np.count_nonzero(found > 3)))
-    vertices, there = columns(values, found, 3)
+    if width > 3 and (kinds or vertex_colors is None):
+        left_out.note(f"{' and '.join(kinds) or 'further numbers'} of a vertex", int(there.sum()))
     rows = filled[at + 1 + vertex_count : at + 1 + vertex_count + face_count]
     if len(rows) < face_count:
         damage.end(f"{face_count} faces, as its head says", str(len(rows)))
@@ -73,17 +89,38 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     for line in rows[~good].tolist():
         damage.line(lines, line, f"{_A_FACE} {len(there)}")
     rows, begins, counts = rows[good], begins[good] + 1, said[good].astype(np.int64)
-    left_out.note("colour of a face", int(np.count_nonzero(found[good] > counts + 1)))
+    behind, ends = found[good] - counts - 1, begins + counts
     shift = begins - (np.cumsum(counts) - counts)
     corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
     resources.budget.take("the corners of its faces", len(corners) * POLYGON_CORNER_BYTES)
-    corners, counts, _ = sound_polygons(
+    corners, counts, kept = sound_polygons(
         corners, counts, there,
         lambda face: damage.line(lines, int(rows[face]), f"{_A_FACE} {len(there)}"), left_out,
     )  # fmt: skip
     if not len(counts):
         raise MeshFileError(f"{path} holds a mesh of {len(vertices)} vertices, no faces")
-    faces, _ = triangles(counts, by_size=True)
+    faces, polygons = triangles(counts, by_size=True)
+    face_colors, is_colored = None, behind > 0
+    width = behind.max(initial=0)
+    if vertex_colors is None and (behind[is_colored] == width).all() and width:
+        found_colors = _colors(values[ends[is_colored, np.newaxis] + np.arange(width)])
+        if found_colors is not None:
+            # The others look as they would without any colours.
+            face_colors = np.full((len(behind), 4), Material().base_color_over(False), np.float32)
+            face_colors[is_colored] = found_colors
+    if face_colors is None:
+        left_out.note("colour of a face", int(np.count_nonzero(is_colored)))
+    else:
+        face_colors = face_colors[kept][polygons]
     if not there.all():
         vertices = np.where(there[:, np.newaxis], vertices, 0.0)
-    return [Part(path.name, vertices, corners[faces])]
+    colors = vertex_colors if face_colors is None else face_colors
+    return [Part(path.name, vertices, corners[faces], colors=colors)]
+
+
+def _colors(codes: NDArray[np.float64]) -> NDArray[np.float32] | None:
+    """Return colours, linear RGBA, which are sRGB, bytes or shares of 1; None if they are none."""
+    if codes.shape[1] not in (3, 4) or not np.isfinite(codes).all():
+        return None
+    is_bytes = bool((codes == np.floor(codes)).all() and codes.max() > 1.0)
+    return linear_rgba(srgb_bytes(codes / 255.0 if is_bytes else codes), False)
