@@ -20,11 +20,11 @@ from rasterjit.scene.validation import (
     with_nan,
 )
 
-FARTHEST = 1e200
-"""What stands for infinite values: beyond all others, and their products are finite."""
+_WIDEST = 1e200
+"""Largest range: products with it are finite."""
 
 NAN_COLOR = "darkgray"
-"""The colour of values that are NaN, if no other is given."""
+"""The colour of values that are NaN or infinite, if no other is given."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
@@ -78,8 +78,8 @@ class Field:
 
     @property
     def has_nan(self) -> bool:
-        """Whether any value is NaN."""
-        return bool(np.isnan(self.values).any())
+        """Whether any value is NaN or infinite."""
+        return not bool(np.isfinite(self.values).all())
 
     @property
     def scale(self) -> ColorScale:
@@ -94,11 +94,6 @@ class Field:
     def table(self) -> NDArray[np.float32]:
         """(N+1, 4), linear RGBA: the entries of the map, and the colour of NaN behind them."""
         return np.vstack([self.colormap.colors, self.nan_color])
-
-    @property
-    def limited(self) -> NDArray[np.float64]:
-        """The values, the infinite ones beyond all others but finite."""
-        return np.clip(self.values, -FARTHEST, FARTHEST)
 
     @property
     def rule(self) -> tuple[float, float]:
@@ -118,7 +113,8 @@ class Field:
 
     def colors(self) -> NDArray[np.float32]:
         """Return the colours of the values themselves, linear RGBA, (V, 4) or (F, 4)."""
-        return self.table[self.colormap.entries(self.limited, *self.range)]
+        shown = np.where(np.isfinite(self.values), self.values, np.nan)
+        return self.table[self.colormap.entries(shown, *self.range)]
 
     def of_rows(self, rows: NDArray[Any]) -> Field:
         """Return the field of some vertices, or of vertices again, shown as before."""
@@ -219,6 +215,6 @@ def _range(value: Any) -> tuple[float, float]:
             f"range must go from low to high, got {(low, high)!r}; a colormap with '_r' at the end "
             "of its name shows low values as others show high ones"
         )
-    if high - low > FARTHEST:
-        raise ValueError(f"range must be at most {FARTHEST:g} wide, got {(low, high)!r}")
+    if high - low > _WIDEST:
+        raise ValueError(f"range must be at most {_WIDEST:g} wide, got {(low, high)!r}")
     return low, high

@@ -114,7 +114,7 @@ class Mesh(Guarded, Previewed):
         The values of its first and its last colour. Default: the least and the greatest scalar that
         is finite; (0, 1) if none is.
     nan_color : colour
-        Of faces that are NaN, or have a corner that is.
+        Of faces that are NaN or infinite, or have a corner that is.
     contours : int, (N,) array_like or Contours, optional
         Lines along which scalars of vertices have one value: how many inside the range, which
         values, or `Contours`, which has their width and colour too.

@@ -435,12 +435,12 @@ def _join_contours(runs: Sequence[tuple[Mesh, int]]) -> Levels:
 
 
 def join_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
-    """Join the scalars of vertices, (V,), the infinite ones finite; NaN where there are none."""
+    """Join the scalars of vertices, (V,); NaN where there are none."""
     return np.concatenate(
         [
             np.full(len(mesh.vertices), np.nan)
             if mesh.vertex_field is None
-            else mesh.vertex_field.limited
+            else mesh.vertex_field.values
             for mesh in meshes
         ]
     )

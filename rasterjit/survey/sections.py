@@ -537,7 +537,7 @@ def _with_rows(mesh: Any, recipe: Recipe, faces: NDArray[Any], numbers: Int64) -
     if mesh.face_colors is not None:
         result._face_colors = read_only(mesh.face_colors[numbers])
     if mesh.field is not None:
-        values = mesh.field.values[numbers] if mesh.field.of_faces else rows(mesh.field.limited)
+        values = mesh.field.values[numbers] if mesh.field.of_faces else rows(mesh.field.values)
         held = {one.name: getattr(mesh.field, one.name) for one in fields(mesh.field)}
         result._field = type(mesh.field)(**held | {"values": read_only(values)})
     result._uv, result._uv1 = rows(mesh.uv), rows(mesh.uv1)

@@ -15,7 +15,7 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import seen_from_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
-from rasterjit.pipeline.surface.fields import VALUE
+from rasterjit.pipeline.surface.fields import VALUE, is_finite
 from rasterjit.pipeline.surface.samples import (
     COLUMN,
     COLUMN_OF,
@@ -165,7 +165,7 @@ def draw_contours(
             codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
             for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
                 value = block.real[VALUE, n]
-                if value != value:
+                if not is_finite(value):
                     continue
                 column, row = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
                 if segment[KIND] == SPAN:

@@ -2,8 +2,8 @@
 Look up colours for scalars: a number for each vertex, interpolated, then found in a colour map.
 
 Entry ``floor(count (x - low) / width)`` of a map, held to its entries, is what a value x shows;
-``scene.colormap`` has the rule. A face with a corner that is NaN shows the colour of NaN, which
-lies behind the entries.
+``scene.colormap`` has the rule. A face with a corner that is NaN or infinite shows the colour of
+NaN, which lies behind the entries.
 """
 
 from __future__ import annotations
@@ -45,11 +45,17 @@ LOW, WIDTH = 0, 1
 
 
 @helper
+def is_finite(value):
+    """Tell a finite number."""
+    return value - value == 0.0
+
+
+@helper
 def scalar_at(weights, value0, value1, value2):
-    """Return a scalar between those of three vertices; NaN if any of these is."""
+    """Return a scalar between those of three vertices; NaN or infinite if any of these is."""
     value = interpolate(weights, value0, value1, value2)
     total = value0 + value1 + value2
-    return value if total == total else total
+    return value if is_finite(total) else total
 
 
 @helper
@@ -80,11 +86,12 @@ def scalars_along_span(found, second, third, at_a, at_b, at_c):
 
 @helper
 def entry_of(value, low, width, count):
-    """Return which entry of a colour map a value shows; ``count`` for NaN."""
+    """Return which entry of a colour map a value shows; ``count`` for NaN and infinity."""
     place = (value - low) / width * np.float64(count)
     held = place if place >= 0.0 else 0.0
     held = held if held <= np.float64(count - 1) else np.float64(count - 1)
-    return np.int64(held if place == place else np.float64(count))
+    has_place = is_finite(value) and place == place
+    return np.int64(held if has_place else np.float64(count))
 
 
 @helper
