@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import ClassVar
 
 import pytest
 
+import rasterjit as rj
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.scene.quality import LEVELS
 from rasterjit.survey.effect import PLACES, Effect
 
 
@@ -23,4 +24,5 @@ def test_some_effect_acts_at_every_place():
 
 
 def test_settings_of_effects_are_those_of_the_quality():
-    assert {setting for effect in EFFECTS for setting in effect.settings} < {*LEVELS}
+    fields = {field.name for field in dataclasses.fields(rj.Quality)}
+    assert {setting for effect in EFFECTS for setting in effect.settings} < fields

@@ -15,6 +15,7 @@ from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.scene.validation import in_short, read_only
+from rasterjit.scene.warning import told_elsewhere
 
 Float32 = NDArray[np.float32]
 
@@ -334,11 +335,13 @@ class Primitive:
         key = is_lit, is_turned, look.shading
         if key not in self._drawn:
             faces = self.faces()
-            self._drawn[key] = made = SceneMesh(
-                self.positions, faces[:, ::-1] if is_turned else faces,
-                normals=finite(self.normals), uv=finite(self.texcoord_0),
-                colors=self.colors(is_lit), material=look, on_invalid="drop",
-            )  # fmt: skip
+            # pyrender does not tell of normals of length 0.
+            with told_elsewhere():
+                self._drawn[key] = made = SceneMesh(
+                    self.positions, faces[:, ::-1] if is_turned else faces,
+                    normals=finite(self.normals), uv=finite(self.texcoord_0),
+                    colors=self.colors(is_lit), material=look, on_invalid="drop",
+                )  # fmt: skip
             if self.normals is None:
                 # Given, they are no reason to warn of sharp edges: light goes by the viewer.
                 made._normals = made._vertex_normals = read_only(made._made_normals())
