@@ -21,6 +21,10 @@ BRIGHT_SHARE, SHOWN = 0.95, 0.8
 """Share of what is seen that is at most as bright, and the light, linear, that it is shown at."""
 
 
+QUARTER_BELOW, THREE_QUARTERS_BELOW = 0.8408964152537145, 0.5946035575013605
+"""2 to the power of -1/4 and of -3/4."""
+
+
 def metered_exposure(scene: Scene, camera: Camera | None) -> float:
     """
     Return the exposure, stops, that strong lights of a scene call for; 0 if they are not.
@@ -43,4 +47,7 @@ def metered_exposure(scene: Scene, camera: Camera | None) -> float:
     level = float(levels[int(BRIGHT_SHARE * (len(levels) - 1))])
     if level <= STRONG:
         return 0.0
-    return max(round(-math.log2(level / SHOWN), 1), -MOST_STOPS)
+    # To half a stop: with no logarithm, which may differ from machine to machine.
+    share, stops = math.frexp(level / SHOWN)
+    lacking = 0.0 if share >= QUARTER_BELOW else 0.5 if share >= THREE_QUARTERS_BELOW else 1.0
+    return max(lacking - stops, -MOST_STOPS)

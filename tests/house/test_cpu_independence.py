@@ -451,6 +451,18 @@ ALLOWED = {
     ("compat/pyrender/viewer.py", "sum"): "whole numbers: keys; and three terms, for a yes or no",
     ("compat/pyrender/wires.py", "dot"): "our own, three terms of Python",
     ("pipeline/lighting/pyrender.py", "power"): "that of runtime/float_math.py",
+    ("pipeline/visibility/mask_shares.py", "**"): "a power of two of a whole number",
+    ("rendering/notices.py", "mean"): "whole numbers: a share of pixels",
+    ("rendering/notices.py", "log2"): "for a text",
+    ("io/fonts.py", "sum"): "whole numbers: bytes and codes",
+    ("io/fonts.py", "@"): "two terms",
+    ("io/foreign/cells.py", "sum"): "whole numbers: counts of cells",
+    ("io/threemf/parts.py", "sum"): "whole numbers: counts of triangles",
+    (
+        "io/threemf/properties.py",
+        "sum",
+    ): "one sum over each column, row by row",
+    ("io/threemf/properties.py", "mean"): "three terms: NumPy splits sums from eight terms on",
 }
 """Uses in (file, name), with why their bits are the same everywhere."""
 
@@ -483,6 +495,10 @@ OFF_THE_PATH = {
     "accuracy/report/page.py": "a page about pictures",
     "accuracy/report/scales.py": "a page about pictures",
     "accuracy/report/shots.py": "a page about pictures",
+    "accuracy/choice.py": "compares times and errors",
+    "accuracy/effect_references.py": "pictures to compare with, which nobody keeps",
+    "accuracy/effects.py": "compares times and errors",
+    "accuracy/together.py": "compares times and errors",
     "accuracy/ranking.py": "compares times and errors",
     "accuracy/sentences.py": "text about times and errors",
     "accuracy/timing.py": "times",

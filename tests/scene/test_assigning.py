@@ -79,7 +79,7 @@ def test_a_misspelt_field_of_a_camera_is_named_with_the_right_one_and_the_way_to
         camera.fov = 30.0
     assert str(told.value) == (
         "PerspectiveCamera has no 'fov'; did you mean 'fov_y'? Its fields are eye, target, up, "
-        "fov_y, near, far, min_aspect, and it is never changed: make another with "
+        "fov_y, near, far, min_aspect, pixel_aspect, and it is never changed: make another with "
         "dataclasses.replace(old, fov_y=...), and assign that"
     )
     with pytest.raises(dataclasses.FrozenInstanceError) as told:

@@ -22,7 +22,7 @@ INTENSITY = "intensity"
 USUAL_SIZE, _LARGEST_SIZE = 3.0, 12.0
 """Pixels of a point of a cloud, and of one of a few points."""
 
-_SPREAD = 26.0
+_SPREAD_CUBED = 26.0 * 26.0 * 26.0
 """Pixels of a lone point, but for the largest size; sizes shrink as distances between them do."""
 
 _PIXELS = 1e6
@@ -72,7 +72,11 @@ def default_size(count: int) -> float:
     3, of large ones down to 1, of those of fewer than four hundred up to 12.
     """
     large = min(USUAL_SIZE, max(1.0, float(round(math.sqrt(_PIXELS / count)))))
-    return max(large, min(_LARGEST_SIZE, float(round(_SPREAD / count ** (1.0 / 3.0)))))
+    # The largest whole size whose cube, times the points, does not pass that of the spread.
+    size = _LARGEST_SIZE
+    while size > large and (size - 0.5) * (size - 0.5) * (size - 0.5) * count > _SPREAD_CUBED:
+        size -= 1.0
+    return max(large, size)
 
 
 def points_of(

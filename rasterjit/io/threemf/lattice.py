@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.angles import sine_cosine
+
 _SIDES = ((5_000, 12), (50_000, 8))
 """Sides of the beams of lattices with up to so many of them."""
 
@@ -15,6 +17,12 @@ _CAP = np.radians([90.0, 60.0, 30.0, 0.0])
 
 _FLAT_RADII = np.array([0.0, 1.0, 1.0, 1.0])
 """Radii of the same rings of a flat end."""
+
+
+def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of vectors, (N,), given (N, 3)."""
+    x, y, z = vectors.T
+    return np.sqrt(x * x + y * y + z * z)
 
 
 def beam_sides(count: int) -> int:
@@ -51,27 +59,27 @@ def beam_surfaces(
     """
     count, sides = len(ends), beam_sides(len(ends))
     along = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
+    length = lengths(along)
     axis = np.where(length[:, None] > 0.0, along, [0.0, 0.0, 1.0])
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    axis /= lengths(axis)[:, None]
     # Any direction that is not along the axis.
     least = np.eye(3)[np.abs(axis).argmin(axis=1)]
     across = np.cross(axis, least)
-    across /= np.linalg.norm(across, axis=1)[:, None]
+    across /= lengths(across)[:, None]
     other = np.cross(axis, across)
     turn = 2.0 * np.pi * np.arange(sides) / sides
-    around = (
-        across[:, None] * np.cos(turn)[None, :, None] + other[:, None] * np.sin(turn)[None, :, None]
-    )
+    sine, cosine = (one[None, :, None] for one in sine_cosine(turn))
+    around = across[:, None] * cosine + other[:, None] * sine
+    rise, width = sine_cosine(_CAP)
     vertices = np.empty((count, 2 * len(_CAP), sides, 3))
     normals = np.empty_like(vertices)
     for end, sign in ((0, -1.0), (1, 1.0)):
         flat = is_flat[:, end, None]
-        wide = np.where(flat, _FLAT_RADII, np.cos(_CAP))
-        high = np.where(flat, 0.0, np.sin(_CAP))
+        wide = np.where(flat, _FLAT_RADII, width)
+        high = np.where(flat, 0.0, rise)
         # A flat end has its own normals but at its last ring, where the side begins.
-        up = np.where(flat, [1.0, 1.0, 1.0, 0.0], np.sin(_CAP))
-        out = np.where(flat, [0.0, 0.0, 0.0, 1.0], np.cos(_CAP))
+        up = np.where(flat, [1.0, 1.0, 1.0, 0.0], rise)
+        out = np.where(flat, [0.0, 0.0, 0.0, 1.0], width)
         radius = radii[:, end, None]
         ring = around[:, None] * (wide * radius)[:, :, None, None]
         ring = ring + (axis[:, None] * (sign * high * radius)[:, :, None])[:, :, None]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.skipped import LeftOut
 from rasterjit.io.text.parts import Part, joined
-from rasterjit.io.threemf.lattice import beam_faces, beam_surfaces
+from rasterjit.io.threemf.lattice import beam_faces, beam_surfaces, lengths
 from rasterjit.io.threemf.package import children, local_name
 from rasterjit.io.threemf.properties import Properties
 from rasterjit.scene.material import Material
@@ -212,7 +212,7 @@ def beam_part(
     colors = np.concatenate([corners.colors, np.repeat(of_balls.colors, 2, axis=1)])
     corners.names |= of_balls.names
     stands = vertices[ends]
-    length = np.linalg.norm(stands[:, 1] - stands[:, 0], axis=1)
+    length = lengths(stands[:, 1] - stands[:, 0])
     kept = (length >= shortest) & (length > 0.0)
     kept[len(beams) :] = True
     left_out.note("beam that is shorter than its lattice allows", int(np.count_nonzero(~kept)))
