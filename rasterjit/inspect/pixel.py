@@ -340,7 +340,9 @@ def _face_at(
     """Gather all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
     owner = owner_of(drawn, face)
-    node, vertices = drawn.scene.nodes[owner], arrays.faces[face]
+    node, first = drawn.scene.nodes[owner], int(drawn.cache.shapes.listed_places[face])
+    # As the mesh lists them, like the weights of a frame.
+    vertices = np.roll(arrays.faces[face], first)
     model = arrays.positions[vertices]
     world = transform_points(node.world_from_model, model)[:, :3]
     clip = geometry.clip_positions[vertices]
@@ -355,6 +357,8 @@ def _face_at(
         # What its vertices are outside of says nothing of a segment or a point.
         codes = [0, 0, 0]
     corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
+    if triangle == face:
+        corners = vertices
     snapped = coverage.screen.xy[corners].astype(np.int64)
     point = _centre(x, y, geometry.viewport.grid_bits)
     edges, biases = _edge_functions(snapped.tolist(), point)

@@ -54,7 +54,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import lowest_first, seen_from_sample
+from rasterjit.pipeline.geometry.barycentric import seen_from_sample
 from rasterjit.pipeline.geometry.setup import (
     CLIPPED,
     FRUSTUM,
@@ -355,7 +355,7 @@ def largest_error(
             face = face_id[row, column]
             if face < 0:
                 continue
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
                 found = max(found, clipped_error(a, b, c, column, row, geometry))
             else:

@@ -69,7 +69,8 @@ def fill_buffers(
             plan.depth_format, plan.camera, coverage, plan.size, plan.corner
         )
     if "barycentric" in plan.outputs:
-        result["barycentric"] = fill_barycentric(face_id, geometry, workers)
+        places = shapes.listed_places
+        result["barycentric"] = fill_barycentric(face_id, geometry, places, workers)
         if cache.cut is not None:
             _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
     if "uv" in plan.outputs:
@@ -502,10 +503,14 @@ def fill_attribute(
 
 
 def fill_barycentric(
-    face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
+    face_id: NDArray[np.int32], geometry: Geometry, places: NDArray[np.uint8], workers: Workers
 ) -> NDArray[np.float32]:
-    """Return the weights of each sample, (H, W, 3); zero where nothing is."""
+    """
+    Return the weights of each sample, (H, W, 3); zero where nothing is.
+
+    Takes at which place the first corner of each face is listed: `first_corners.listed_places`.
+    """
     barycentric = workers.memory.empty((*face_id.shape, 3), np.float32)
-    arguments = geometry, barycentric
+    arguments = geometry, places, barycentric
     fill_rows(interpolation.fill_barycentric, face_id, arguments, workers)
     return barycentric

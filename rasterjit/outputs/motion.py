@@ -13,7 +13,7 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.node import Node
-from rasterjit.survey.arrays import SceneArrays
+from rasterjit.survey.cache import Shapes
 from rasterjit.survey.placement import Views
 
 
@@ -60,9 +60,12 @@ def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
             )
 
 
-def moment_of(arrays: SceneArrays, views: Views, camera: Camera, size: tuple[int, int]) -> Moment:
-    """Return where all vertices are for a camera."""
-    return Moment(arrays.positions, arrays.faces, _screen_matrices(views, camera, size))
+def moment_of(
+    shapes: Shapes, now: Shapes, views: Views, camera: Camera, size: tuple[int, int]
+) -> Moment:
+    """Return where all vertices are for a camera, of faces that begin as those of now do."""
+    matrices = _screen_matrices(views, camera, size)
+    return Moment(shapes.arrays.positions, shapes.faces_as(now), matrices)
 
 
 def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:

@@ -21,7 +21,6 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import (
     find_object,
     interpolate,
-    lowest_first,
     sample_weights,
     share_along,
 )
@@ -69,18 +68,6 @@ def place_on_screen(point, owner, matrices):
         row_at(matrices, owner, DOWN, x, y, z) / deep,
         deep,
     )
-
-
-@helper
-def vertices_before(a, face, faces, earlier):
-    """Return the earlier vertices of a face, rotated as those of today where ``a`` comes first."""
-    i, j, k = corners_of(earlier, face)
-    first, second, _ = corners_of(faces, face)
-    if a == first:
-        return i, j, k
-    if a == second:
-        return j, k, i
-    return k, i, j
 
 
 @helper
@@ -181,7 +168,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
             if other < 0 or other == face or is_known:
                 continue
             there = find_object(other, face_starts, owner)
-            hiding = lowest_first(faces, other)
+            hiding = corners_of(faces, other)
             beside, _, covers = plane_at(hiding, there, positions, matrices, x, y)
             if covers and is_nearer(beside, depth):
                 return False
@@ -190,7 +177,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     if other < 0:
         return True
     there = find_object(other, face_starts, owner)
-    hiding = lowest_first(faces, other)
+    hiding = corners_of(faces, other)
     if there == owner and share_vertex(corners, hiding, positions):
         return True
     nearest, _, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
@@ -233,9 +220,9 @@ def fill_motion(
             if face < 0:
                 continue
             owner = find_object(face, face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            i, j, k = vertices_before(a, face, geometry.faces, before[2])
+            i, j, k = corners_of(before[2], face)
             x, y, deep = place_on_screen(point_of(weights, a, b, c, now[0]), owner, now[1])
             point = point_of(weights, i, j, k, before[0])
             old_x, old_y, old_deep = place_on_screen(point, owner, before[1])
@@ -274,9 +261,9 @@ def fill_visible(
             if face < 0:
                 continue
             owner = find_object(face, face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            corners = vertices_before(a, face, geometry.faces, before[2])
+            corners = corners_of(before[2], face)
             point = point_of(weights, corners[0], corners[1], corners[2], before[0])
             x, y, deep = place_on_screen(point, owner, before[1])
             if deep > 0.0 and 0.0 <= x < width and 0.0 <= y < height:

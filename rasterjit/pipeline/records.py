@@ -299,12 +299,13 @@ class Surface(NamedTuple):
     points: Any = None
     """The points in view, and how lines of sight run: ``points.PointsSeen.read`` | None ->
     none."""
-    in_float32: bool = False
-    """Whether colours between those of vertices are found in float32."""
+    in_float32: Any = None
+    """(O,) uint8: 1 where an object shows colours of its vertices that are mixed in float32 | None
+    -> none does."""
     through: Through | None = None
     """How light goes through the objects | None -> through none in view."""
     limits: Any = None
-    """(O, 9) float32: see ``survey.precision.limits_of_all`` | None -> lit samples take float64."""
+    """(O, 12) float32: ``survey.precision.limits_of_all`` | None -> lit samples take float64."""
     mixes_precision: bool = False
     """Whether any object in view may take float64 beside others in float32."""
     layers: Layers | None = None
@@ -327,7 +328,7 @@ class Imitated(NamedTuple):
     ``lighting.pyrender``."""
 
 
-NO_LAMPS = np.empty((0, 7), np.float32)
+NO_LAMPS = np.empty((0, 18), np.float32)
 
 
 class Lighting(NamedTuple):
@@ -345,8 +346,8 @@ class Lighting(NamedTuple):
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
     lamps: Any = NO_LAMPS
-    """(P, 7) float32: all lamps of the scene, whatever they reach, for bounds of lit samples in
-    float32, see ``surface.lamps``."""
+    """(P, 18) float32: those of the lights that have a place, for bounds of lit samples in float32,
+    see ``surface.lamps``."""
     imitated: Imitated | None = None
     """What else pyrender's shader is given, see ``lighting.pyrender`` | None -> it is not
     imitated."""

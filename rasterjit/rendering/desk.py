@@ -41,6 +41,7 @@ from rasterjit.runtime.threads import Memory
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.lights import pyramids_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.precision import rows_of_lamps
 
@@ -149,9 +150,9 @@ class Desk:
         """
         fields = {**fields, LIGHT_ROWS: words_of(lights[:, self._lights])}
         if self._has_lamps:
-            lamps = lights[:, lights[0, :, PLACED] == 1.0]
-            facts = self._plan.facts
-            rows = rows_of_lamps(lamps, facts.exposed)
+            facts, own = self._plan.facts, lights[:, self._lights]
+            own, pyramids = own[:, own[0, :, PLACED] == 1.0], pyramids_of(facts.lamps)
+            rows = rows_of_lamps(own, pyramids, facts.exposed)
             fields[LAMP_ROWS] = words_of(rows)
         loads = []
         for name, target, size in self._targets:
@@ -437,7 +438,7 @@ class Desk:
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "barycentric" in plan.outputs:
-            made("barycentric", 3, barycentric.fill_barycentric)
+            made("barycentric", 3, barycentric.fill_barycentric, shapes.listed_places)
         if "uv" in plan.outputs:
             made("uv", 2, barycentric.fill_attribute, shapes.uv)
         for name, attribute in plan.facts.attributes.items():

@@ -429,10 +429,10 @@ def _compare(planned: Lensed) -> Comparison | None:
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)
     views = placing.view_places(cache.places, planned.camera, size)
     old_views = placing.view_places(old.places, camera, size)
-    arrays = old.shapes.arrays
+    positions, faces = old.shapes.arrays.positions, old.shapes.faces_as(cache.shapes)
     return Comparison(
         planned.lens, planned.sight, sight_before,
-        Moment(arrays.positions, arrays.faces, np.empty((0, 5, 4))),
+        Moment(positions, faces, np.empty((0, 5, 4))),
         (_turned(views, planned.camera, size), _turned(old_views, camera, size)),
     )  # fmt: skip
 

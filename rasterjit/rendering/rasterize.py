@@ -14,6 +14,7 @@ from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.rendering.plan import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.first_corners import least_first, listed_places
 from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, number_array, one_of, thread_count
@@ -42,6 +43,7 @@ class Visibility:
         coverage: draw.Coverage,
         geometry: Geometry,
         vertex_count: int,
+        listed: NDArray[np.int32],
         sign: float,
         depth_format: DepthFormat | None = None,
     ) -> None:
@@ -56,6 +58,7 @@ class Visibility:
         )
         self._geometry = geometry
         self._vertex_count = vertex_count
+        self._listed = listed
 
     @cached_property
     def barycentric(self) -> NDArray[np.float32]:
@@ -65,7 +68,8 @@ class Visibility:
         (H, W, 3) float32, perspective-correct (or affine, as ``quality`` says), 0 where nothing
         is. Computed when first read.
         """
-        return fill.fill_barycentric(self.face_id, self._geometry, Workers(1))
+        places = listed_places(self._listed, self._geometry.faces)
+        return fill.fill_barycentric(self.face_id, self._geometry, places, Workers(1))
 
     def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
         """
@@ -138,7 +142,8 @@ def rasterize(
     one_of("cull", cull, CULL_MODES)
     one_of("depth", depth, DEPTH_MODES)
     positions = _clip_array(clip_positions)
-    face_numbers = face_array(faces, len(positions))
+    listed = face_array(faces, len(positions))
+    face_numbers = least_first(positions, listed)
     quality = check_quality(quality)
     viewport = viewport_of(width_height, quality.subpixel_bits)
     workers = Workers(thread_count("threads", threads))
@@ -155,7 +160,7 @@ def rasterize(
         workers.close()
     is_affine = quality.interpolation == "affine"
     geometry = draw.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
-    return Visibility(coverage, geometry, len(positions), sign, depth_format)
+    return Visibility(coverage, geometry, len(positions), listed, sign, depth_format)
 
 
 def _clip_array(value: Any) -> NDArray[np.float64]:

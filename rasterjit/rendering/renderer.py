@@ -396,8 +396,9 @@ def compare(
     """Return what it takes to compare a frame with its earlier view; ``None`` without one."""
     if planned.earlier is None:
         return None
+    now = planned.cache.shapes
     moments = [
-        motion.moment_of(one.cache.shapes.arrays, one.views, one.plan.camera, one.plan.size)
+        motion.moment_of(one.cache.shapes, now, one.views, one.plan.camera, one.plan.size)
         for one in (planned, planned.earlier)
     ]
     sighting = None

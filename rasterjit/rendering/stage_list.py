@@ -38,7 +38,6 @@ from rasterjit.pipeline.surface import (
     fields,
     float32_colors,
     float32_planes,
-    float32_weights,
     maps,
     point_shapes,
     set_aside,
@@ -88,9 +87,8 @@ def surface_steps(
     own = surface.textures
     if is_mixed:
         steps += float32_steps(geometry, placement, surface, lighting, effects)
-    is_shown = lighting is None and surface.in_float32 and surface.vertex_colors is not None
-    if surface.in_float32 and lighting is not None:
-        steps.append(Step(float32_weights.find_float32_weights, (geometry,)))
+    bare = surface.in_float32 if surface.vertex_colors is not None else None
+    is_shown = bare is not None and bool(bare.all())
     if own is not None and lighting is None and reads_places_alone(surface, own, geometry):
         steps.append(Step(texture_places.find_places, (own.uv, geometry)))
     # Points are found in float64, for fog over colours in float32 as well.
@@ -99,15 +97,11 @@ def surface_steps(
             steps.append(Step(weights.find_weights, (geometry, placement)))
         if own is not None:
             steps += coordinate_steps(own, geometry)
-    if is_shown:
-        blended = geometry, materials, surface.vertex_colors
+    if surface.vertex_colors is None:
+        steps.append(Step(attributes.tint_samples, (materials,)))
+    elif bare is not None:
+        blended = geometry, materials, surface.vertex_colors, bare
         steps.append(Step(float32_colors.find_float32_colors, blended))
-    elif surface.vertex_colors is None:
-        steps.append(Step(attributes.tint_samples, (materials,)))
-    elif surface.in_float32:
-        steps.append(Step(attributes.tint_samples, (materials,)))
-        multiply = attributes.multiply_vertex_colors_in_float32
-        steps.append(Step(multiply, (surface.vertex_colors,)))
     else:
         shown = surface.vertex_colors, materials
         steps.append(Step(attributes.show_vertex_colors, shown))

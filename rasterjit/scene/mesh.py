@@ -21,6 +21,7 @@ from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.field import NAN_COLOR, Field, make_field, refuse_field
+from rasterjit.scene.first_corners import least_first
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -170,6 +171,8 @@ class Mesh(Guarded, Previewed):
     """(V,): which vertices have one normal, in place of given ones; of what can be posed."""
     _rest: Mesh | None = None
     """Of a posed mesh: what it is when nothing poses it."""
+    _drawn_faces: NDArray[np.int32] | None = None
+    """Its faces as they are drawn, once they are known."""
     _uses_all: bool | None = None
     """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
     _is_in_world: bool = False
@@ -511,6 +514,15 @@ class Mesh(Guarded, Previewed):
                 self.vertices.max(axis=0, where=where, initial=-np.inf),
             )
         return self._bounds[0].copy(), self._bounds[1].copy()
+
+    def _faces_to_draw(self) -> NDArray[np.int32]:
+        """Return the faces, triangles from their least corners on, whatever poses them; cached."""
+        if self.primitive != "triangles":
+            return self.faces
+        rest = self if self._rest is None else self._rest
+        if rest._drawn_faces is None:
+            rest._drawn_faces = read_only(least_first(rest.vertices, rest.faces))
+        return rest._drawn_faces
 
     def is_closed(self) -> bool:
         """

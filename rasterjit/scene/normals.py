@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.first_corners import least_first
 from rasterjit.scene.transforms import sine_cosine
 
 _CHUNK = 1 << 18
@@ -121,14 +122,8 @@ def area_vectors(
     (F, 3) float64
         Zero for faces without an area and for those that touch a NaN or infinite vertex.
     """
-    # From the lowest vertex number on, so that rotating a face changes no bit.
-    u, v, w = faces.T
-    at_u, at_v = (u <= v) & (u <= w), (v < u) & (v <= w)
-    corners = (
-        np.where(at_u, i, np.where(at_v, j, k)) for i, j, k in ((u, v, w), (v, w, u), (w, u, v))
-    )
     with np.errstate(invalid="ignore", over="ignore"):
-        a, b, c = (vertices[corner] for corner in corners)
+        a, b, c = (vertices[corner] for corner in least_first(vertices, faces).T)
         a *= scale
         edge_ab = b * scale - a
         edge_ac = c * scale - a

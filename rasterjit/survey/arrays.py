@@ -91,7 +91,7 @@ class SceneArrays(NamedTuple):
     positions: NDArray[np.float64]
     """(V, 3), model space."""
     faces: NDArray[np.int32]
-    """(F, 3), vertex numbers."""
+    """(F, 3), vertex numbers, of triangles the least corner first: `first_corners.least_first`."""
     vertex_starts: NDArray[np.int64]
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     face_starts: NDArray[np.int64]
@@ -108,7 +108,7 @@ class SceneArrays(NamedTuple):
 
 
 def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
-    """Join positions and faces; faces are renumbered."""
+    """Join positions and faces; faces are renumbered, triangles begin with their least corners."""
     runs = runs_of(meshes)
     repeats = [count for _, count in runs]
     vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
@@ -119,7 +119,7 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
             f"{vertex_starts[-1]} and {face_starts[-1]}"
         )
     if len(meshes) == 1:
-        positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
+        positions, faces = writable(meshes[0].vertices), writable(meshes[0]._faces_to_draw())
         primitives = _join_primitives(meshes, vertex_starts, face_starts)
         unused = _unused_runs(meshes, vertex_starts)
         return SceneArrays(positions, faces, vertex_starts, face_starts, primitives, unused)
@@ -129,7 +129,7 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     for mesh, count in runs:
         firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
         rows = faces[face_starts[place] : face_starts[place + count]]
-        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
+        np.add(mesh._faces_to_draw(), firsts, out=rows.reshape(count, -1, 3))
         place += count
     primitives = _join_primitives(meshes, vertex_starts, face_starts)
     unused = _unused_runs(meshes, vertex_starts)

@@ -22,6 +22,7 @@ from rasterjit.pipeline.records import (
     Through,
 )
 from rasterjit.pipeline.visibility.primitives import runs_between
+from rasterjit.scene.first_corners import listed_places
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
@@ -79,6 +80,22 @@ class Shapes:
     def arrays(self) -> SceneArrays:
         """The joined geometry."""
         return plan_arrays.join_geometry(self.meshes)
+
+    @cached_property
+    def listed_places(self) -> NDArray[np.uint8]:
+        """At which place the first corner of each face is as its mesh lists it, (F,): 0, 1, 2."""
+        listed = np.concatenate([mesh.faces for mesh in self.meshes])
+        starts = np.repeat(self.arrays.vertex_starts[:-1], np.diff(self.arrays.face_starts))
+        return listed_places(listed + starts[:, np.newaxis], self.arrays.faces)
+
+    def faces_as(self, other: Shapes) -> NDArray[np.int32]:
+        """Return the faces, (F, 3), begun where those of other shapes are, as meshes list both."""
+        faces = self.arrays.faces
+        both = zip(self.meshes, other.meshes, strict=True)
+        if all(one._faces_to_draw() is another._faces_to_draw() for one, another in both):
+            return faces
+        ways = (other.listed_places.astype(np.int64) - self.listed_places)[:, np.newaxis]
+        return np.take_along_axis(faces, (ways + np.arange(3)) % 3, axis=1)
 
     @cached_property
     def _single_positions(self) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.surface.lamps import LIMITS
+from rasterjit.pipeline.surface.lamps import ALL_LIMITS, BY_LAMPS
 from rasterjit.pipeline.surface.steep import GLOSS, MATT
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.field import ColorScale
@@ -203,9 +203,9 @@ class Inventory:
         """Tell of each object, (O,), whether it counts in a field of `Contents`."""
         return self._rows[self._numbers, Contents._fields.index(field)] > 0
 
-    def limits(self, brightness: Brightness, has_lamps: bool) -> NDArray[np.float32]:
+    def limits(self, brightness: Brightness, is_dimmed: bool) -> NDArray[np.float32]:
         """Return what bounds errors in float32 of each object: see ``precision.limits_of_all``."""
-        key = brightness, has_lamps
+        key = brightness, is_dimmed
         if key not in self._limits:
             own = limits_of_all(self._glosses, *key)
             # Lights that change have changed for good.
@@ -216,9 +216,17 @@ class Inventory:
     def free_limits(self) -> NDArray[np.float32]:
         """The same, where errors of float32 are of no account: all that is plain takes it."""
         bounds = np.array([-1.0 if gloss is None else 0.0 for gloss in self._glosses], np.float32)
-        limits = np.repeat(bounds[self._numbers, np.newaxis], LIMITS, axis=1)
-        limits[:, GLOSS] = MATT
+        limits = np.repeat(bounds[self._numbers, np.newaxis], ALL_LIMITS, axis=1)
+        limits[:, BY_LAMPS + GLOSS] = MATT
         return limits
+
+    @cached_property
+    def is_bare(self) -> NDArray[np.bool_]:
+        """Whether each object shows colours of its vertices, and nothing else, (O,)."""
+        textured = [len(read) > 0 for read in self._textures]
+        is_more = self._having("blended") | self._having("with_field")
+        is_more |= np.array(textured, np.bool_)[self._numbers]
+        return self._having("unlit") & self._having("vertex_colored") & ~is_more
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:

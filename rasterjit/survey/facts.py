@@ -14,11 +14,13 @@ from rasterjit.pipeline.encode import Encoding
 from rasterjit.pipeline.surface.steep import EXPOSED
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.fog import Fog
 from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import AmbientLight, Light
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
@@ -36,6 +38,9 @@ from rasterjit.survey.precision import MOST_STOPS, Brightness, brightness_of, is
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
+
+DISTANCE_ROUNDING = 1.0 + 2.0**-20
+"""Factor on the farthest distance, for the rounding of positions and distances in float32."""
 
 NORMAL_OUTPUTS = ("normal", "normal_camera")
 """Outputs that show vertex normals."""
@@ -79,10 +84,10 @@ class Facts:
     rounding."""
     attributes: dict[str, Attribute]
     """The attributes of meshes that are outputs, by the output's name."""
-    brightness: Brightness
-    """The sum of all light from directions."""
-    lamps: tuple[Light, ...]
-    """The lights of the scene that have a place, whatever they reach."""
+    fog: Fog | None
+    """The fog, if it may cover anything in view."""
+    whole_outputs: tuple[str, ...]
+    """Names of what the frame holds of which this is a picture, or which it is."""
     imitation: Imitation | None = None
     """As which other program's shader the scene is lit and shown; ``None`` -> as none."""
 
@@ -171,22 +176,22 @@ class Facts:
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @cached_property
-    def interpolates_in_float32(self) -> bool:
+    def shown_in_float32(self) -> NDArray[np.uint8] | None:
         """
-        Whether colours between those of vertices are found in float32.
+        Which objects show colours of their vertices that are mixed in float32, (O,).
 
-        Whatever is in view, so that a part of a picture has the bits of the whole.
+        That follows from each object alone; where all in view may, all objects count as such. None
+        where no object in view may.
         """
-        quality, contents = self.quality, self.contents
-        return (
-            quality.interpolation_precision == "adaptive"
-            and (quality.samples == 1 or self.picture_samples is not None)
-            and contents.vertex_colored > 0
-            and contents.unlit == contents.objects
-            and contents.blended == 0
-            and not contents.has_textures
-            and contents.with_field == 0
-        )
+        quality, seen, is_bare = self.quality, self.seen, self.inventory.is_bare
+        if (
+            quality.interpolation_precision == "float64"
+            or (quality.samples != 1 and self.picture_samples is None)
+            or not (seen.unlit and seen.vertex_colored and is_bare.any())
+        ):
+            return None
+        others = (seen.objects - seen.unlit, seen.blended, seen.has_textures, seen.with_field)
+        return (is_bare if any(others) else np.ones_like(is_bare)).astype(np.uint8)
 
     @cached_property
     def is_surrounded(self) -> bool:
@@ -194,29 +199,47 @@ class Facts:
         return self.environment is not None and self.environment.lights
 
     @cached_property
+    def tones(self) -> ToneMap | None:
+        """How light is brought into codes; None where that changes none, or none are shown."""
+        tones = self.asked["tone_map"]
+        has_codes = "color" in self.whole_outputs or self.mixes_codes
+        return None if tones is None or tones.is_neutral or not has_codes else tones
+
+    @cached_property
     def is_exposed(self) -> bool:
         """Whether light is made much brighter, or dark light much steeper, before it is shown."""
-        return is_steep(self.asked["tone_map"])
+        return is_steep(self.tones)
 
     @cached_property
     def is_dimmed(self) -> bool:
-        """Whether light of lamps is made darker before it is shown: it is very bright, then."""
-        tones = self.asked["tone_map"]
-        return bool(self.lamps) and tones is not None and tones.exposure < 0.0
+        """Whether light is made darker before it is shown: that of lamps is very bright, then."""
+        return self.tones is not None and self.tones.exposure < 0.0
 
     @cached_property
     def exposed(self) -> float:
         """What light of lamps is multiplied by at most before it is shown."""
-        tones = self.asked["tone_map"]
-        return 1.0 if tones is None or tones.is_neutral else float(EXPOSED)
+        return 1.0 if self.tones is None else float(EXPOSED)
+
+    @cached_property
+    def lamps(self) -> tuple[Light, ...]:
+        """The lights that have a place, of those that reach what is seen."""
+        return () if self.imitation is not None else lamps_among(self.lights.lights)
+
+    @cached_property
+    def brightness(self) -> Brightness:
+        """What there is of light that reaches what is seen, without looking at places."""
+        found = brightness_of(self.lights.lights, self.tones, self.fog)
+        if not self.has_headlight:
+            return found
+        return found._replace(straight=HEADLIGHT_INTENSITY, around=HEADLIGHT_AMBIENT)
 
     @cached_property
     def own_limits(self) -> NDArray[np.float32]:
-        """What bounds errors of each object in float32, (O, 9); -1 where it takes float64."""
+        """What bounds errors of each object in float32, (O, 12); -1 where it takes float64."""
         if self.imitation is not None:
             # The other program knows nothing but float32.
             return self.inventory.free_limits
-        return self.inventory.limits(self.brightness, bool(self.lamps))
+        return self.inventory.limits(self.brightness, self.is_dimmed)
 
     @cached_property
     def limits(self) -> NDArray[np.float32] | None:
@@ -231,7 +254,6 @@ class Facts:
             or self.seen.plain == 0
             or self.is_surrounded
             or self.is_exposed
-            or self.is_dimmed
             or not (self.own_limits[:, 0] >= 0.0).any()
         ):
             return None
@@ -317,7 +339,7 @@ class Facts:
         samples = self.quality.samples
         if samples in SUPERSAMPLED:
             return int(samples)
-        if samples == 1 or not self.has_round_points:
+        if samples == 1 or self.seen.discs + self.seen.spheres == 0:
             return None
         return 4 if samples in (2, 4) else 16
 
@@ -392,6 +414,15 @@ class Facts:
         return is_mixed and self.quality.blending == "srgb8"
 
 
+def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
+    """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
+    if fog is None or fog.density == 0.0:
+        return False
+    if fog.mode != "linear" or fog.start == 0.0:
+        return True
+    return boxes.farthest() * DISTANCE_ROUNDING > fog.start
+
+
 def look(
     scene: Scene,
     boxes: Boxes,
@@ -412,12 +443,7 @@ def look(
     in_view = boxes.in_view
     is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
     asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
-    brightness = brightness_of(scene.lights, asked["tone_map"], asked["fog"])
-    if not scene.lights:
-        brightness = brightness._replace(straight=HEADLIGHT_INTENSITY, around=HEADLIGHT_AMBIENT)
-    lamps = lamps_among(scene.lights)
-    if scene._imitation is not None:
-        brightness, lamps = Brightness(0.0), ()
+    fog = asked["fog"] if is_fog_in_reach(asked["fog"], boxes) else None
     picture = background if isinstance(background, BackgroundImage) else None
     if (
         last is not None
@@ -428,8 +454,7 @@ def look(
         and all(map(operator.is_, last.asked.values(), asked.values()))
         and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
         and last.has_lights == bool(scene.lights)
-        and last.brightness == brightness
-        and last.lamps == lamps
+        and last.fog is fog
         and _are_same(last.imitation, scene._imitation)
         and last.has_background == (background is not None)
         and last.in_view.tobytes() == in_view.tobytes()
@@ -456,8 +481,8 @@ def look(
                 for output in outputs
                 if output.startswith(ATTRIBUTE)
             },
-            brightness=brightness,
-            lamps=lamps,
+            fog=fog,
+            whole_outputs=outputs,
             imitation=scene._imitation,
         )
     transparency = facts.transparency
@@ -506,8 +531,8 @@ UNKNOWN_REASON = "not all that is drawn allows float32"
 
 def float64_reason(facts: Facts) -> str | None:
     """Say why colours are interpolated in float64; None where they are in float32."""
-    quality, contents = facts.quality, facts.contents
-    if facts.interpolates_in_float32 or facts.limits is not None:
+    quality, seen = facts.quality, facts.seen
+    if facts.shown_in_float32 is not None or facts.limits is not None:
         return None
     reasons = (
         (
@@ -519,13 +544,23 @@ def float64_reason(facts: Facts) -> str | None:
             quality.samples != 1 and facts.picture_samples is None,
             f"quality.samples is {quality.samples!r}",
         ),
-        (contents.blended > 0, "an object is blended"),
-        (contents.unlit < contents.objects, "an object is lit"),
-        (contents.has_textures, "an object has a texture"),
-        (contents.with_field > 0, "an object has scalars of its vertices"),
-        (contents.vertex_colored == 0, "no mesh has colours of its vertices"),
+        (seen.blended > 0, "an object is blended"),
+        (seen.unlit < seen.objects, "an object is lit"),
+        (seen.has_textures, "an object has a texture"),
+        (seen.with_field > 0, "an object has scalars of its vertices"),
+        (seen.vertex_colored == 0, "no mesh in view has colours of its vertices"),
     )
     return next((reason for is_so, reason in reasons if is_so), UNKNOWN_REASON)
+
+
+def others_reason(facts: Facts) -> str | None:
+    """Say why others in view take float64 where some take float32; None where none do."""
+    shown = facts.shown_in_float32
+    if not facts.mixes_precision and (facts.limits is not None or shown is None or shown.all()):
+        return None
+    reasons = smooth_reasons(facts) if facts.limits is None else []
+    reasons += [(facts.seen.blended > 0 and not facts.is_lit, "an object is blended")]
+    return next(reason for is_so, reason in reasons + furnished_reasons(facts) if is_so)
 
 
 def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
@@ -536,7 +571,6 @@ def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
     return [
         (facts.is_surrounded, "the scene has an environment"),
         (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}, or the tone curve too steep"),
-        (facts.is_dimmed, "lamps shine, and the exposure is below 0"),
         (seen.plain > 0, "lights are too bright, or highlights too sharp"),
         *furnished_reasons(facts),
     ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -64,9 +64,11 @@ FIRST_ROWS, MORE_ROWS = 4, 8
 """Objects compared with all others at first, and the factor for each next try. Mostly the first
 finds something."""
 
-LIGHT_ROUNDING = 2.0**-20
-"""Widening of what a light reaches, as a share of coordinates and of cosines: above the rounding
-of the light that kernels see, which is float32."""
+LIGHT_ROUNDING = 2.0**-16
+"""Widening of what a light reaches, as a share of coordinates and of cosines: above that of its
+faces, ``surface.lamps.REACH_ROUNDING``, and of the light that kernels see, which is float32."""
+
+DIAGONAL = 0.5**0.5
 
 TEXEL_BYTES = 4
 
@@ -220,7 +222,7 @@ class _Scenery:
     @cached_property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Low and high corner along the world's axes, (O, 3) each."""
-        return self._boxes.corners.min(axis=1), self._boxes.corners.max(axis=1)
+        return ends_of(self._boxes.corners)
 
     def in_range(self, light: Any) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
@@ -228,7 +230,8 @@ class _Scenery:
 
     def in_cone(self, light: SpotLight) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it may be seen and meets a light's cone."""
-        return self._boxes.in_view & _is_in_cone(light, self.eye, *self.ends) | self.is_unsure
+        in_cone = _is_in_cone(light, self.eye, self._boxes.corners)
+        return self._boxes.in_view & in_cone | self.is_unsure
 
     def wall_against(self, light: Any) -> int | None:
         """Return the object that is closed between what is seen and a light, if any."""
@@ -267,6 +270,11 @@ class _Scenery:
         return _meets_another(first, last, receivers, low[casters], high[casters], casters)
 
 
+def ends_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return low and high corner along the world's axes, (..., 3) each, of boxes, (..., 8, 3)."""
+    return corners.min(axis=-2), corners.max(axis=-2)
+
+
 def _slack(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far off the corners of boxes, (..., 3), may be as kernels see them, (...)."""
     return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=-1)
@@ -288,28 +296,58 @@ def _is_in_range(
         return x * x + y * y + z * z < 1.0
 
 
-def _is_in_cone(
-    light: SpotLight, eye: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Tell of boxes, (..., O), whether they meet a light's cone; takes what `_is_in_range` does."""
-    place = (np.array(light.position) - eye)[..., np.newaxis, :]
-    axis = np.array(light.direction)
+def pyramid_of(
+    light: SpotLight,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """
+    Return a pyramid of eight sides around a light's cone.
+
+    Returns
+    -------
+    axes : (3, 3) float64
+        Unit vectors at right angles, the last along the cone: sides lean from it along the others,
+        and half-way between these.
+    lean : (2,) float64
+        Sine and cosine of the angle between axis and sides.
+    """
     _, cosine = transforms.sine_cosine(light.outer_angle)
     cosine = max(cosine - LIGHT_ROUNDING, 0.0)
-    sine = math.sqrt(1.0 - cosine * cosine)
+    return axes_of(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
+
+
+def pyramids_of(lamps: Sequence[Light]) -> NDArray[np.float64]:
+    """Return `pyramid_of` lights, (P, 11): axes, sine and cosine; all 0 of those without a cone."""
+    rows = np.zeros((len(lamps), 11))
+    for row, lamp in zip(rows, lamps, strict=True):
+        if isinstance(lamp, SpotLight):
+            axes, row[9:] = pyramid_of(lamp)
+            row[:9] = axes.ravel()
+    return rows
+
+
+def _is_in_cone(
+    light: SpotLight, eye: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """
+    Tell of boxes, (..., O), whether they meet a light's cone.
+
+    They do not if all corners lie behind the light, or beyond one side of a pyramid around the
+    cone: then that is so of each face within, as ``surface.lamps`` finds again.
+
+    Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 8, 3).
+    """
+    place = (np.array(light.position) - eye)[..., np.newaxis, np.newaxis, :]
+    axes, (sine, cosine) = pyramid_of(light)
     with np.errstate(invalid="ignore", over="ignore"):
-        # Hold the sphere around each box against the cone's side, or behind it its tip.
-        x, y, z = np.moveaxis((low + high) / 2.0 - place, -1, 0)
-        a, b, c = np.moveaxis((high - low) / 2.0, -1, 0)
-        radius = np.sqrt(a * a + b * b + c * c) + _slack(low, high)
-        radius += LIGHT_ROUNDING * np.abs(place).max(axis=-1)
-        ahead = x * axis[0] + y * axis[1] + z * axis[2]
-        p, q, r = x - ahead * axis[0], y - ahead * axis[1], z - ahead * axis[2]
-        aside = np.sqrt(p * p + q * q + r * r)
-        beside = aside * cosine - ahead * sine
-        is_behind = aside * sine + ahead * cosine < 0.0
-        away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
-        return ~(away > radius)
+        right, down, ahead = np.moveaxis(along(axes, corners - place), -1, 0)
+        slack = np.maximum(np.abs(corners).max(axis=(-2, -1)), np.abs(place).max(axis=(-2, -1)))
+        slack *= 2.0 * LIGHT_ROUNDING
+        is_out = ahead.max(axis=-1) < -slack
+        between = DIAGONAL * (right + down), DIAGONAL * (right - down)
+        for aside in (right, down, *between):
+            for turn in (1.0, -1.0):
+                is_out |= (cosine * turn * aside - sine * ahead).min(axis=-1) > slack
+    return ~is_out
 
 
 def reach(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
@@ -318,17 +356,15 @@ def reach(lights: Sequence[Light], group: Group) -> NDArray[np.bool_]:
     for n, light in enumerate(lights):
         if light.intensity == 0.0 or not any(light.color):
             continue
-        bounds: list[Callable[..., NDArray[np.bool_]]] = []
+        is_reached = np.ones_like(group.in_view)
         if getattr(light, "range", None) is not None:
-            bounds.append(_is_in_range)
+            is_reached &= _is_in_range(light, group.eyes, *ends_of(group.corners))
         if isinstance(light, SpotLight):
-            bounds.append(_is_in_cone)
-        if not bounds:
+            is_reached &= _is_in_cone(light, group.eyes, group.corners)
+        if is_reached.all():
             reached[:, n] = True
             continue
-        ends, lit = (group.corners.min(axis=2), group.corners.max(axis=2)), group.in_view
-        for is_within in bounds:
-            lit = lit & (group.in_view & is_within(light, group.eyes, *ends) | group.is_unsure)
+        lit = group.in_view & is_reached | group.is_unsure
         reached[:, n] = lit.any(axis=1)
     return reached
 
@@ -386,6 +422,9 @@ def axes_of(
         # Take what is at right angles to the direction and to the axis farthest from it.
         least = min(abs(x), abs(y), abs(z))
         p, q, r = (float(abs(part) == least) for part in direction)
+        if p == q == r:
+            # All three are as far: their sum may be along it.
+            p, q, r = 1.0, 0.0, 0.0
         a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
     across = transforms.unit_vector("axis", (a, b, c))
     p, q, r = across.tolist()

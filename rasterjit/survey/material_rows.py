@@ -24,7 +24,7 @@ from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
     Facts,
     float64_reason,
-    furnished_reasons,
+    others_reason,
     settings_asked,
     unlit_reason,
 )
@@ -69,8 +69,10 @@ class Shading(MaterialRow):
         why = float64_reason(facts)
         found = "colours" if facts.limits is None else "colours, normals and points"
         colors = f"{found} in float32" if why is None else f"colours in float64: {why}"
-        if facts.mixes_precision:
-            others = next(reason for is_so, reason in furnished_reasons(facts) if is_so)
+        if facts.limits is not None and facts.lamps and facts.is_dimmed:
+            colors += ", in the light of lamps in float64: the exposure is below 0"
+        others = others_reason(facts)
+        if others is not None:
             colors += f", others in float64: {others}"
         if facts.imitation is not None:
             colors += f"; as pyrender's shader does, in codes of {facts.encoding!r}"

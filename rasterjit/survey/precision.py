@@ -1,8 +1,9 @@
 """
 Which lit objects may take float32, and what bounds the errors of their normals and points.
 
-That depends on the material of an object, on the lights and the exposure, but not on what stands
-beside it: its bits are the same in whatever company.
+That depends on the material of an object, on the exposure, and on the lights that the plan has,
+those with a place as far as they reach a face: not on what stands beside it, nor on what is out.
+Its bits are the same in whatever company.
 
 In light from directions
 ------------------------
@@ -62,17 +63,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.surface.lamps import (
+    ALL_LIMITS,
+    BY_LAMPS,
     CODES_PER_SHARE,
     CONE,
     ENDING,
     LAMP_COLUMNS,
     LIGHT,
-    LIMITS,
+    PYRAMID,
     RAMP,
     ROUNDING,
     SLOPE,
 )
-from rasterjit.pipeline.surface.steep import BLINN, EXPOSED, MATT, STEEP_SHARE
+from rasterjit.pipeline.surface.steep import BLINN, EXPOSED, GLOSS, MATT, STEEP_SHARE
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material
@@ -206,11 +209,8 @@ def is_steep(tones: ToneMap | None) -> bool:
 
 
 def lamps_among(lights: Sequence[Light]) -> tuple[Light, ...]:
-    """Return the lights that have a place and shine, whatever they reach."""
-    return tuple(
-        light for light in lights
-        if isinstance(light, PointLight | SpotLight) and light.intensity > 0.0 and any(light.color)
-    )  # fmt: skip
+    """Return the lights that have a place."""
+    return tuple([light for light in lights if isinstance(light, PointLight | SpotLight)])
 
 
 def bounced_slopes(gloss: Gloss) -> tuple[float, float]:
@@ -233,28 +233,33 @@ def peak_of(gloss: Gloss) -> float:
     return 1.0 + max(gloss.specular, facets)
 
 
-def rows_of_lamps(rows: NDArray[np.float32], exposed: float) -> NDArray[np.float32]:
+def rows_of_lamps(
+    rows: NDArray[np.float32], pyramids: NDArray[np.float64], exposed: float
+) -> NDArray[np.float32]:
     """
-    Return what bounds are worked out from, (..., P, 7) float32: see ``surface.lamps``.
+    Return what bounds are worked out from, (..., P, 18) float32: see ``surface.lamps``.
 
     Parameters
     ----------
     rows : (..., P, 13) float32
         The lamps as ``Lighting.lights`` has them.
+    pyramids : (P, 11) float64
+        Around their cones: ``lights.pyramids_of``.
     exposed : float
         What light is multiplied by at most before it is shown.
     """
-    lamps = np.empty((*rows.shape[:-1], LAMP_COLUMNS), np.float32)
+    found = np.empty((*rows.shape[:-1], LAMP_COLUMNS), np.float32)
     colors, scale, offset = rows[..., 4:7].astype(np.float64), rows[..., 10], rows[..., 11]
     light = exposed * colors.max(axis=-1)
     versine = offset.astype(np.float64) / np.where(scale > 0.0, scale, np.float32(1.0))
     sine = np.sqrt(np.maximum(versine * (2.0 - versine), 0.0))
-    lamps[..., :3] = rows[..., :3]
-    lamps[..., LIGHT] = light
-    lamps[..., RAMP] = CODES_PER_RAMP * np.sqrt(light) * scale
-    lamps[..., CONE] = lamps[..., RAMP] * sine
-    lamps[..., ENDING] = rows[..., 12]
-    return lamps
+    found[..., :3] = rows[..., :3]
+    found[..., LIGHT] = light
+    found[..., RAMP] = CODES_PER_RAMP * np.sqrt(light) * scale
+    found[..., CONE] = found[..., RAMP] * sine
+    found[..., ENDING] = rows[..., 12]
+    found[..., PYRAMID:] = pyramids
+    return found
 
 
 def limits_of(gloss: Gloss, brightness: Brightness, has_lamps: bool) -> NDArray[np.float32] | None:
@@ -342,12 +347,25 @@ def least_shown(shininess: float, peak: float) -> float:
 
 
 def limits_of_all(
-    glosses: Sequence[Gloss | None], brightness: Brightness, has_lamps: bool
+    glosses: Sequence[Gloss | None], brightness: Brightness, is_dimmed: bool
 ) -> NDArray[np.float32]:
-    """Return `limits_of` each of some objects, (O, 12) float32; -1 where they take float64."""
-    none = np.full(LIMITS, -1.0, np.float32)
+    """
+    Return what bounds the errors of each of some objects, (O, 15) float32.
+
+    The first three are those of `limits_of` on faces that no lamp reaches, -1 where an object takes
+    float64 as a whole; then come those on faces that any does. So a lamp counts where its light
+    falls, and nowhere else; the last, at jumps and steep places, are of both. ``is_dimmed``: no
+    face that a lamp reaches is sure.
+    """
+    none = np.full(ALL_LIMITS, -1.0, np.float32)
     rows = {None: none}
     for gloss in {*glosses} - {None}:
-        own = limits_of(gloss, brightness, has_lamps)
-        rows[gloss] = none if own is None else own
-    return np.array([rows[gloss] for gloss in glosses], np.float32).reshape(-1, LIMITS)
+        own, lit = limits_of(gloss, brightness, False), limits_of(gloss, brightness, True)
+        row = rows[gloss] = none.copy()
+        if own is None:
+            continue
+        row[:BY_LAMPS] = own[:BY_LAMPS]
+        if lit is not None and not is_dimmed:
+            row[BY_LAMPS:] = lit
+        row[BY_LAMPS + GLOSS :] = (own if lit is None else lit)[GLOSS:]
+    return np.array([rows[gloss] for gloss in glosses], np.float32).reshape(-1, ALL_LIMITS)

@@ -550,7 +550,7 @@ def _with_rows(mesh: Any, recipe: Recipe, faces: NDArray[Any], numbers: Int64) -
         name: read_only(values[numbers]) for name, values in mesh.face_attributes.items()
     }
     result._invalid_vertices = int(np.count_nonzero(~np.isfinite(result.vertices).all(axis=1)))
-    result._bounds = result._is_closed = None
+    result._bounds = result._is_closed = result._drawn_faces = None
     if mesh._rest is not None:
         result._rest = rest = copy.copy(result)
         rest._vertices, rest._rest = rows(mesh._rest.vertices), None

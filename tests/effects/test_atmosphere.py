@@ -10,8 +10,8 @@ import pytest
 import skies
 
 import rasterjit as rj
-from rasterjit.effects import fog as fogging
 from rasterjit.scene import transforms as tf
+from rasterjit.survey import facts
 
 SIZE = (40, 30)
 SKY = np.random.default_rng(1).uniform(0.0, 2.0, (8, 16, 3)).astype(np.float32)
@@ -329,7 +329,7 @@ def test_fog_that_covers_nothing_is_left_out(cube, camera, fog, reason):
 @pytest.mark.parametrize("fog", [fog for fog, _ in FOG_OUT[1:]])
 def test_fog_that_covers_nothing_changes_no_bit(cube, monkeypatch, fog):
     without = draw(row_of(cube), WIDE)
-    monkeypatch.setattr(fogging, "is_fog_in_reach", lambda *_: True)
+    monkeypatch.setattr(facts, "is_fog_in_reach", lambda *_: True)
     frame = draw(row_of(cube, fog=fog), WIDE)
     assert used(frame)["fog"].used
     assert same(frame, without)

@@ -12,8 +12,8 @@ import pytest
 from rasterjit.inspect import oracle
 from rasterjit.outputs import diagnostics_stage
 from rasterjit.pipeline.geometry import barycentric, setup
-from rasterjit.pipeline.geometry.barycentric import interpolate, lowest_first, sample_weights
-from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
+from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
@@ -75,7 +75,7 @@ def fill_unrounded(
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face >= 0:
-                a, b, c = lowest_first(geometry.faces, face)
+                a, b, c = corners_of(geometry.faces, face)
                 weights = sample_weights(a, b, c, column, row, geometry)
                 for k in range(values.shape[1]):
                     computed[row, column, k] = interpolate(

@@ -41,14 +41,6 @@ MILLIONTH = 1e-6
 
 
 @stage
-def show_weights(block: Block, count):
-    """Make the weights of a block its colours."""
-    for j in range(3):
-        for n in range(count):
-            block.samples[j, n] = block.float32_weights[j, n]
-
-
-@stage
 def take_colors(block: Block, count, taken: float32[:, :, ::1]):
     """Write the colours of a block to the pixels of its samples."""
     for k in range(block.counts[INTERVALS]):
@@ -60,7 +52,7 @@ def take_colors(block: Block, count, taken: float32[:, :, ::1]):
                 taken[row, column + n, j] = block.samples[j, start + n]
 
 
-def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None, as_colors=False):
+def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None):
     """
     Return where one triangle is seen, its weights in float32, and its snapped corners.
 
@@ -82,10 +74,9 @@ def weigh(points, w, size=(64, 64), bits=8, face_id=None, positions=None, as_col
         np.empty((size[1], 0), np.uint32),
     )  # fmt: skip
     BLOCKS.block[:COUNTS] = 0
-    found = [Step(float32_weights.find_float32_weights, (geometry,)), Step(show_weights, ())]
-    if as_colors:
-        shown = geometry, np.ones((1, 7), np.float32), np.eye(3, 4, dtype=np.float32)
-        found = [Step(find_float32_colors, shown)]
+    # Of vertices that are red, green and blue.
+    shown = geometry, np.ones((1, 7), np.float32), np.eye(3, 4, dtype=np.float32)
+    found = [Step(find_float32_colors, (*shown, np.ones(1, np.uint8)))]
     steps = [Step(list_samples, listed), *found, Step(take_colors, (taken,))]
     StageList(steps).run(BLOCKS.block, BLOCK)
     return face_id, taken, screen.xy[:3].tolist()
@@ -154,20 +145,6 @@ def cut_in_runs(face_id):
         yield np.where(np.arange(64) % step < step - 1, face_id, np.int32(-1))
 
 
-def test_colours_have_the_bits_of_their_weights():
-    # In loops over runs, and sample by sample; with w out of the range of float32, too.
-    shown = 0
-    for points, w in random_faces(45):
-        face_id, *_ = weigh(points, w)
-        for some in cut_in_runs(face_id):
-            _, weights, _ = weigh(points, w, face_id=some)
-            _, colors, _ = weigh(points, w, face_id=some, as_colors=True)
-            # Colours are held to the range of those of the vertices.
-            assert np.minimum(weights, 1).tobytes() == colors.tobytes()
-            shown += (some >= 0).sum()
-    assert shown > 10_000
-
-
 def test_clipped_faces_have_the_same_bits_in_runs_of_any_length():
     # It passes the eye: its sides are those of no triangle on the screen.
     positions = np.array([(-9.0, -4.0, 0.0, 1.0), (9.0, -5.0, 0.0, 1.0), (0.3, 2.0, -1.0, -0.5)])
@@ -175,7 +152,7 @@ def test_clipped_faces_have_the_same_bits_in_runs_of_any_length():
     _, whole, _ = weigh(None, None, face_id=face_id, positions=positions)
     assert len(np.unique(whole[:, :, 2])) > 1000
     for some in cut_in_runs(face_id):
-        _, colors, _ = weigh(None, None, face_id=some, positions=positions, as_colors=True)
+        _, colors, _ = weigh(None, None, face_id=some, positions=positions)
         assert colors[some >= 0].tobytes() == whole[some >= 0].tobytes()
 
 
@@ -295,7 +272,7 @@ def test_regions_rotated_faces_and_threads_change_no_bit():
 
 
 def is_quick(scene, quality=None, camera=CAMERAS[1]):
-    return rj.explain(scene, camera, quality, size=(64, 48)).facts.interpolates_in_float32
+    return rj.explain(scene, camera, quality, size=(64, 48)).facts.shown_in_float32 is not None
 
 
 def test_who_takes_float32():
@@ -342,12 +319,19 @@ def test_fog_lies_over_unlit_colours_of_vertices():
     np.testing.assert_allclose(foggy.linear[shown][:, :3], want, atol=1e-5)
 
 
-def test_what_is_out_of_view_decides_as_well():
-    # Else a part of a picture that does not show it would have other bits than the whole.
+@pytest.mark.parametrize("place", [(0.0, 50.0, 0.0), (0.0, -1.0, 0.0)])
+@pytest.mark.parametrize("alpha_mode", ["opaque", "blend"])
+def test_what_stands_beside_changes_no_bit(place, alpha_mode):
+    # Out of view, and in view below.
+    options = {"size": (160, 120), "outputs": ("linear", "object_id")}
+    alone = rj.render(hills(), CAMERAS[1], **options)
     scene = hills()
-    behind = hills("phong").nodes[0].mesh
-    scene.add(behind, rj.transforms.translate((0.0, 50.0, 0.0)))
-    assert not is_quick(scene)
+    scene.add(hills("phong", alpha_mode=alpha_mode).nodes[0].mesh, rj.transforms.translate(place))
+    assert is_quick(scene)
+    both = rj.render(scene, CAMERAS[1], **options)
+    own = (both.object_id == 0) & (alone.object_id == 0)
+    assert own.mean() > 0.2
+    assert both.linear[own].tobytes() == alone.linear[own].tobytes()
 
 
 def plain():
@@ -363,7 +347,7 @@ def plain():
         (hills(), rj.Quality(samples=4), "quality.samples is 4"),
         (hills(), rj.Quality(samples="area"), "quality.samples is 'area'"),
         (hills(alpha_mode="blend"), None, "an object is blended"),
-        (plain(), None, "no mesh has colours of its vertices"),
+        (plain(), None, "no mesh in view has colours of its vertices"),
     ],
 )
 def test_explain_says_in_its_line_why_colours_stay_float64(scene, quality, words):
@@ -386,7 +370,7 @@ def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
     colors = mesh.vertex_colors[:, :3]
     scene.add(rj.Mesh(mesh.vertices, mesh.faces, colors=colors, uv=uv, material=material))
     facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
-    is_quick = facts.interpolates_in_float32 or facts.limits is not None
+    is_quick = facts.shown_in_float32 is not None or facts.limits is not None
     assert (float64_reason(facts) is None) == is_quick
     assert float64_reason(facts) != UNKNOWN_REASON
 

@@ -62,7 +62,8 @@ def weigh(positions, face_id, mirrored=1.0):
     assert screen.codes.any()
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     taken, slow = weigh_all(geometry, face_id, mirrored), np.empty((*SIZE, 3), np.float32)
-    fill_barycentric(face_id, (0, SIZE[1]), geometry, slow)
+    places = np.zeros(len(faces), np.uint8)
+    fill_barycentric(face_id, (0, SIZE[1]), geometry, places, slow)
     return taken, slow
 
 

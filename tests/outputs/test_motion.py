@@ -303,3 +303,21 @@ def test_bad_views_are_refused_by_name(cube, sphere, ask):
     ):
         with pytest.raises(ValueError, match=message):
             ask(cube, NOW, outputs="motion", previous=previous, **size)
+
+
+def test_corners_are_compared_as_meshes_list_them(cube):
+    # Faces begin with their least corners: those of a mesh that is turned itself are others.
+    turn = T.rotate((1.0, 2.0, 3.0), 130.0)
+    turned = rj.Mesh(T.apply(turn, cube.vertices), cube.faces, material=cube.material)
+    assert (turned._faces_to_draw() != cube._faces_to_draw()).any()
+    now = scene_of((cube, np.eye(4)))
+    places = [scene_of((cube, turn)), scene_of((turned, np.eye(4)))]
+    for lens in ({}, {"lens": rj.Equirectangular()}):
+        by_matrix, by_mesh = (
+            rj.render(
+                now, NOW, size=(64, 32), outputs=("motion",), previous=rj.View(scene, NOW), **lens
+            ).motion
+            for scene in places
+        )
+        assert np.isfinite(by_matrix).any()
+        np.testing.assert_allclose(by_mesh, by_matrix, atol=1e-3)

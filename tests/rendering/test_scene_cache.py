@@ -244,7 +244,7 @@ def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
     for number, mesh in enumerate(meshes):
         first = arrays.vertex_starts[number]
         faces = arrays.faces[arrays.face_starts[number] : arrays.face_starts[number + 1]]
-        assert np.array_equal(faces, mesh.faces + first)
+        assert np.array_equal(faces, mesh._faces_to_draw() + first)
     assert arrays.faces.dtype == np.int32
 
 

@@ -26,7 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import face_normal, find_object, lowest_first
+from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
+from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
@@ -157,7 +158,7 @@ def gather_faces(faces, depth, left, row, pattern, s, geometry, placement):
         if face != known:
             known = face
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             normal = face_normal(a, b, c, owner, placement)
             x, y, z = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
         column = left + np.int64(at)

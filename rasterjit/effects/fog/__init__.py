@@ -19,9 +19,8 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import Absent, Effect, Field, Look, Planned, Planning
-from rasterjit.survey.facts import Facts
+from rasterjit.survey.facts import DISTANCE_ROUNDING, Facts
 from rasterjit.survey.many_views import Group
-from rasterjit.survey.placement import Boxes
 from rasterjit.survey.plan import RenderPlan
 
 FOG_MODES = {
@@ -35,9 +34,6 @@ HALVINGS = 1.4426950408889634
 
 SQUARED_HALVINGS = 1.2011224087864498
 """Its square root: a density that is squared takes one of two equal factors."""
-
-DISTANCE_ROUNDING = 1.0 + 2.0**-20
-"""Factor on the farthest distance, for the rounding of positions and distances in float32."""
 
 LARGEST = float(np.finfo(np.float32).max)
 
@@ -61,15 +57,6 @@ class FogRecord(NamedTuple):
     """float32: halvings of the density a scene unit upwards; 0 for even density."""
     flat: Any
     """Number of ways of shading that light faces at their middles | None -> none."""
-
-
-def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
-    """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
-    if fog is None or fog.density == 0.0:
-        return False
-    if fog.mode != "linear" or fog.start == 0.0:
-        return True
-    return boxes.farthest() * DISTANCE_ROUNDING > fog.start
 
 
 def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
@@ -103,10 +90,9 @@ class FogEffect(Effect):
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether fog may cover a colour that is asked for."""
-        fog = facts.asked[self.field]
-        if not facts.shades or not is_fog_in_reach(fog, planning.boxes):
+        if not facts.shades or facts.fog is None:
             return Absent(self, facts)
-        return Planned(self, facts, fog_record(fog, planning.camera, facts.seen.flat > 0))
+        return Planned(self, facts, fog_record(facts.fog, planning.camera, facts.seen.flat > 0))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what fog there is, or why it covers nothing."""
@@ -121,7 +107,7 @@ class FogEffect(Effect):
         return f"mode {fog.mode}{by_height}"
 
     def answers(self, scene: Scene, group: Group) -> Any:
-        """Tell which views the fog is in reach of: `is_fog_in_reach`."""
+        """Tell which views the fog is in reach of: ``facts.is_fog_in_reach``."""
         fog = scene.fog
         if fog is None or fog.density == 0.0:
             return False

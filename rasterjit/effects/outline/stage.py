@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import face_normal, find_object, lowest_first
-from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
+from rasterjit.pipeline.geometry.barycentric import face_normal, find_object
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID, corners_of
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.runtime.float_math import clamped
@@ -109,7 +109,7 @@ def fill_row(
         if face != known:
             known = face
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             x, y, z = face_normal(a, b, c, owner, placement)
             normal = np.float32(x), np.float32(y), np.float32(z)
             most_x = steepest(a, b, c, 0, codes, xy, bits, vertex_depths)

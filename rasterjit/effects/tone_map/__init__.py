@@ -59,11 +59,9 @@ class ToneMapping(Effect):
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
-        tone_map = facts.asked[self.field]
-        is_wanted = tone_map is not None and not tone_map.is_neutral
-        if is_wanted and ("color" in facts.outputs or facts.mixes_codes):
-            return Planned(self, facts, tone_record(tone_map))
-        return Absent(self, facts)
+        if facts.tones is None:
+            return Absent(self, facts)
+        return Planned(self, facts, tone_record(facts.tones))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say how light is brought onto the screen."""

@@ -12,7 +12,7 @@ Without w (``Geometry.w`` has no elements) the weights are affine: linear on the
 functions over their sum, one division for a whole face. A face that was clipped has no others than
 the perspective-correct ones, for it has no vertices on the screen.
 
-Vertices are taken starting from the lowest number, so rotating a face changes no bit.
+Vertices are taken as the face lists them, which begins with the least: ``scene/first_corners.py``.
 
 References
 ----------
@@ -35,17 +35,6 @@ A larger sum of weights is accurate: underflow has taken nothing that counts.
 
 Edges are whole numbers, so a sum is below 1 only if the edge opposite the smallest w is 0.
 """
-
-
-@helper
-def lowest_first(faces, face):
-    """Return the vertex numbers of a face, rotated so that the lowest comes first."""
-    a, b, c = corners_of(faces, face)
-    if b < a and b < c:
-        return b, c, a
-    if c < a and c < b:
-        return c, a, b
-    return a, b, c
 
 
 @helper
@@ -446,11 +435,11 @@ def triple_at(values, vertex):
 
 @kernel
 def fill_barycentric(
-    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry,
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, places: uint8[::1],
     barycentric: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write the weights of each sample, in the order of its face's vertices.
+    Write the weights of each sample, in the order in which its mesh lists the face's vertices.
 
     Parameters
     ----------
@@ -458,6 +447,8 @@ def fill_barycentric(
     rows : (int, int)
         First row, and one past the last.
     geometry : Geometry
+    places : (F,) uint8
+        At which place of that order the first corner of each face is.
     barycentric : (H, W, 3) float32
         Written; zero where nothing is, or a segment or a point.
     """
@@ -468,15 +459,12 @@ def fill_barycentric(
                 barycentric[row, column, k] = 0.0
             if face < 0:
                 continue
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             if b == c:
                 continue
             weights = sample_weights(a, b, c, column, row, geometry)
-            first = 0
-            if a != geometry.faces[face, 0]:
-                first = 1 if a == geometry.faces[face, 1] else 2
             for k in range(3):
-                barycentric[row, column, (first + k) % 3] = weights[k]
+                barycentric[row, column, (np.int64(places[face]) + k) % 3] = weights[k]
 
 
 @kernel
@@ -503,7 +491,7 @@ def fill_attribute(
                 for k in range(values.shape[1]):
                     attribute[row, column, k] = np.nan
                 continue
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             for k in range(values.shape[1]):
                 attribute[row, column, k] = interpolate(
@@ -543,7 +531,7 @@ def fill_positions(
                     position[row, column, k] = np.nan
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
             y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
@@ -584,7 +572,7 @@ def fill_normals(
             if face < 0:
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             if is_smooth[owner]:
                 weights = sample_weights(a, b, c, column, row, geometry)
                 shown = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)

@@ -93,14 +93,9 @@ def clip_polygon(polygon, count, plane, viewport, clipped):
 @helper
 def clip_triangle(corners, clip_positions, viewport, polygon, spare):
     """Cut one triangle to all planes; the result is in ``polygon``; return its vertex count."""
-    # From the lowest vertex number on, so that rotating a face changes no bit.
-    first = 0
-    for n in range(1, 3):
-        if corners[n] < corners[first]:
-            first = n
     for n in range(3):
         for k in range(4):
-            polygon[n, k] = clip_positions[corners[(first + n) % 3], k]
+            polygon[n, k] = clip_positions[corners[n], k]
     count = 3
     for plane in range(PLANES):
         count = clip_polygon(polygon, count, plane, viewport, spare)

@@ -220,35 +220,39 @@ def colors_along_span(red, green, blue, second, third, at_a, at_b, at_c, base):
         blue[n] = base[2] * np.float32(interpolate(weights, at_a[2], at_b[2], at_c[2]))
 
 
+@helper
+def show_colors_of(segment, block, vertex_colors, materials):
+    """Write the base colour of a segment's material times those of the vertices, interpolated."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
+    e = s + whole_vectors(segment[STOP] - s)
+    base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
+    red, green, blue = (
+        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e)
+    )  # fmt: skip
+    second, third = part(weights, 0, s, e), part(weights, 1, s, e)
+    if segment[KIND] == MIXED:
+        gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
+        mix_colors(
+            red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
+            part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
+            part(rows, 7, s, e), part(rows, 8, s, e), second, third, base,
+        )  # fmt: skip
+    else:
+        a, b, c = span_corners(segment, whole)
+        colors_along_span(
+            red, green, blue, second, third, triple_at(vertex_colors, a),
+            triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
+        )  # fmt: skip
+
+
 @stage
 def show_vertex_colors(
     block: Block, count, vertex_colors: float32[:, ::1], materials: float32[:, ::1]
 ):
     """Write the base colour of each sample's material times those of the vertices, interpolated."""
-    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
     for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
-        e = s + whole_vectors(segment[STOP] - s)
-        base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-        red, green, blue = (
-            part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
-            part(samples, row.BLUE, s, e),
-        )  # fmt: skip
-        second, third = part(weights, 0, s, e), part(weights, 1, s, e)
-        if segment[KIND] == MIXED:
-            gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
-            mix_colors(
-                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
-                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
-                part(rows, 7, s, e), part(rows, 8, s, e), second, third, base,
-            )  # fmt: skip
-        else:
-            a, b, c = span_corners(segment, whole)
-            colors_along_span(
-                red, green, blue, second, third, triple_at(vertex_colors, a),
-                triple_at(vertex_colors, b), triple_at(vertex_colors, c), base,
-            )  # fmt: skip
+        show_colors_of(block.segments[k], block, vertex_colors, materials)
 
 
 @disjoint_helper
@@ -277,37 +281,6 @@ def multiply_float32_along_span(red, green, blue, first, second, third, at_a, at
 def color_of(vertex_colors, vertex):
     """Return red, green and blue of a vertex."""
     return vertex_colors[vertex, 0], vertex_colors[vertex, 1], vertex_colors[vertex, 2]
-
-
-@stage
-def multiply_vertex_colors_in_float32(block: Block, count, vertex_colors: float32[:, ::1]):
-    """Multiply the base colours by those of the vertices, interpolated with weights of float32."""
-    samples, whole, weights, rows = (
-        block.samples, block.whole, block.float32_weights, block.single
-    )  # fmt: skip
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        s, e = np.int64(segment[START]), np.int64(segment[STOP])
-        red, green, blue = (
-            part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
-            part(samples, row.BLUE, s, e),
-        )  # fmt: skip
-        first, second, third = (
-            part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e)
-        )  # fmt: skip
-        if segment[KIND] == MIXED:
-            gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
-            multiply_float32_colors(
-                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
-                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
-                part(rows, 7, s, e), part(rows, 8, s, e), first, second, third,
-            )  # fmt: skip
-        else:
-            a, b, c = span_corners(segment, whole)
-            multiply_float32_along_span(
-                red, green, blue, first, second, third, color_of(vertex_colors, a),
-                color_of(vertex_colors, b), color_of(vertex_colors, c),
-            )  # fmt: skip
 
 
 @helper

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import interpolate, lowest_first, sample_weights
+from rasterjit.pipeline.geometry.barycentric import interpolate, sample_weights
+from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import samples as rows_of
 from rasterjit.pipeline.surface.attributes import span_corners
@@ -187,7 +188,7 @@ def fill_scalars(
             if face < 0:
                 scalar[row, column] = np.nan
                 continue
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             found = scalar_at(weights, values[a], values[b], values[c])
             scalar[row, column] = np.float32(found)

@@ -25,12 +25,12 @@ from rasterjit.pipeline.surface.attributes import (
     gather_values,
     multiply_float32_along_span,
     multiply_float32_colors,
+    show_colors_of,
 )
 from rasterjit.pipeline.surface.float32_weights import (
     LARGEST_TOTAL,
     LEAST_TOTAL,
     is_wide,
-    may_be_wide,
     weigh_mixed,
     weights_at,
 )
@@ -55,9 +55,10 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
+from rasterjit.pipeline.surface.weights import may_be_wide
 from rasterjit.runtime.intrinsics import LANES, blend_clipped_run, blend_run, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
-from rasterjit.runtime.state import float32
+from rasterjit.runtime.state import float32, uint8
 
 LONG_RUN = 4
 """Samples of a patch, on average, from which on runs are worked on one by one."""
@@ -233,17 +234,22 @@ def blend_runs(segment, block, geometry, has_wide, base, colors):
 
 @stage
 def find_float32_colors(
-    block: Block, count, geometry: Geometry, materials: float32[:, ::1], colors: float32[:, ::1]
+    block: Block, count, geometry: Geometry, materials: float32[:, ::1], colors: float32[:, ::1],
+    chosen: uint8[::1],
 ):  # fmt: skip
     """
     Write the base colours times those of the vertices, (V, 4), interpolated in float32.
 
-    The same bits as `find_float32_weights`, `tint_samples` and `multiply_vertex_colors_in_float32`.
+    Of the objects that are chosen, (O,), not 0; of the others in float64, as `show_vertex_colors`
+    does: what is written of a segment reaches into the next, so that both go in one order.
     """
     has_wide = may_be_wide(geometry.viewport)
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[OWNER])
+        if chosen[owner] == 0:
+            show_colors_of(segment, block, colors, materials)
+            continue
         base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
         patches = segment[END_PATCH] - segment[FIRST_PATCH]
         is_short = segment[STOP] - segment[START] < LONG_RUN * patches

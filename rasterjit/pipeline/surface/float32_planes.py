@@ -37,16 +37,16 @@ from rasterjit.pipeline.surface.attributes import fill_row, gather_values
 from rasterjit.pipeline.surface.float32_colors import edges_along_row, goes_on
 from rasterjit.pipeline.surface.float32_weights import (
     is_wide,
-    may_be_wide,
     weigh_mixed,
     weights_at,
 )
 from rasterjit.pipeline.surface.lamps import (
+    BY_LAMPS,
     MORE_BENT,
     MORE_NORMAL,
     facing_of,
-    is_lit_surely,
     lamp_on_face,
+    limits_on_face,
     square,
     start_lamps,
 )
@@ -91,6 +91,7 @@ from rasterjit.pipeline.surface.steep import (
     note_steep,
     point_error,
 )
+from rasterjit.pipeline.surface.weights import may_be_wide
 from rasterjit.runtime.intrinsics import (
     COLORS,
     IS_CALM,
@@ -176,20 +177,20 @@ def lay_colors(plane, corner, base, colors):
 
 
 @helper
-def least_square(first, bent, light, limits):
+def least_square(first, bent, light, own, by_lamps):
     """
     Return the least squared length of a normal that is sure.
 
-    Takes those of the first vertex's normal, and of the longer way from there to another; and the
-    light of lamps.
+    Takes those of the first vertex's normal, and of the longer way from there to another; the light
+    of lamps; the limits of the face, and what that light adds to them.
     """
-    least = (limits[0] + light * limits[MORE_NORMAL]) * np.sqrt(first)
-    least += (limits[1] + light * limits[MORE_BENT]) * np.sqrt(bent)
+    least = (own[0] + light * by_lamps[MORE_NORMAL]) * np.sqrt(first)
+    least += (own[1] + light * by_lamps[MORE_BENT]) * np.sqrt(bent)
     return least * least
 
 
 @helper
-def lay_normals(plane, corner, turn, side, normals, light, limits):
+def lay_normals(plane, corner, turn, side, normals, light, own, by_lamps):
     """Write the first vertex's normal, world axes, and ways to the others; return the longer."""
     a, b, c = corner
     x, y, z = normals[a, 0], normals[a, 1], normals[a, 2]
@@ -200,7 +201,7 @@ def lay_normals(plane, corner, turn, side, normals, light, limits):
     put(plane, NORMALS + 4, side * ux, side * uy, side * uz)
     put(plane, NORMALS + 8, side * vx, side * vy, side * vz)
     bent, first = max(square(ux, uy, uz), square(vx, vy, vz)), square(x, y, z)
-    plane[LEAST_NORMAL] = least_square(first, bent, light, limits)
+    plane[LEAST_NORMAL] = least_square(first, bent, light, own, by_lamps)
     plane[OFF_NORMAL] = normal_error(first, bent)
     return np.sqrt(bent)
 
@@ -221,7 +222,7 @@ def lay_points(plane, corner, owner, matrix, placement, lamps, limits):
     """
     Write where the first vertex lies, and the ways to the others.
 
-    Returns the light of lamps, and the longer way.
+    Returns the light of lamps, the limits of the face, and the longer way.
     """
     p, (a, b, c) = placement.positions, corner
     ax, ay, az = p[a, 0], p[a, 1], p[a, 2]
@@ -235,18 +236,18 @@ def lay_points(plane, corner, owner, matrix, placement, lamps, limits):
     put(plane, POINTS + 8, vx, vy, vz)
     moved = max(square(ux, uy, uz), square(vx, vy, vz))
     first, way = square(x, y, z), np.sqrt(moved)
-    least = least_distance(first, moved, limits[2])
     plane[OFF_POINT] = point_error(first, moved)
     light, off = f(0.0), f(0.0)
     if lamps.shape[0] > 0:
-        facing, away = facing_of((ux, uy, uz), (vx, vy, vz)), np.sqrt(first)
+        ways = (ux, uy, uz), (vx, vy, vz)
+        facing, away = facing_of(ways[0], ways[1]), np.sqrt(first)
         for n in range(lamps.shape[0]):
-            more = lamp_on_face(lamps[n], (x, y, z), facing, away, way, limits)
+            more = lamp_on_face(lamps[n], (x, y, z), ways, facing, away, way, limits[1])
             light += more[0]
             off += more[1]
-        least = least if is_lit_surely(light, off, limits) else f(np.inf)
-    plane[LEAST_POINT] = least
-    return light, way
+    own = limits_on_face(light, off, limits)
+    plane[LEAST_POINT] = least_distance(first, moved, own[2]) if own[3] else f(np.inf)
+    return light, own, way
 
 
 @helper
@@ -322,9 +323,9 @@ def meet_face(face, corner, pixel, owned, has_wide, block, geometry, placement, 
     side = np.float32(-1.0 if shows_back(corner, kind, owner, geometry, placement) else 1.0)
     plane[SIDE] = side
     lay_colors(plane, corner, base, colors)
-    light, way = lay_points(plane, corner, owner, matrix, placement, lamps, limits)
-    bent = lay_normals(plane, corner, turn, side, normals, light, limits)
-    plane[IS_CALM] = is_calm_everywhere(plane, bent, way, lights, viewer, limits)
+    light, own, way = lay_points(plane, corner, owner, matrix, placement, lamps, limits)
+    bent = lay_normals(plane, corner, turn, side, normals, light, own, limits[1])
+    plane[IS_CALM] = is_calm_everywhere(plane, bent, way, lights, viewer, limits[1])
     block.faces[0, slot], block.faces[1, slot] = face, kind
     return slot
 
@@ -504,7 +505,7 @@ def mark_steep(first, stop, count, look, block):
 
     Returns not 0 if any of ``count`` does.
     """
-    (_, _, _, lights, viewer, limits), found = look, np.int32(0)
+    (_, _, _, lights, viewer, (_, limits)), found = look, np.int32(0)
     for start in range(first, stop, VECTOR):
         end = min(start + VECTOR, stop)
         steep = part(block.colors, STEEP, start, end)
@@ -520,7 +521,7 @@ def mark_steep(first, stop, count, look, block):
 @helper
 def note_steep_samples(first, stop, look, block):
     """Note which samples may lie there, given what they are off by; return not 0 if any may."""
-    _, _, _, lights, viewer, limits = look
+    _, _, _, lights, viewer, (_, limits) = look
     fill_row(part(block.colors, STEEP, first, stop), np.float32(0.0))
     for n in range(lights.shape[0]):
         note_steep(*seen_of(first, stop, block), lights[n], viewer, limits)
@@ -627,7 +628,7 @@ def find_sides(ax, ay, bx, by, cx, cy, front, sides):
 
 @disjoint_helper
 def mix_normals(
-    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, light, exact, errors,
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, sides, second, third, light, off, exact, errors,
     turn, limits, count,
 ):  # fmt: skip
     """
@@ -644,7 +645,8 @@ def mix_normals(
         bent = max(square(ux, uy, uz), square(vx, vy, vz))
         first = square(x, y, z)
         errors[n] = normal_error(first, bent)
-        least = least_square(first, bent, light[n], limits)
+        own = limits_on_face(light[n], off[n], limits)
+        least = least_square(first, bent, light[n], own, limits[1])
         x, y, z = x + (w1 * ux + w2 * vx), y + (w1 * uy + w2 * vy), z + (w1 * uz + w2 * vz)
         nx[n], ny[n], nz[n] = side * x, side * y, side * z
         is_unsure = is_doubtful(x, y, z, least) & (np.int32(n) < count)
@@ -686,12 +688,14 @@ def measure_faces(
 
 @disjoint_helper
 def add_lamp(
-    px, py, pz, facing_x, facing_y, facing_z, away, way, light, off, lamp, limits
+    px, py, pz, xb, yb, zb, xc, yc, zc, facing_x, facing_y, facing_z, away, way, light, off, lamp,
+    matrix, limits,
 ):  # fmt: skip
     """Add the light of a lamp on faces, and what it moves: `lamp_on_face`."""
     for n in range(px.shape[0]):
         first, facing = (px[n], py[n], pz[n]), (facing_x[n], facing_y[n], facing_z[n])
-        more = lamp_on_face(lamp, first, facing, away[n], way[n], limits)
+        ways = turned(xb[n], yb[n], zb[n], matrix), turned(xc[n], yc[n], zc[n], matrix)
+        more = lamp_on_face(lamp, first, ways, facing, away[n], way[n], limits)
         light[n] += more[0]
         off[n] += more[1]
 
@@ -714,8 +718,9 @@ def move_points(
         moved = max(square(ux, uy, uz), square(vx, vy, vz))
         first = square(px[n], py[n], pz[n])
         errors[n] = point_error(first, moved)
-        least = least_distance(first, moved, limits[2])
-        least = least if is_lit_surely(light[n], off[n], limits) else np.float32(np.inf)
+        own = limits_on_face(light[n], off[n], limits)
+        least = least_distance(first, moved, own[2])
+        least = least if own[3] else np.float32(np.inf)
         x, y, z = (
             px[n] + (w1 * ux + w2 * vx), py[n] + (w1 * uy + w2 * vy), pz[n] + (w1 * uz + w2 * vz)
         )  # fmt: skip
@@ -798,7 +803,7 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         )  # fmt: skip
         measure_faces(px, py, pz, *ways, *faces, matrix)
         for n in range(lamps.shape[0]):
-            add_lamp(px, py, pz, *faces, light, off, lamps[n], limits)
+            add_lamp(px, py, pz, *ways, *faces, light, off, lamps[n], matrix, limits[1])
     errors = part(block.colors, NORMAL_ERRORS, s, e), part(block.colors, POINT_ERRORS, s, e)
     unsure = move_points(
         px, py, pz, *ways, second, third, light, off, exact, errors[1], matrix, limits, count
@@ -813,9 +818,9 @@ def lay_patches(segment, owned, block, geometry, placement, look, has_wide):
         part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
         part(samples, row.NORMAL_Z, s, e), part(v, 0, s, e), part(v, 1, s, e), part(v, 2, s, e),
         part(v, 3, s, e), part(v, 4, s, e), part(v, 5, s, e), part(v, 6, s, e), part(v, 7, s, e),
-        part(v, 8, s, e), sides, second, third, light, exact, errors[0], turn, limits, count,
+        part(v, 8, s, e), sides, second, third, light, off, exact, errors[0], turn, limits, count,
     )  # fmt: skip
-    if limits[GLOSS] != MATT and note_steep_samples(s, e, look, block) != 0:
+    if limits[1][GLOSS] != MATT and note_steep_samples(s, e, look, block) != 0:
         unsure |= mark_steep(s, e, count, look, block)
     if (unsure != 0) & (lamps.shape[0] == 0):
         mend_patches(segment, owner, sides, block, geometry, placement, normals)
@@ -840,10 +845,11 @@ def mend_patches(segment, owner, sides, block, geometry, placement, normals):
 
 @helper
 def bounds_of(own):
-    """Return the limits of an object."""
-    return (
-        own[0], own[1], own[2], own[3], own[4], own[5], own[6], own[7], own[8], own[9], own[10],
-        own[11],
+    """Return the limits of an object: on faces that no lamp reaches, and on others."""
+    n = BY_LAMPS
+    return (own[0], own[1], own[2]), (
+        own[n], own[n + 1], own[n + 2], own[n + 3], own[n + 4], own[n + 5], own[n + 6], own[n + 7],
+        own[n + 8], own[n + 9], own[n + 10], own[n + 11],
     )  # fmt: skip
 
 
@@ -857,8 +863,8 @@ def find_float32_surface(
     Write base colours, normals and points of samples in float32.
 
     After `find_weights` where samples may lie beside their faces.
-    ``colors`` are those of the vertices, (V, 4) or (0, 4); ``lamps``, (P, 7), see ``lamps``;
-    ``lights``, (L, 13), those that shine; ``limits``, (O, 12), see
+    ``colors`` are those of the vertices, (V, 4) or (0, 4); ``lamps``, (P, 18), see ``lamps``;
+    ``lights``, (L, 13), those that shine; ``limits``, (O, 15), see
     ``survey.precision.limits_of_all``: nothing is written of objects that take float64.
     """
     has_wide = may_be_wide(geometry.viewport)

@@ -19,7 +19,6 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
-from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
     AX,
@@ -27,27 +26,21 @@ from rasterjit.pipeline.surface.samples import (
     BX,
     BY,
     COLUMN,
-    COLUMN_OF,
     CX,
     CY,
     END_PATCH,
     FIRST,
     FIRST_PATCH,
-    KIND,
     ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
     START,
     STOP,
     A,
     B,
-    Block,
     C,
 )
-from rasterjit.pipeline.surface.weights import WIDE, may_be_wide, span_start
+from rasterjit.pipeline.surface.weights import WIDE, span_start
 from rasterjit.runtime.intrinsics import part, spread
-from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.jit import disjoint_helper, helper
 
 WEIGHT_ERROR = 10.0 * 2.0**-24
 """
@@ -165,44 +158,6 @@ def weigh_mixed(segment, block, geometry, has_wide):
     )  # fmt: skip
 
 
-@disjoint_helper
-def weigh_along_row(first, second, third, edges, steps, ratio_b, ratio_c):
-    """Write the weights along a row of one face; return not 0 if any is doubtful."""
-    found, one = np.int32(0), np.float32(1.0)
-    for n in range(first.shape[0]):
-        # Exact: whole numbers below 2**53, as edge functions on the face are.
-        way = np.float64(np.int32(n))
-        w0 = np.float32(edges[0] + way * steps[0])
-        w1 = np.float32(edges[1] + way * steps[1]) * ratio_b
-        w2 = np.float32(edges[2] + way * steps[2]) * ratio_c
-        total = w0 + w1 + w2
-        over = one / total
-        first[n], second[n], third[n] = w0 * over, w1 * over, w2 * over
-        found |= np.int32(not is_accurate(total))
-    return found
-
-
-@helper
-def weigh_span(segment, block, geometry):
-    """Write the weights of the samples of a span; return not 0 if any is unsure."""
-    whole, weights = block.whole, block.float32_weights
-    xy, codes, w = geometry.xy, geometry.codes, geometry.w
-    r, s, e = np.uintp(segment[FIRST_PATCH]), np.int64(segment[START]), np.int64(segment[STOP])
-    a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-    column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
-    if (codes[a] | codes[b] | codes[c]) & CLIPPED or is_wide(a, b, c, xy):
-        return np.int32(1)
-    edges, steps, _, _ = span_start(a, b, c, column, row, geometry.viewport.grid_bits, xy, w)
-    is_affine, one = w.shape[0] == 0, np.float32(1.0)
-    return weigh_along_row(
-        part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e),
-        (np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])),
-        (np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])),
-        one if is_affine else np.float32(w[a] / w[b]),
-        one if is_affine else np.float32(w[a] / w[c]),
-    )  # fmt: skip
-
-
 @helper
 def weights_at(a, b, c, column, row, geometry):
     """Return the weights at a pixel, exact ones rounded once where float32 is not enough."""
@@ -219,32 +174,3 @@ def weights_at(a, b, c, column, row, geometry):
             return w0 * over, w1 * over, w2 * over
     exact = sample_weights(a, b, c, column, row, geometry)
     return np.float32(exact[0]), np.float32(exact[1]), np.float32(exact[2])
-
-
-@helper
-def weigh_unsure(segment, block, geometry):
-    """Write the weights of the samples of a segment, where any is unsure."""
-    whole, weights = block.whole, block.float32_weights
-    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        start = np.int64(whole[FIRST, r])
-        for n in range(np.uintp(start), np.uintp(whole[FIRST, r + np.uintp(1)])):
-            column, row = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
-            if segment[KIND] == SPAN:
-                column, row = segment[COLUMN_OF] + np.int64(n) - start, np.int64(segment[ROW_OF])
-            own = weights_at(a, b, c, column, row, geometry)
-            weights[0, n], weights[1, n], weights[2, n] = own
-
-
-@stage
-def find_float32_weights(block: Block, count, geometry: Geometry):
-    """Write the weights of the samples of a block, which lie on their faces, in float32."""
-    has_wide = may_be_wide(geometry.viewport)
-    for k in range(block.counts[SEGMENTS]):
-        segment = block.segments[k]
-        if segment[KIND] == SPAN:
-            unsure = weigh_span(segment, block, geometry)
-        else:
-            unsure = weigh_mixed(segment, block, geometry, has_wide)
-        if unsure != 0:
-            weigh_unsure(segment, block, geometry)

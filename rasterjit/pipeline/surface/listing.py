@@ -104,17 +104,6 @@ def gather_corners(patches, faces, whole):
         whole[A, r], whole[B, r], whole[C, r] = faces[face, 0], faces[face, 1], faces[face, 2]
 
 
-@disjoint_helper
-def turn_corners(a, b, c):
-    """Rotate the vertices of each face so that the lowest number comes first."""
-    for n in range(a.shape[0]):
-        x, y, z = a[n], b[n], c[n]
-        second, third = (y < x) & (y < z), (z < x) & (z < y)
-        a[n] = y if second else (z if third else x)
-        b[n] = z if second else (x if third else y)
-        c[n] = x if second else (y if third else z)
-
-
 @helper
 def paint_background(background, code, linear, color):
     """Write a part of a row that shows no face."""
@@ -224,6 +213,4 @@ def list_samples(
         return np.int64(-1)
     whole[FIRST, r] = n
     gather_corners(r, faces, whole)
-    size = whole_vectors(r)
-    turn_corners(part(whole, A, 0, size), part(whole, B, 0, size), part(whole, C, 0, size))
     return n

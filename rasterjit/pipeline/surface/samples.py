@@ -93,8 +93,7 @@ INTERVAL_ROW, INTERVAL_COLUMN, INTERVAL_START, INTERVAL_STOP, INTERVAL_FRAME_ROW
 """Columns of ``intervals``: neighbours in a row of the picture that are neighbours in the block."""
 
 A, B, C, FIRST, FACE = 0, 1, 2, 3, 4
-"""Rows of whole numbers, for each patch: vertices, the lowest number first; its first sample; its
-face."""
+"""Rows of whole numbers, for each patch: vertices; its first sample; its face."""
 AX, AY, BX, BY, CX, CY = 5, 6, 7, 8, 9, 10
 """Rows of whole numbers: where the vertices lie on the sub-pixel grid; of mixed segments."""
 UNSURE, BEHIND = 11, 12

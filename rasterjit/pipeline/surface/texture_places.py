@@ -30,7 +30,7 @@ from rasterjit.pipeline.geometry.barycentric import (
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface.float32_colors import edges_along_row
-from rasterjit.pipeline.surface.float32_weights import is_wide, may_be_wide
+from rasterjit.pipeline.surface.float32_weights import is_wide
 from rasterjit.pipeline.surface.samples import (
     COLUMN,
     COLUMN_OF,
@@ -54,6 +54,7 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.pipeline.surface.texture_lookup import OWNER as OWNERS
 from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.surface.textures import vertex_place
+from rasterjit.pipeline.surface.weights import may_be_wide
 from rasterjit.runtime.intrinsics import part, place_run
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32

@@ -26,10 +26,9 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import (
     find_object,
     interpolate,
-    lowest_first,
     shifted_weights,
 )
-from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most
+from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, last_at_most
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
@@ -146,8 +145,8 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
     """
     List the patches of some samples, and gather where the vertices of their faces lie, and w.
 
-    A patch is a few neighbours that show one face; its vertices begin with the lowest number. Where
-    interpolation is affine w is 1. Returns the number of patches.
+    A patch is a few neighbours that show one face. Where interpolation is affine w is 1. Returns
+    the number of patches.
     """
     patches, before = np.uintp(0), np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
@@ -160,7 +159,7 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
     is_affine = w.shape[0] == 0
     for r in range(patches):
         n = np.uintp(whole[FIRST, r])
-        a, b, c = lowest_first(own, np.uintp(whole[FACE, r]))
+        a, b, c = corners_of(own, np.uintp(whole[FACE, r]))
         whole[A, r], whole[B, r], whole[C, r] = a, b, c
         spread(whole[UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
         for k in range(3):

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import clipped_weights, interpolate, lowest_first
+from rasterjit.pipeline.geometry.barycentric import clipped_weights, interpolate
 from rasterjit.pipeline.geometry.projection import stored_depth
-from rasterjit.pipeline.geometry.setup import CLIPPED, edge
+from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of, edge
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64
@@ -74,7 +74,7 @@ def fill_depths(
             if face < 0:
                 depth[row, column] = -np.inf
                 continue
-            a, b, c = lowest_first(geometry.faces, face)
+            a, b, c = corners_of(geometry.faces, face)
             if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
                 found = clipped_depth(a, b, c, column, row, geometry, depth_coefficients)
             else:

@@ -1,0 +1,60 @@
+"""
+Which corner of a face comes first.
+
+Kernels take the corners of a face as they are listed, and what they add up depends on where they
+begin. So that spelling a face from another corner on changes no bit, nor numbering or sharing
+vertices otherwise, a face begins with the corner whose coordinates are the least.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def least_first(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """
+    Rotate faces so that each begins with its least corner: by x, or where that is one by y, by z.
+
+    Parameters
+    ----------
+    vertices : (V, K) float64
+    faces : (F, 3) int32
+
+    Returns
+    -------
+    (F, 3) int32
+        The faces themselves if all begin so. One of which two corners are at one place, or not a
+        number, stays as it is unless another is less.
+    """
+    a, b, c = faces.T
+    starts = np.where(_are_less(vertices, c, a) & _are_less(vertices, c, b), 2, 0)
+    starts[_are_less(vertices, b, a) & ~_are_less(vertices, c, b)] = 1
+    moved = np.flatnonzero(starts)
+    if not len(moved):
+        return faces
+    rotated = faces.copy()
+    rotated[moved] = faces[moved[:, np.newaxis], (starts[moved, np.newaxis] + np.arange(3)) % 3]
+    return rotated
+
+
+def _are_less(
+    vertices: NDArray[np.float64], some: NDArray[np.int32], others: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Tell of pairs of vertices, (F,), whether the first has the lesser coordinates."""
+    own, other = vertices[some, 0], vertices[others, 0]
+    less = own < other
+    tied = np.flatnonzero(own == other)
+    for axis in range(1, vertices.shape[1]):
+        if not len(tied):
+            break
+        own, other = vertices[some[tied], axis], vertices[others[tied], axis]
+        less[tied] = own < other
+        tied = tied[own == other]
+    return less
+
+
+def listed_places(listed: NDArray[np.int32], rotated: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Return at which place of a face, as it is listed, its first corner is: 0, 1 or 2, (F,)."""
+    first = rotated[:, :1] == listed
+    return np.argmax(first, axis=1).astype(np.uint8)
