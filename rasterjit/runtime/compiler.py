@@ -100,10 +100,12 @@ def with_instructions(function: Callable) -> Any:
     return copied
 
 
+@functools.cache
 def _drafting() -> Any:
     """Import the module that makes drafts only when one is made."""
     from rasterjit.runtime import numba_internals
 
+    forks.hold_over_forks(numba_internals.global_compiler_lock._lock)
     return numba_internals
 
 

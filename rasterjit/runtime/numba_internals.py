@@ -2,8 +2,7 @@
 What RasterJIT uses of Numba besides its public interface: the reason stands where it is imported.
 
 Stock Numba makes machine code of every helper, and again for each function that calls it. Here one
-stays a *draft* in LLVM's language, linked once into each kernel and optimized there: half the time.
-Where a release of Numba lacks one of these names, ``compiler`` does without.
+stays a *draft* in LLVM's language, linked into kernels and optimized there. Without these: slower.
 """
 
 from __future__ import annotations
@@ -24,10 +23,6 @@ from numba.core.compiler_lock import global_compiler_lock  # A fork waits for it
 from numba.core.compiler_machinery import PassManager  # Runs them; ours checks less.
 from numba.core.registry import cpu_target  # Has the contexts of typing and of lowering.
 from numba.core.typing import Context  # Finds what an operation gives; ours remembers.
-
-from rasterjit import forks
-
-forks.hold_over_forks(global_compiler_lock._lock)
 
 PASSES = (
     untyped.TranslateByteCode, untyped.FixupArgs, untyped.IRProcessing,
