@@ -15,11 +15,11 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba import types
+from numba.core import compiler_lock as locking  # noqa: F401  A fork waits for its lock.
 from numba.core import typed_passes as typed  # The steps of `PASSES`.
 from numba.core import untyped_passes as untyped  # Those before types are known.
 from numba.core.codegen import JITCodeLibrary  # Holds a compiled function; a draft is one.
 from numba.core.compiler import CompilerBase  # Says which steps compile a function.
-from numba.core.compiler_lock import global_compiler_lock as LOCK  # noqa: F401, N811  A fork waits.
 from numba.core.compiler_machinery import PassManager  # Runs them; ours checks less.
 from numba.core.registry import cpu_target  # Has the contexts of typing and of lowering.
 from numba.core.typing import Context  # Finds what an operation gives; ours remembers.
