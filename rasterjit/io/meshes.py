@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
+from rasterjit.io.dxf import note_entities, read_dxf
 from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, read_vtk
 from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
@@ -65,7 +67,7 @@ OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
 PART_FORMATS = (*OWN_FORMATS, *VTK_FORMATS, *CELL_FORMATS)
 """Those, and the ones that `rasterjit.io.foreign` reads."""
 
-FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg")
+FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
 
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
@@ -235,7 +237,7 @@ def _load(
         return load_3mf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources, left_out)
-    if extension in PART_FORMATS:
+    if extension in PART_FORMATS or (extension == "dxf" and find_spec("ezdxf") is not None):
         damage = Damage(file, on_damage, left_out)
         parts = _read_parts(file, resources, damage, left_out)
         scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
@@ -243,6 +245,8 @@ def _load(
         return scene
     loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget, left_out)
     note_what_is_not_read(file, extension, left_out)
+    if extension == "dxf":
+        note_entities(file, left_out)
     adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget)
     scene = adapter.scene(loaded)
     if extension == "svg":
@@ -290,6 +294,8 @@ def _read_parts(
             return read_vtk(file, resources, left_out)
         if extension in CELL_FORMATS:
             return read_cells(file, resources, left_out)
+        if extension == "dxf":
+            return read_dxf(file, resources, left_out)
         return read_stl(file, resources, damage, left_out)
     except (OSError, MemoryError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"

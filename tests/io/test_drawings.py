@@ -73,8 +73,113 @@ def test_a_dxf_drawing_has_its_curves_in_short_segments(tmp_path):
 def test_what_a_drawing_has_besides_curves_is_left_out_by_name(tmp_path):
     with pytest.warns(rj.LoadWarning, match=r"text of a drawing \(1\)"):
         rj.load(dxf(tmp_path / "a.dxf", "lines", "text"))
-    with pytest.raises(rj.MeshFileError, match="a 2-D drawing of 1 curves, no faces, lines"):
+    with pytest.raises(rj.MeshFileError, match=r"without faces, lines and points \(text of a"):
         rj.load(dxf(tmp_path / "b.dxf", "text"))
+
+
+def drawn(path, build):
+    """Return the things of a DXF file that a function fills."""
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new()
+    build(document, document.modelspace())
+    document.saveas(path)
+    return [node.mesh for node in rj.load(path).nodes]
+
+
+@pytest.mark.parametrize("kind", ["polyface", "mesh"])
+def test_meshes_of_a_dxf_file_are_faces(tmp_path, kind):
+    forms = pytest.importorskip("ezdxf.render.forms")
+    (mesh,) = drawn(
+        tmp_path / "a.dxf", lambda _, space: getattr(forms.cube(), f"render_{kind}")(space)
+    )
+    assert len(mesh.faces) == 12
+    assert mesh.is_closed()
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Outside to the front: away from the middle.
+    assert ((normals * corners.mean(axis=1)).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("add", "corners", "count"),
+    [
+        ("add_3dface", [(0, 0), (1, 0), (1, 1), (0, 1)], 2),
+        ("add_3dface", [(0, 0), (1, 0), (1, 1), (1, 1)], 1),
+        ("add_solid", [(0, 0), (1, 0), (0, 1), (1, 1)], 2),
+    ],
+)
+def test_filled_faces_of_a_dxf_file_are_faces(tmp_path, add, corners, count):
+    (mesh,) = drawn(tmp_path / "a.dxf", lambda _, space: getattr(space, add)(corners))
+    triangles = mesh.vertices[mesh.faces]
+    area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, 2] / 2
+    assert area == pytest.approx([0.5] * count)
+
+
+def test_a_spline_goes_through_its_fit_points(tmp_path):
+    points = [(0, 0), (1, 2), (3, 1), (4, 4)]
+    (lines,) = drawn(tmp_path / "a.dxf", lambda _, space: space.add_spline(points))
+    for x, y in points:
+        gaps = np.linalg.norm(lines.vertices - [x, y, 0], axis=1)
+        assert gaps.min() < 0.1
+
+
+def test_blocks_of_a_dxf_file_are_drawn_wherever_they_are_inserted(tmp_path):
+    def build(document, space):
+        block = document.blocks.new("B")
+        block.add_line((0, 0), (1, 0))
+        space.add_blockref("B", (5, 5), dxfattribs={"xscale": 2})
+        space.add_blockref("B", (0, 0), dxfattribs={"row_count": 2, "row_spacing": 10})
+
+    (lines,) = drawn(tmp_path / "a.dxf", build)
+    ends = sorted(lines.vertices[lines.segments][:, :, :2].reshape(-1, 4).tolist())
+    assert ends == [[0, 0, 1, 0], [0, 10, 1, 10], [5, 5, 7, 5]]
+
+
+def test_colours_of_a_dxf_file_are_those_of_entities_or_layers(tmp_path):
+    def build(document, space):
+        document.layers.add("blue", color=5)
+        space.add_line((0, 0), (1, 0), dxfattribs={"color": 1})
+        space.add_line((0, 1), (1, 1), dxfattribs={"layer": "blue"})
+        space.add_line((0, 2), (1, 2))
+
+    (lines,) = drawn(tmp_path / "a.dxf", build)
+    assert lines.face_colors[:, :3].tolist() == [[1, 0, 0], [0, 0, 1], [0, 0, 0]]
+
+
+def test_entities_that_are_not_drawn_are_named(tmp_path):
+    def build(_, space):
+        space.add_hatch()
+        space.add_mtext("words")
+        space.add_line((0, 0), (1, 1))
+        space.add_line((0, 0), (0, 0))
+
+    with pytest.warns(rj.LoadWarning) as said:
+        drawn(tmp_path / "a.dxf", build)
+    assert said[0].message.left_out["HATCH entity"] == 1
+    assert said[0].message.left_out["text of a drawing"] == 1
+
+
+def test_without_ezdxf_what_trimesh_passes_over_is_named(tmp_path, monkeypatch):
+    dxf(tmp_path / "a.dxf", "lines", "circle")
+    text = (tmp_path / "a.dxf").read_text()
+    face = "  0\n3DFACE\n  8\n0\n 10\n0\n 20\n0\n 30\n0\n"
+    at = text.index("ENTITIES\n") + len("ENTITIES\n")
+    (tmp_path / "a.dxf").write_text(text[:at] + face + text[at:])
+    monkeypatch.setattr("rasterjit.io.meshes.find_spec", lambda name: None)
+    with pytest.warns(rj.LoadWarning, match=r"3DFACE entity, which ezdxf would read \(1\)"):
+        rj.load(tmp_path / "a.dxf")
+
+
+def test_elements_of_an_svg_file_that_are_not_drawn_are_named(tmp_path):
+    pytest.importorskip("svg.path")
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0 L4 0 L4 3 Z"/><text>a</text>'
+        '<ellipse rx="1" ry="2"/><image href="a.png"/><title>b</title></svg>'
+    )
+    with pytest.warns(rj.LoadWarning) as said:
+        rj.load(write(tmp_path / "a.svg", text))
+    names = ("text", "ellipse", "image")
+    assert said[0].message.left_out == {f"{name} element": 1 for name in names}
 
 
 def test_an_svg_drawing_stands_upright(tmp_path):

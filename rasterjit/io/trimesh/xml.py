@@ -1,4 +1,4 @@
-"""Name what trimesh passes over in silence in COLLADA and XAML files."""
+"""Name what trimesh passes over in silence in COLLADA, XAML and SVG files."""
 
 from __future__ import annotations
 
@@ -19,6 +19,14 @@ _NOT_SHOWN = {
 }  # fmt: skip
 """What is placed in a COLLADA scene that trimesh does not read."""
 
+_SVG = "{http://www.w3.org/2000/svg"
+
+_READ_OF_SVG = (
+    "path", "circle", "rect", "line", "polyline", "polygon", "svg", "g", "a", "defs", "symbol",
+    "title", "desc", "metadata", "style", "namedview",
+)  # fmt: skip
+"""Elements of an SVG file that trimesh reads, and those that hold them or show nothing."""
+
 _SHOWN_BRUSH = "SolidColorBrush"
 
 
@@ -30,10 +38,12 @@ def note_what_is_not_read(path: Path, extension: str, left_out: LeftOut) -> None
     ----------
     path : Path
     extension : str
-        ``"dae"``, ``"zae"`` or ``"xaml"``; of others nothing is known.
+        ``"dae"``, ``"zae"``, ``"xaml"`` or ``"svg"``; of others nothing is known.
     left_out : LeftOut
     """
-    note = {"dae": _note_collada, "zae": _note_collada, "xaml": _note_brushes}.get(extension)
+    note = {
+        "dae": _note_collada, "zae": _note_collada, "xaml": _note_brushes, "svg": _note_shapes,
+    }.get(extension)  # fmt: skip
     if note is None:
         return
     try:
@@ -101,6 +111,14 @@ def _note_brushes(root: ElementTree.Element, left_out: LeftOut) -> None:
                     picture = brush.get("ImageSource")
                     named = f" {shown_name(picture)}" if picture else ""
                     left_out.note(f"{kind}{named} of a {_name(material)}")
+
+
+def _note_shapes(root: ElementTree.Element, left_out: LeftOut) -> None:
+    """Note elements of an SVG file that are no shapes that are read, and hold none."""
+    for element in root.iter():
+        space = element.tag.rpartition("}")[0] if isinstance(element.tag, str) else "{other"
+        if space in ("", _SVG) and _name(element) not in _READ_OF_SVG:
+            left_out.note(f"{_name(element)} element")
 
 
 def _name(element: ElementTree.Element) -> str:
