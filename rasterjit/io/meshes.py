@@ -156,8 +156,9 @@ def load(
         ``Mesh.split_creases(crease_angle)``.
     resource_root : str or path-like, optional
         The folder that files named by this one must lie in: textures, buffers, MTL files. Default:
-        the folder of this file. Addresses, absolute paths, and links, pipes and devices that lead
-        out of it are never opened.
+        the folder of this file, or of the ROS package or Gazebo model that it is in (the nearest of
+        its own and the four above with a ``package.xml`` or ``model.config``). Addresses, absolute
+        paths, and links, pipes and devices that lead out of it are never opened.
     max_bytes : int
         Memory that this file and all that it names may take together. Sizes are told from headers
         before anything is read or unpacked: at its peak, loading takes at most twice this. A face

@@ -2,7 +2,14 @@
 Files that a mesh file names: textures, buffers, libraries of materials.
 
 A mesh file may come from anywhere, so what it names is opened only if it is a regular file inside
-the folder of the mesh file, or another folder that the caller allows.
+the folder of the mesh file, or another folder that the caller allows. A model of Gazebo and a
+package of ROS are such a folder for the meshes in it [1]_ [2]_.
+
+References
+----------
+.. [1] Open Robotics, "Model structure and requirements": ``model.config``, ``model://``.
+.. [2] M. Quigley et al., "ROS: an open-source Robot Operating System", 2009; ``package.xml`` and
+   ``package://`` are of its REP 127 and URDF.
 """
 
 from __future__ import annotations
@@ -17,6 +24,21 @@ from rasterjit.scene.memory import MemoryBudget
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 """The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""
+
+_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)", re.DOTALL)
+"""A file of a package of ROS, or of a model of Gazebo, by the name of either."""
+
+_MARKS = ("model.config", "package.xml")
+"""Files that mark the folder of a model or a package."""
+
+_HIGHEST = 4
+"""How many folders above that of a mesh file such a folder is looked for."""
+
+_TEXTURES = "materials/textures"
+"""Where a model of Gazebo keeps pictures that meshes name without a folder."""
+
+_MOST_OF_MARK = 1 << 16
+"""Bytes among which such a file has its name."""
 
 LONGEST_NAME = 80
 """Characters of a name that a message shows: the last ones, which tell files apart."""
@@ -40,7 +62,8 @@ class Resources:
     path : Path
         The mesh file; names are relative to its folder.
     root : Path or None
-        The folder that all of them must lie in; ``None`` -> that of the mesh file.
+        The folder that all of them must lie in; ``None`` -> that of the model or package that the
+        mesh file is in, or else that of the mesh file.
     budget : MemoryBudget, optional
         Counts what is read, here and by who makes something of it.
     """
@@ -50,7 +73,9 @@ class Resources:
     ) -> None:
         self.budget = MemoryBudget(str(path)) if budget is None else budget
         self.folder = path.parent
-        self._root = Path(os.path.realpath(self.folder if root is None else root))
+        self._model = _model_folder(Path(os.path.realpath(self.folder)))
+        allowed = (self._model or self.folder) if root is None else root
+        self._root = Path(os.path.realpath(allowed))
 
     def read(self, name: str) -> bytes:
         """
@@ -59,7 +84,9 @@ class Resources:
         Parameters
         ----------
         name : str
-            Its path, relative to the mesh file; slashes of either kind separate folders.
+            Its path, relative to the mesh file; slashes of either kind separate folders. Also
+            ``package://NAME/path`` and ``model://NAME/path``, of the package or model that the mesh
+            file is in, or of one in the folder that the caller allows.
 
         Raises
         ------
@@ -73,6 +100,10 @@ class Resources:
         """
         shown = shown_name(name)
         place = self._place(name, shown)
+        if self._model is not None and not os.path.exists(place):
+            # Beside meshes of Gazebo's models lie no pictures.
+            textures = self._model / _TEXTURES / Path(name.replace("\\", "/")).name
+            place = self._inside(textures, shown) if os.path.isfile(textures) else place
         try:
             return _regular_content(place, shown, self.budget)
         except FileNotFoundError:
@@ -88,12 +119,32 @@ class Resources:
     def _place(self, name: str, shown: str) -> Path:
         """Return where a file lies, all symbolic links followed."""
         plain = name.replace("\\", "/")
+        folder = self.folder
+        if found := _PACKAGE.fullmatch(plain):
+            folder, plain = self._package(found[1], shown), found[2].lstrip("/")
         if _SCHEME.match(plain) or plain.startswith("/"):
             raise RefusedFileError(f"{shown} is not a file beside this one")
         if "\0" in plain:
             raise RefusedFileError(f"{shown} is no name of a file")
+        return self._inside(Path(os.path.realpath(folder)) / plain, shown)
+
+    def _package(self, name: str, shown: str) -> Path:
+        """Return the folder of a package or model, or raise `RefusedFileError`."""
+        if self._model is not None and name in (self._model.name, _name_in(self._model)):
+            return self._model
+        if name == self._root.name:
+            return self._root
+        if name not in ("", ".", "..") and (self._root / name).is_dir():
+            return self._root / name
+        raise RefusedFileError(
+            f"{shown} is of a package or model that this file is not in; resource_root names the "
+            "folder that has it"
+        )
+
+    def _inside(self, named: Path, shown: str) -> Path:
+        """Return where a file lies, all links followed, if it is inside what the caller allows."""
         # First as it is written: a link out of the folder must not be followed on the way back.
-        written = Path(os.path.normpath(Path(os.path.realpath(self.folder)) / plain))
+        written = Path(os.path.normpath(named))
         place = Path(os.path.realpath(written))
         for one in (written, place):
             if not one.is_relative_to(self._root):
@@ -102,6 +153,27 @@ class Resources:
                     "another folder"
                 )
         return place
+
+
+def _model_folder(folder: Path) -> Path | None:
+    """Return the nearest folder, this one or above, of a model or package; None without one."""
+    for one in (folder, *folder.parents[:_HIGHEST]):
+        if one.parent != one and any((one / mark).is_file() for mark in _MARKS):
+            return one
+    return None
+
+
+def _name_in(folder: Path) -> str | None:
+    """Return the name that the file of a model or package gives it."""
+    for mark in _MARKS:
+        try:
+            with (folder / mark).open("rb") as file:
+                found = re.search(rb"<name>\s*([^<]*?)\s*</name>", file.read(_MOST_OF_MARK))
+        except OSError:
+            continue
+        if found:
+            return found[1].decode("utf-8", "replace")
+    return None
 
 
 def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:

@@ -212,6 +212,61 @@ def test_the_command_line_takes_a_root(tmp_path):
     assert "--resource-root must be a folder" in wrong.output
 
 
+def textured(file, **options):
+    """Tell whether the first mesh of a file has its picture; warnings are errors."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return rj.load(file, **options).nodes[0].mesh.material.base_color_texture is not None
+
+
+@pytest.mark.parametrize("mark", ["package.xml", "model.config"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "package://arm/materials/textures/wood.png", "model://arm/materials/textures/wood.png",
+        "package://its_name/materials/textures/wood.png", "../materials/textures/wood.png",
+        "..\\materials\\textures\\wood.png", "wood.png",
+    ],
+)  # fmt: skip
+def test_pictures_of_a_robots_package_are_found(tmp_path, mark, name):
+    model = tmp_path / "arm"
+    picture(model / "materials" / "textures" / "wood.png")
+    file = obj(model / "meshes" / "visual", name.replace("..", "../.."))
+    (model / mark).write_text("<package>\n<name> its_name </name></package>")
+    assert textured(file)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "package://other/wood.png", "model://other/wood.png", "package://arm/../other/wood.png",
+        "../../other/wood.png", "package://../other/wood.png", "package://arm/link.png",
+    ],
+)  # fmt: skip
+def test_nothing_outside_a_robots_package_is_opened(tmp_path, name):
+    picture(tmp_path / "other" / "wood.png")
+    file = obj(tmp_path / "arm" / "meshes", name)
+    (tmp_path / "arm" / "package.xml").write_text("<package/>")
+    (tmp_path / "arm" / "link.png").symlink_to(tmp_path / "other" / "wood.png")
+    with pytest.warns(LoadWarning, match="outside|package"):
+        scene = rj.load(file)
+    assert scene.nodes[0].mesh.material.base_color_texture is None
+
+
+def test_another_package_is_found_in_the_root_that_is_given(tmp_path):
+    picture(tmp_path / "other" / "wood.png")
+    file = obj(tmp_path / "arm" / "meshes", "package://other/wood.png")
+    assert textured(file, resource_root=tmp_path)
+
+
+def test_a_package_far_above_is_none_of_the_files(tmp_path):
+    (tmp_path / "package.xml").write_text("<package/>")
+    picture(tmp_path / "wood.png")
+    file = obj(tmp_path / "a" / "b" / "c" / "d" / "e", "../../../../../wood.png")
+    with pytest.warns(LoadWarning, match="outside"):
+        rj.load(file)
+
+
 @pytest.mark.parametrize("root", ["nowhere", 3])
 def test_a_root_that_is_no_folder_is_an_error(tmp_path, write, root):
     file = write(tmp_path / "model", "wood.png")
