@@ -13,6 +13,8 @@ References
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +32,7 @@ from rasterjit.io.gltf.extensions import (
     MissingLibraryError,
     check_library,
 )
-from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.file import ONE_OF, GltfFile
 from rasterjit.io.gltf.instancing import instances_of
 from rasterjit.io.gltf.moving import MovingReader
 from rasterjit.io.gltf.placing import parent_from_node, trs_of
@@ -54,6 +56,16 @@ from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb", "vrm")
 """Extensions of their files; a .vrm is a GLB file of an avatar."""
+
+
+_ENTRIES = {
+    *ONE_OF, "animations", "asset", "extensions", "extensionsRequired", "extensionsUsed", "extras",
+    "scene", "scenes",
+}  # fmt: skip
+"""Entries of a file that the standard knows."""
+
+_ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEIGHTS)_\d+|_.*")
+"""Attributes of vertices that are read where they are needed."""
 
 
 def load_gltf(
@@ -144,11 +156,16 @@ class _GltfScene:
                 raise MeshFileError(f"{self._source}: {error}") from None
 
     def _note_what_is_not_read(self) -> None:
-        """Note the extensions, and the scenes, that are not shown, by name."""
+        """Note the extensions, attributes, entries and scenes that are not shown, by name."""
         header = self._file.header
-        for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
+        for name, count in count_extensions(header).items():
             if name not in UNDERSTOOD:
-                self._left_out.note(f"extension {name[:80]}")
+                self._left_out.note(f"extension {name[:80]}", count)
+        for key in header.keys() - _ENTRIES:
+            self._left_out.note(f"entry {in_short(key)}")
+        for name in _attributes_of(header):
+            if not _ATTRIBUTE.fullmatch(name):
+                self._left_out.note(f"attribute {in_short(name)}")
         default = header.get("scene", 0)
         for number, scene in enumerate(list_of(header, "scenes")):
             if number != default and scene != {}:
@@ -324,6 +341,31 @@ class _GltfScene:
                 self._left_out.note(f"{str(kind)[:80]} light")
         except (LookupError, ValueError) as error:
             self._left_out.note(f"light {shown(number)}, which cannot be used: {reason_of(error)}")
+
+
+def _attributes_of(header: dict[str, Any]) -> Iterator[str]:
+    """Yield the name of each attribute of each primitive; what is damaged has none."""
+    for mesh in list_of(header, "meshes"):
+        primitives = mesh.get("primitives") if isinstance(mesh, dict) else None
+        for primitive in primitives if isinstance(primitives, list) else ():
+            said = primitive.get("attributes") if isinstance(primitive, dict) else None
+            yield from said if isinstance(said, dict) else ()
+
+
+def count_extensions(header: dict[str, Any]) -> dict[str, int]:
+    """Return how often each extension is used, declared or not: 1 for one that is declared only."""
+    counts: Counter[str] = Counter()
+    waiting: list[Any] = [header]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, dict):
+            held = one.get("extensions")
+            counts.update(map(str, held) if isinstance(held, dict) and one is not header else ())
+            waiting += [value for key, value in one.items() if key != "extras"]
+        elif isinstance(one, list):
+            waiting += one
+    declared = [*list_of(header, "extensionsUsed"), *object_of(header, "extensions")]
+    return {**dict.fromkeys(map(str, declared), 1), **counts}
 
 
 def _intensity(light: dict[str, Any]) -> float:
