@@ -55,8 +55,10 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]
         raise MeshFileError(f"{path} could not be read as .dxf: {reason_of(error)}") from error
     found = _Found(document, resources, left_out)
     for layout in document.layouts:
-        if layout.name != document.modelspace().name and len(layout):
-            left_out.note("entity of a page, beside the model", len(layout))
+        if layout.name != document.modelspace().name:
+            # A viewport shows the model.
+            count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
+            left_out.note("entity of a page, beside the model", count)
     for entity in _flat(document.modelspace(), 0, left_out):
         found.add(entity)
     things = found.things(path.name)
