@@ -105,7 +105,7 @@ def _drafting() -> Any:
     """Import the module that makes drafts only when one is made."""
     from rasterjit.runtime import numba_internals
 
-    forks.hold_over_forks(numba_internals.locking.global_compiler_lock._lock)
+    forks.hold_over_forks(numba_internals.compiler_lock.global_compiler_lock._lock)
     return numba_internals
 
 

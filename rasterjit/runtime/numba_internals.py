@@ -15,7 +15,7 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba import types
-from numba.core import compiler_lock as locking  # noqa: F401  A fork waits for its lock.
+from numba.core import compiler_lock as compiler_lock  # A fork waits for its lock.
 from numba.core import typed_passes as typed  # The steps of `PASSES`.
 from numba.core import untyped_passes as untyped  # Those before types are known.
 from numba.core.codegen import JITCodeLibrary  # Holds a compiled function; a draft is one.
