@@ -301,7 +301,8 @@ def test_options_that_a_texture_cannot_keep_are_named(tmp_path, options, named):
 
 
 def test_statements_of_an_mtl_file_that_show_something_else_are_named(tmp_path):
-    more = "Ka 1 1 1\nillum 2\nKe 0 0 0\nNi 1.5\nKe 1 0 0 # red\nmap_Bump -bm 1 a.png\nfoo 1\n"
+    more = "# a skin\n#Kd 0 0 0\nKa 1 1 1\nillum 2\nKe 0 0 0\nNi 1.5\n"
+    more += "Ke 1 0 0 # red\nmap_Bump -bm 1 a.png\nfoo 1\n"
     path = write_obj(tmp_path, picture(), more=more)
     with pytest.warns(LoadWarning) as said:
         load(path)

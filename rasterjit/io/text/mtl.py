@@ -269,7 +269,7 @@ class MtlLibrary:
         material, found = None, {}
         for line in text.splitlines():
             words = line.split()
-            if len(words) < 2:
+            if len(words) < 2 or words[0].startswith("#"):
                 continue
             if words[0].lower() == "newmtl":
                 name = " ".join(words[1:])
