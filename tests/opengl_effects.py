@@ -87,7 +87,7 @@ vec3 toward_light(int n, out vec3 arriving) {
     }
     if (light_cone[n].x > -1.5) {
         float cosine = dot(light_axis[n], -direction);
-        float width = max(light_cone[n].x - light_cone[n].y, 0.001);
+        float width = max(light_cone[n].x - light_cone[n].y, 1e-6);
         float cone = clamp((cosine - light_cone[n].y) / width, 0.0, 1.0);
         arriving *= cone * cone;
     }

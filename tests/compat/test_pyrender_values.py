@@ -270,6 +270,7 @@ def test_vertices_that_are_no_numbers_are_left_out(mode, flags):
     assert 0 == counts[3] < counts[0] == counts[1] < counts[2]
 
 
+@pytest.mark.filterwarnings("ignore:4 normals of length 0 of:UserWarning")
 @pytest.mark.parametrize(
     ("numbers", "alike"),
     [

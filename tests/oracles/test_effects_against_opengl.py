@@ -262,7 +262,7 @@ STAGE = plane((-3.0, -0.6, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0))
 
 @pytest.mark.parametrize("inner", [0.0, 18.0, 25.0])
 def test_spot_lights_are_those_of_gltf(inner):
-    """An inner angle equal to the outer one gives an edge 0.001 wide in the cosine, no step."""
+    """An inner angle equal to the outer one gives a step, full light up to there."""
     lights = [
         rj.SpotLight(
             (1.0, 3.0, 1.0), (-0.3, -1.0, -0.2), (1.0, 0.8, 0.6), 9.0,
