@@ -87,7 +87,8 @@ def notices_of_frame(frame: Frame) -> dict[str, str]:
     """Return what there is to warn of a frame that is drawn, by kind."""
     found = notices_of(frame.plan, frame.stats)
     facts = frame.plan.facts
-    if (facts.has_lights or facts.environment is not None) and "color" in facts.outputs:
+    has_own = facts.has_lights or facts.environment is not None
+    if has_own and facts.is_lit and "color" in facts.outputs:
         # Most scenes have none, and pay nothing.
         most = most_light(facts.lights.lights, facts.environment)
         share = white_share(frame) if most > STRONG else 0.0

@@ -121,15 +121,16 @@ def test_a_face_without_area_adds_nothing_to_its_vertices(flat):
 
 @pytest.mark.case("N05")
 @pytest.mark.parametrize("shading", ["gouraud", "phong"])
-def test_a_zero_normal_stays_zero_and_gives_no_nan(shading):
+def test_a_zero_normal_is_that_of_its_faces(shading):
     lights = [rj.AmbientLight(intensity=0.25), rj.DirectionalLight((0, 0, -1)),
               rj.PointLight((0, 0, 1))]  # fmt: skip
-    frame = parallel(normals=np.zeros((4, 3)), shading=shading, specular=1.0, lights=lights)
-    assert (frame.normal == 0).all()
-    assert (frame.linear == [0.25, 0.25, 0.25, 1]).all()
-    one = parallel(normals=[[0, 0, 0]] + [[0, 0, 1]] * 3, shading=shading, lights=lights)
-    assert np.isfinite(one.linear).all()
-    assert np.isfinite(one.normal).all()
+    given = {"shading": shading, "specular": 1.0, "lights": lights}
+    usual = parallel(normals=[[0, 0, 1]] * 4, **given)
+    for zeros in (4, 1):
+        with pytest.warns(UserWarning, match=f"^{zeros} normals? of length 0 of Mesh"):
+            frame = parallel(normals=[[0, 0, 0]] * zeros + [[0, 0, 1]] * (4 - zeros), **given)
+        assert (frame.normal == [0, 0, 1]).all()
+        assert frame.linear.tobytes() == usual.linear.tobytes()
 
 
 def tilted(theta):

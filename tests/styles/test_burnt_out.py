@@ -56,6 +56,7 @@ def test_a_renderer_says_it_once():
     [
         lit_by(),
         lit_by(material=rj.Material("unlit", "white")),
+        lit_by(SUN, material=rj.Material("unlit", "white")),
         lit_by(rj.DirectionalLight((0, 0, -1)), material=rj.Material("phong", "white")),
         lit_by(rj.PointLight((0, 0, 2), intensity=4.0)),
         lit_by(
