@@ -108,8 +108,12 @@ ROUGH = 0.09
 BOUNCED, BOUNCED_CODES = 0.4, 950.0
 """See `bounced_slopes`."""
 
-LARGEST_LIMIT = 0.125
-"""A limit above this, for normals that do not change over a face, leaves too little to float32."""
+LARGEST_LIMIT = 0.15
+"""
+A limit above this, for normals that do not change over a face, leaves too little to float32.
+
+That of `LARGEST_LIMIT_BY_LAMPS` over both shares: what takes float32 by lamps does without them.
+"""
 
 
 LEAST_SHININESS, STEADY_SHININESS = 1.0, 10.0
@@ -296,7 +300,7 @@ def limits_of(gloss: Gloss, brightness: Brightness, has_lamps: bool) -> NDArray[
     bent = (slope * light + around + shine) * ROUNDING / shares[0]
     turned = shine + SLOPE * (steep * (light + most) + brightness.fog)
     moved = 20.0 * turned * ROUNDING / shares[1]
-    largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 2.0)
+    largest = (LARGEST_LIMIT_BY_LAMPS, 8.0) if has_lamps else (LARGEST_LIMIT, 4.0)
     if 5.0 * bent > largest[0] or moved > largest[1]:
         return None
     limits = [5.0 * bent, 17.0 * bent, moved * moved, *[0.0] * 9]
