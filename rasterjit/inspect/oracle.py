@@ -660,7 +660,8 @@ def render_faces(
 
     A face is snapped as it is if it lies between near and far and inside the guard band (8192
     pixels around the image). Any other is first cut to those six planes, exactly; the vertices
-    that are left are snapped, and the polygon is drawn as a fan from its first vertex.
+    that are left are snapped, and the polygon is drawn as a fan from its first vertex. A face starts
+    with the corner whose x is the least, or where that is one, y, z or w.
 
     The engine rounds where this does not, so it may rightly differ
 
@@ -707,8 +708,10 @@ def render_faces(
             raise ValueError(
                 f"faces[{face}] must be three vertices below {len(positions)}, got {numbers!r}"
             )
-        # Cut the face; one inside the planes stays as it is.
-        polygon = clip_polygon([positions[n] for n in corners], planes)
+        # Cut the face, the least corner first; one inside the planes stays as it is.
+        first = min(range(3), key=lambda n: positions[corners[n]])
+        turned = corners[first:] + corners[:first]
+        polygon = clip_polygon([positions[n] for n in turned], planes)
         # Divide by w and snap every vertex once.
         screen = [screen_position(vertex, size) for vertex in polygon]
         snapped = [(snap(x, bits), snap(y, bits)) for x, y in screen]

@@ -68,7 +68,7 @@ LIGHT_ROUNDING = 2.0**-16
 """Widening of what a light reaches, as a share of coordinates and of cosines: above that of its
 faces, ``surface.lamps.REACH_ROUNDING``, and of the light that kernels see, which is float32."""
 
-DIAGONAL = 0.5**0.5
+DIAGONAL = math.sqrt(0.5)
 
 TEXEL_BYTES = 4
 

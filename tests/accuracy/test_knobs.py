@@ -124,7 +124,7 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("shading", one("unlit"), "every material in view is unlit"),
         ("renormalize", one("gouraud"), "no normals are interpolated"),
         ("renormalize", one("unlit"), "every material in view is unlit"),
-        ("interpolation_precision", one("unlit"), "no mesh has colours of its vertices"),
+        ("interpolation_precision", one("unlit"), "no mesh in view has colours of its vertices"),
         ("interpolation_precision", colored("gouraud"), "an object is lit"),
     ],
 )

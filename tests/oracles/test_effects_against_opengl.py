@@ -417,8 +417,9 @@ def test_a_mask_cuts_what_discard_cuts(filter):
     """
     The share of pixels that one side cuts and the other does not is bounded, all others compared.
 
-    Where alpha crosses the cutoff the last bits of a filter decide, and of mip levels, which
-    OpenGL chooses for two by two pixels, more than those.
+    Where alpha crosses the cutoff the last bits of a filter decide. There we show nothing of the
+    colours of holes, which OpenGL mixes in, so colours are compared away from it. Far away we keep
+    the share of texels that are there: mip levels cut about as many pixels, not the same.
     """
     y, x = np.mgrid[0:256, 0:256]
     image = np.dstack([pattern(), np.zeros((256, 256), np.uint8)])
@@ -443,12 +444,17 @@ def test_a_mask_cuts_what_discard_cuts(filter):
     uploaded.release()
     same = frame.face_id == seen.face_id
     print(f"{(~same).sum()} pixels are cut by one side only")
-    assert (~same).mean() <= 0.001
+    count, wanted = (
+        np.count_nonzero((faces >= 0) & (faces < len(front.faces)))
+        for faces in (frame.face_id, seen.face_id)
+    )
+    assert abs(count - wanted) <= 0.01 * wanted
+    assert (~same).mean() <= {"nearest": 0.001, "bilinear": 0.001, "trilinear": 0.03}[filter]
     shows_torus = same & (frame.face_id >= 0) & (frame.face_id < len(front.faces))
     is_cut = same & (frame.face_id >= len(front.faces)) & drawn_uncut(front, TORUS_CAMERA)
     assert min(shows_torus.sum(), is_cut.sum()) > 1000
     beyond = {"nearest": 0.005, "bilinear": 0.005, "trilinear": 0.1}[filter]
-    covered = same & (frame.face_id >= 0)
+    covered = same & (frame.face_id >= 0) & (seen.linear[:, :, 3] > 0.45)
     check(difference(frame.linear, seen.linear, covered), mean=0.3, beyond=beyond)
 
 

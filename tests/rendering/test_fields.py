@@ -220,7 +220,7 @@ def test_what_follows_from_scalars_is_told_and_explained():
     assert "scalar fields            in  (1 object)" in text
     for name in ("fields.show_scalars", "fields.fill_scalars", "output scalar"):
         assert name in text
-    assert "colours in float64: an object has scalars of its vertices" in describe(
+    assert "in float32, others in float64: an object has scalars of its vertices" in describe(
         rj.explain(full_scene_unlit(), CAMERA, size=SIZE)
     )
     plain = describe(rj.explain(rj.Mesh(SQUARE, FACES), CAMERA, size=SIZE))

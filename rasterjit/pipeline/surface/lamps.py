@@ -35,7 +35,7 @@ itself, sine and cosine of the angle of the sides; all 0 without a cone.
 """
 ACROSS, DOWN, AHEAD, SINE, COSINE = PYRAMID, PYRAMID + 3, PYRAMID + 6, PYRAMID + 9, PYRAMID + 10
 
-DIAGONAL = np.float32(0.5**0.5)
+DIAGONAL = np.float32(np.sqrt(0.5))
 
 REACH_ROUNDING = np.float32(2.0**-19)
 """Widening of what a lamp reaches, as a share of distances: above what points are off by, and below
