@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from rasterjit import forks
-
 
 class Target(NamedTuple):
     """What machine code is for."""
@@ -81,6 +79,9 @@ CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 
 def _hold_llvm_over_forks() -> None:
     """Let forks wait for calls of LLVM in other threads."""
+    # Not before: builds of wheels read the table below where the package is not installed.
+    from rasterjit import forks
+
     from llvmlite.binding import ffi
 
     # llvmlite has no public name for its lock.
