@@ -79,10 +79,10 @@ CHOICES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 
 def _hold_llvm_over_forks() -> None:
     """Let forks wait for calls of LLVM in other threads."""
-    # Not before: builds of wheels read the table below where the package is not installed.
-    from rasterjit import forks
-
     from llvmlite.binding import ffi
+
+    # Not before: builds of wheels read `PLATFORMS` where the package is not installed.
+    from rasterjit import forks
 
     # llvmlite has no public name for its lock.
     held = getattr(getattr(ffi.lib, "_lock", None), "_lock", None)
