@@ -8,7 +8,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -100,7 +100,7 @@ def study_folder(
     ----------
     folder : str, Path or mapping
         A folder of mesh files; or scenes by their names, or functions that return them, each alone
-        or in a pair with a camera.
+        or in a pair with a camera. Names may have folders, but no "..".
     size, knobs, max_error, lens, threads, progress
         As `study` takes them.
     budget : float, optional
@@ -177,6 +177,11 @@ def _loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader],
     if isinstance(folder, Mapping):
         if not folder:
             raise ValueError("folder must hold scenes, got an empty mapping")
+        # Reports of scenes are written to folders that are called so.
+        for name in map(str, folder):
+            place = PurePath(name)
+            if place.is_absolute() or not place.parts or ".." in place.parts:
+                raise ValueError(f"folder must have names of scenes without '..', got {name!r}")
         return {str(name): _held(scene) for name, scene in folder.items()}, "scenes"
     place = existing_folder("folder", folder)
     files = mesh_files(place)

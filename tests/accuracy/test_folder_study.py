@@ -95,6 +95,7 @@ def test_a_folder_gets_one_page_and_one_for_each_scene(tmp_path):
     ("folder", "words"),
     [
         ({}, "folder must hold scenes, got an empty mapping"),
+        ({"../a": rj.Scene()}, "folder must have names of scenes without '..', got '../a'"),
         ("nowhere", "folder must be an existing folder, got 'nowhere'"),
         (3, "folder must be an existing folder, got 3"),
     ],
