@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit import forks
+from rasterjit.forks import lock
 from rasterjit.runtime.jit import MACHINE, helper, intrinsic, raise_failed
 
 LANES = 8
@@ -44,7 +44,7 @@ points below which these are doubtful; -1 where the back of the face is seen, el
 and points are off by at most; 1 where no sample is at a jump or a steep place of light, else 0.
 """
 
-_ADDING = forks.lock()
+_ADDING = lock()
 
 
 @intrinsic

@@ -55,7 +55,8 @@ def test_two_processes_give_the_same_bytes_as_one(meshes, whole, tmp_path):
         command(meshes, tmp_path / "set", "--workers", "2"),
         capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    # Some cannot be read, as with one process.
+    assert done.returncode == 1, done.stderr
     assert f"{len(GOOD)} meshes, {3 * len(GOOD)} views" in done.stdout
     assert f"0 were there, {len(BROKEN)} failed" in done.stdout
     assert all(f"left out {name}: " in done.stderr for name in BROKEN)
@@ -205,7 +206,7 @@ def test_a_dask_cluster_gives_the_same_bytes(meshes, whole, tmp_path, scheduler)
         command(meshes, tmp_path / "set", "--workers", scheduler[0]),
         capture_output=True, text=True, check=False, timeout=200,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr
     assert contents(tmp_path / "set") == whole
 
 

@@ -201,14 +201,14 @@ def test_a_folder_in_place_of_a_file_is_mended(place):
 def test_a_file_that_cannot_be_read_is_compiled_around_and_told(place, monkeypatch):
     load()
     path = entry(place)
-    read_bytes = Path.read_bytes
+    opened = os.open
 
-    def refuse(self):
-        if self == path:
+    def refuse(file, *arguments):
+        if file == path:
             raise PermissionError(errno.EACCES, "not yours")
-        return read_bytes(self)
+        return opened(file, *arguments)
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     assert not load()
     assert store.contents(place).unreadable == [path]
 
@@ -283,7 +283,7 @@ def test_a_folder_that_windows_lets_nobody_write_to_is_tried_once(place, monkeyp
 def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, capfd, refusals):
     """Windows neither reads nor replaces what another process has open."""
     monkeypatch.setattr(store, "PAUSES", (0.0, 0.0, 0.0))
-    replace, read_bytes, left = os.replace, Path.read_bytes, []
+    replace, opened, left = os.replace, os.open, []
 
     def refuse_often(action, *arguments):
         if not left:
@@ -292,8 +292,7 @@ def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, ca
         raise PermissionError(errno.EACCES, "in use")
 
     monkeypatch.setattr(store.os, "replace", lambda *paths: refuse_often(replace, *paths))
-    monkeypatch.setattr(Path, "read_bytes", lambda path: refuse_often(read_bytes, path))
-    header, path = store.Header(*"abcdefg"), place / "a.kernel"
+    header, path = store.Header(next(iter(store.RETURNS)), *"bcdefg"), place / "a.kernel"
     left[:] = [1] * refusals
     store.write(path, header, b"code")
     is_told = refusals > 3
@@ -302,6 +301,7 @@ def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, ca
     assert [one.suffix for one in place.iterdir()] == [] if is_told else [".kernel"]
     left.clear()
     store.write(path, header, b"code")
+    monkeypatch.setattr(store.os, "open", lambda *options: refuse_often(opened, *options))
     left[:] = [1] * refusals
     assert store.read(path) == (None if is_told else (header, b"code"))
     assert capfd.readouterr().err.count("cannot be used") == is_told
