@@ -177,7 +177,7 @@ def _loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader],
     if isinstance(folder, Mapping):
         if not folder:
             raise ValueError("folder must hold scenes, got an empty mapping")
-        # Reports of scenes are written to folders that are called so.
+        # Each scene has a folder of its name for its report.
         for name in map(str, folder):
             place = PurePath(name)
             if place.is_absolute() or not place.parts or ".." in place.parts:

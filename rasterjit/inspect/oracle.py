@@ -661,7 +661,7 @@ def render_faces(
     A face is snapped as it is if it lies between near and far and inside the guard band (8192
     pixels around the image). Any other is first cut to those six planes, exactly; the vertices
     that are left are snapped, and the polygon is drawn as a fan from its first vertex. A face
-    starts with the corner whose x is the least, or where that is one, y, z or w.
+    starts with its least corner: by x, or where that is the same by y, z and w.
 
     The engine rounds where this does not, so it may rightly differ
 

@@ -98,10 +98,12 @@ def test_while_python_ends_all_is_done(tmp_path, option, status):
     assert b"interrupted" not in done.stderr
 
 
-def test_while_a_command_imports(tmp_path):
-    trimesh.creation.box().export(tmp_path / "a.off")
-    words = ["-m", "rasterjit", "render", "a.off", "-o", "a.png", "--size", "9x9"]
-    done = run_interrupted(tmp_path, "rasterjit.io.resources", words)
+@pytest.mark.parametrize("at", ["rasterjit.io.resources", "trimesh.constants", "PIL.Image"])
+def test_while_a_command_imports(tmp_path, at):
+    # A format that trimesh reads.
+    trimesh.creation.box().export(tmp_path / "a.dae")
+    words = ["-m", "rasterjit", "render", "a.dae", "-o", "a.png", "--size", "9x9"]
+    done = run_interrupted(tmp_path, at, words)
     # Click goes to a new line after the terminal's ^C.
     assert (done.returncode, done.stderr.strip()) == (130, "error: interrupted")
     assert not (tmp_path / "a.png").exists()
