@@ -10,13 +10,14 @@ these (`hold_over_forks`). ``functools.cached_property`` has such a lock in Pyth
 
 from __future__ import annotations
 
+import _imp
 import functools
 import os
-import sys
 import threading
 import time
 import weakref
-from types import ModuleType
+from importlib import _bootstrap
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 LONGEST_WAIT = 60.0
@@ -28,6 +29,7 @@ PAUSE = 0.001
 _LOCKS: weakref.WeakSet[Any] = weakref.WeakSet()
 _HELD_OVER_FORKS: list[Any] = []
 _HELD_NOW: list[Any] = []
+_IMPORTS = SimpleNamespace(release=_imp.release_lock)
 
 
 def lock() -> threading.Lock:
@@ -66,18 +68,10 @@ else:
 
 
 def _is_importing() -> bool:
-    """Tell whether another thread is in the middle of importing a module."""
-    own, frame = set(), sys._getframe()
-    while frame is not None:
-        own.add(frame.f_globals.get("__name__"))
-        frame = frame.f_back
-    # Modules of other types may import more as soon as one asks them for anything.
-    return any(
-        type(module) is ModuleType
-        and getattr(module.__spec__, "_initializing", False)
-        and name not in own
-        for name, module in list(sys.modules.items())
-    )
+    """Tell whether another thread is in the middle of finding or importing a module."""
+    # Python has no public name for these locks, each held by who imports the module.
+    locks = [reference() for reference in list(_bootstrap._module_locks.values())]
+    return any(getattr(held, "owner", None) not in (None, threading.get_ident()) for held in locks)
 
 
 def _before_fork() -> None:
@@ -89,6 +83,9 @@ def _before_fork() -> None:
                 break
             _HELD_NOW.append(held)
         else:
+            # From here to the fork, no other thread begins an import.
+            _imp.acquire_lock()
+            _HELD_NOW.append(_IMPORTS)
             if not _is_importing():
                 return
         _release()
@@ -103,6 +100,8 @@ def _release() -> None:
 
 def _free_all() -> None:
     """Free all locks in a child."""
+    if _IMPORTS in _HELD_NOW:
+        _IMPORTS.release()
     _HELD_NOW.clear()
     for made in list(_LOCKS):
         made._at_fork_reinit()
