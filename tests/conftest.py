@@ -21,6 +21,8 @@ settings.load_profile("repeatable")
 def pytest_configure(config):
     # A shell lets what it runs in the background ignore Ctrl-C, which some tests send to others.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    # What tests run themselves has options of its own.
+    os.environ.pop("PYTEST_ADDOPTS", None)
     _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
