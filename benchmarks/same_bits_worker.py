@@ -1,0 +1,142 @@
+"""
+A process that draws random scenes with the package ``rasterjit`` of another folder.
+
+``python -m benchmarks.same_bits_worker FOLDER SEED COUNT`` prints a line of JSON for each scene: one
+change, the hash of every output by the way in which the frame was drawn, and the plan's stages
+of shading. The last line has the names of the kernels and stages that ran, and of all.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.compare_worker import digest, use_package
+
+GENERATOR = Path(__file__).parents[1] / "tests"
+"""Folder of ``random_scenes``: the same for all packages."""
+
+
+class Drawn:
+    """One random scene, and the ways in which it is drawn."""
+
+    def __init__(self, random: np.random.Generator) -> None:
+        import random_scenes
+
+        self.quality = random_scenes.random_quality(random)
+        self.scene = random_scenes.random_scene(
+            random,
+            random_scenes.chance(random, 0.2),
+            sees_through=self.quality.samples != "area",
+        )
+        self.cameras = [random_scenes.random_camera(random) for _ in range(2)]
+        self.outputs = random_scenes.random_outputs(random)
+        self.size = random_scenes.SIZE
+        self.changed, self.change = changed(self.scene, random)
+
+    def ways(self) -> dict[str, Any]:
+        """Return a function for each way, which returns arrays by output."""
+        import rasterjit as rj
+
+        asked = {"size": self.size, "quality": self.quality, "outputs": self.outputs}
+        (other, camera), scene = self.cameras, self.scene
+
+        def kept(first: tuple[Any, Any], second: tuple[Any, Any]) -> dict[str, Any]:
+            with rj.Renderer(self.size, quality=self.quality) as renderer:
+                renderer.render(*first, outputs=self.outputs)
+                return renderer.render(*second, outputs=self.outputs).arrays()
+
+        def batch(threads: int) -> dict[str, Any]:
+            drawn = rj.render_batch(scene, [other, camera], threads=threads, **asked)
+            return {name: array[1] for name, array in drawn.arrays().items()}
+
+        return {
+            "lone, 1 thread": lambda: rj.render(scene, camera, threads=1, **asked).arrays(),
+            "lone, 2 threads": lambda: rj.render(scene, camera, threads=2, **asked).arrays(),
+            "kept": lambda: kept((scene, other), (scene, camera)),
+            "batch, 1 thread": lambda: batch(1),
+            "batch, 2 threads": lambda: batch(2),
+            "changed": lambda: rj.render(self.changed, camera, **asked).arrays(),
+            "kept, changed": lambda: kept((scene, camera), (self.changed, camera)),
+        }
+
+    def stages(self) -> list[str]:
+        """Return the names of the stages of shading that the plan lists."""
+        import rasterjit as rj
+        from rasterjit.rendering.sketch import list_stages
+
+        plan = rj.explain(
+            self.scene, self.cameras[1], size=self.size, quality=self.quality, outputs=self.outputs
+        )
+        return [stage.name for stage in list_stages(plan)]
+
+
+def changed(scene: Any, random: np.random.Generator) -> tuple[Any, str]:
+    """Return a scene with one change, and which."""
+    import random_scenes
+
+    twin = copy.copy(scene)
+    twin.nodes, twin.lights = list(scene.nodes), list(scene.lights)
+    twin._labelled = dict(scene._labelled)
+    change = str(random.choice(["light", "lights", "node", "place", "material", "effect"]))
+    node = twin.nodes[0]
+    if change == "light":
+        twin.lights[0] = replace(twin.lights[0], color=(0.9, 0.6, 0.3))
+    elif change == "lights":
+        twin.lights.append(random_scenes.random_light(random))
+    elif change == "node":
+        twin.add(random_scenes.random_mesh(random, sees_through=False))
+    elif change == "place":
+        twin.nodes.pop(0)
+        twin.add(node.mesh, random_scenes.random_pose(random))
+    elif change == "material":
+        mesh = copy.copy(node.mesh)
+        mesh.material = replace(mesh.material, base_color=(0.2, 0.7, 0.4))
+        twin.nodes[0] = copy.copy(node)
+        twin.nodes[0].mesh = mesh
+    else:
+        name = str(random.choice([*random_scenes.EFFECTS]))
+        has_it = getattr(twin, name) is not None
+        setattr(twin, name, None if has_it else random_scenes.EFFECTS[name](random))
+    return twin, change
+
+
+def hashes(draw: Any) -> dict[str, str]:
+    """Return the hash of each output, or the kind of error that drawing ended with."""
+    try:
+        return {name: digest([array])[:16] for name, array in sorted(draw().items())}
+    except Exception as error:
+        return {"error": type(error).__name__}
+
+
+def ran() -> dict[str, list[str]]:
+    """Return the names of the kernels and stages that ran in this process, and of all."""
+    from rasterjit.runtime import jit
+
+    used = [one.__name__ for one in jit.KERNELS if one.forms]
+    used += [one.__name__ for one in jit.STAGES if one.is_in_use]
+    return {"ran": used, "known": [one.__name__ for one in (*jit.KERNELS, *jit.STAGES)]}
+
+
+def main(folder: str, seed: str, count: str) -> None:
+    """Draw the scenes."""
+    use_package(folder)
+    sys.path.insert(0, str(GENERATOR))
+    warnings.simplefilter("ignore")
+    for number in range(int(count)):
+        drawn = Drawn(np.random.default_rng([int(seed), number]))
+        found = {way: hashes(draw) for way, draw in drawn.ways().items()}
+        row = {"hashes": found, "stages": drawn.stages(), "change": drawn.change}
+        print(json.dumps(row), flush=True)
+    print(json.dumps(ran()), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
