@@ -1,9 +1,9 @@
 """
 A process that draws random scenes with the package ``rasterjit`` of another folder.
 
-``python -m benchmarks.same_bits_worker FOLDER SEED COUNT`` prints a line of JSON for each scene: one
-change, the hash of every output by the way in which the frame was drawn, and the plan's stages
-of shading. The last line has the names of the kernels and stages that ran, and of all.
+``python -m benchmarks.same_bits_worker FOLDER SEED COUNT`` prints a line of JSON for each scene:
+the hash of every output by the way in which the frame was drawn, the plan's stages of shading, and
+the one change. The last line has the names of the kernels and stages that ran, and of all.
 """
 
 from __future__ import annotations
