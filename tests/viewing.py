@@ -19,8 +19,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-PATIENCE = 60.0
-"""Seconds to wait for a picture; a loaded machine compiles slowly."""
+PATIENCE = 300.0
+"""Seconds to wait for a picture: as good as it becomes, it takes a loaded machine a minute."""
+
+VIEW = """
+from rasterjit.cli import main
+from rasterjit.viewer import canvas
+canvas.GIVEN_WAY = 0
+main()
+"""
+"""Runs the command line; its viewers make pictures better as if nobody else wanted a processor."""
 
 
 def address_in(said):
@@ -49,7 +57,7 @@ def viewing(*arguments):
 
 def command(model, *more):
     """Return the arguments of Python that show a model."""
-    view = "-m", "rasterjit", "view", str(model)
+    view = "-c", VIEW, "view", str(model)
     return *view, "--backend", "browser", "--quiet", *(more or ("--port", "0"))
 
 

@@ -336,7 +336,8 @@ class Tab:
             "code": camera_code(camera),
             "picked": self._picked,
             "costs": viewer.cost_rows,
-            "is_done": viewer.is_done,
+            "number": self.sent,
+            "is_done": viewer.is_done and viewer.stamp == self._stamp and not self._is_rough,
         }
 
     def _effects(self) -> list[dict[str, Any]]:

@@ -8,11 +8,10 @@ import threading
 import time
 
 import pytest
+from viewing import PATIENCE
 
 from rasterjit.viewer import canvas
 from rasterjit.viewer.viewer import Viewer
-
-PATIENCE = 60.0
 
 
 class Canvas:

@@ -18,6 +18,7 @@ import chromium
 import numpy as np
 import pytest
 from PIL import Image
+from viewing import PATIENCE
 
 import rasterjit as rj
 
@@ -25,8 +26,6 @@ NEEDED = ("jupyterlab", "anywidget", "ipykernel")
 
 pytestmark = pytest.mark.takes_long
 
-PATIENCE = 120.0
-"""Seconds to wait for what happens soon on a machine with nothing else to do."""
 
 CELLS = (
     "import rasterjit as rj\n"

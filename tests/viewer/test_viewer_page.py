@@ -73,7 +73,7 @@ def browser_page(tmp_path_factory):
 
 
 def open_page(page, address, **metrics):
-    """Open an address anew, in a window of a size, and wait for the sharp picture."""
+    """Open an address anew, in a window of a size, and wait for a sharp picture of that size."""
     page.call("Page.navigate", url="about:blank")
     wait_until(page, "location.href === 'about:blank'")
     metrics = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False, **metrics}
@@ -82,8 +82,14 @@ def open_page(page, address, **metrics):
     page.call("Page.navigate", url=address)
     wait_until(page, "document.readyState === 'complete' && location.href !== 'about:blank'")
     width, height = (metrics[side] * metrics["deviceScaleFactor"] for side in ("width", "height"))
-    wait_until(page, f"picture.dataset.kind === 'png' && picture.width === {width}")
-    wait_until(page, f"picture.height === {height} && picture.dataset.done === 'true'")
+    is_sized = f"picture.width === {width} && picture.height === {height}"
+    is_told = f"line.textContent.includes('{width} x {height}')"
+    wait_until(page, f"picture.dataset.kind === 'png' && {is_sized} && {is_told}")
+
+
+def wait_for_rest(page):
+    """Wait for the picture that becomes no better."""
+    wait_until(page, "picture.dataset.kind === 'png' && picture.dataset.done === 'true'")
 
 
 @pytest.fixture
@@ -154,12 +160,14 @@ def test_browser_without_a_decoder_shows_the_same(page, server):
       return [window.ImageDecoder === undefined, data.reduce((sum, one, at) =>
         (sum + one * (at % 9973)) % 2147483647, 0)];
     })()"""
+    wait_for_rest(page)
     has_none, with_it = page.evaluate(pixels)
     assert not has_none
     source = "delete window.ImageDecoder"
     script = page.call("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
     try:
         open_page(page, server[1])
+        wait_for_rest(page)
         assert page.evaluate(pixels) == [True, with_it]
     finally:
         page.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
@@ -266,12 +274,12 @@ def places_of(model, viewer):
 
 
 def wait_for_pixels(page, wanted):
-    """Wait until the page shows colours, by column and row, as they are."""
+    """Wait until the page shows colours, by column and row, as they are and in its whole size."""
     limit, found = time.monotonic() + PATIENCE, None
     while found != wanted:
         assert time.monotonic() < limit, (found, wanted)
         picture, kind = shown(page)
-        if kind == "png":
+        if kind == "png" and picture.shape == (HEIGHT, WIDTH, 3):
             found = {(column, row): picture[row, column].tolist() for column, row in wanted}
 
 
@@ -415,6 +423,7 @@ def test_switches_in_quick_succession_all_count(page):
 
 def test_picture_is_saved(page, tmp_path):
     page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    wait_for_rest(page)
     picture, _ = shown(page)
     page.evaluate("screenshot.click()")
     path, limit = tmp_path / "pair.glb.png", time.monotonic() + PATIENCE
@@ -441,6 +450,8 @@ NAMED = {"button", "checkbox", "radio", "radiogroup", "combobox", "textbox", "to
 
 
 def test_everything_has_a_name_for_screen_readers(page):
+    # What is told of a new picture would close what is opened here.
+    wait_for_rest(page)
     page.evaluate("document.querySelectorAll('.panel').forEach(one => one.hidden = false)")
     nodes = page.call("Accessibility.getFullAXTree")["nodes"]
     named = [
@@ -526,7 +537,8 @@ def test_phone_has_room_for_all_and_every_pixel(phone, tmp_path):
         assert phone.evaluate(f"document.getElementById('{panel}') && {inside}"), panel
     press(phone, "Escape")
     # Nothing is said, and nothing drawn any more.
-    wait_until(phone, "said.innerText === '' && picture.dataset.done === 'true'")
+    wait_until(phone, "said.innerText === ''")
+    wait_for_rest(phone)
     window = picture_of_window(phone, tmp_path / "phone.png")
     picture, _ = shown(phone)
     # Above the lines of text each pixel of the picture is one of the screen.

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from own_threads import own_threads
 from PIL import Image
+from viewing import PATIENCE
 
 import rasterjit as rj
 from rasterjit.viewer import codecs, tab
@@ -23,7 +24,6 @@ from rasterjit.viewer.views import camera_code
 
 pytest.importorskip("simplejpeg")
 
-PATIENCE = 60.0
 RESIZE = {"type": "resize", "pwidth": 80, "pheight": 60, "ratio": 1.0}
 
 
@@ -31,7 +31,7 @@ class Page:
     """Stands for a page: keeps what it is told, and says what it has shown."""
 
     def __init__(self, viewer, first=None, shows=True):
-        self.pictures, self.said, self.shows = [], {}, shows
+        self.pictures, self.said, self.shows, self.number = [], {}, shows, 0
         if first is None:
             first = Future()
             first.set_result(None)
@@ -42,8 +42,9 @@ class Page:
             self.said[told["type"]] = told
             return
         self.pictures.append(told[4:])
+        (self.number,) = struct.unpack(">I", told[:4])
         if self.shows:
-            self.tab.take({"type": "shown", "number": struct.unpack(">I", told[:4])[0]})
+            self.tab.take({"type": "shown", "number": self.number})
 
     def say(self, kind, /, **fields):
         self.tab.take({"type": kind, **fields})
@@ -63,7 +64,9 @@ class Page:
         return np.asarray(Image.open(io.BytesIO(self.pictures[-1])))
 
     def settle(self):
-        self.wait(lambda page: page.state.get("is_done") and page.pictures[-1][:1] == b"\x89")
+        """Wait for the picture that becomes no better."""
+        self.wait(lambda page: page.state.get("is_done") and page.state["number"] == page.number)
+        assert self.pictures[-1][:1] == b"\x89"
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
+from viewing import PATIENCE, VIEW
 
 import rasterjit as rj
 from rasterjit.viewer.graphics import encode_sixels, half_blocks
@@ -39,7 +40,6 @@ COLUMNS, LINES, TEXTS = 40, 15, 2
 CELL = (9, 18)
 """Width and height of a cell of a terminal that shows pixels."""
 
-PATIENCE = 60.0
 """Seconds for pictures to come, on a loaded machine."""
 
 PLACE = re.compile(rb"\x1b\[(\d+);(\d+)H")
@@ -77,7 +77,7 @@ class Terminal:
         self._answers, self.said = answers, b""
         self._end, theirs = pty.openpty()
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", LINES, COLUMNS, 0, 0))
-        view = ["-m", "rasterjit", "view", str(self.path), "--backend", "terminal", "--quiet"]
+        view = ["-c", VIEW, "view", str(self.path), "--backend", "terminal", "--quiet"]
         variables = {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
         self.process = subprocess.Popen(
             [sys.executable, *(["-c", program, str(self.path)] if program else view)],

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
+from viewing import PATIENCE
 
 import rasterjit as rj
 from rasterjit.viewer import show, trial
@@ -21,9 +22,6 @@ from rasterjit.viewer.viewer import Viewer
 pytestmark = pytest.mark.takes_long
 
 SIZE = (200, 150)
-PATIENCE = 120
-"""Seconds for a window to open, and be drawn into, on a loaded machine."""
-
 SCRIPT = """
 import json, sys, time
 import numpy as np
@@ -33,6 +31,7 @@ from rasterjit.viewer import canvas as viewer_window
 from rasterjit.viewer.viewer import Viewer
 
 vertices, faces, folder = json.loads(sys.argv[1])
+viewer_window.GIVEN_WAY = 0
 viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
 viewer.handle({"event_type": "key_down", "key": "i"})
 canvas, loop = viewer_window.window(viewer, "cube")
@@ -49,7 +48,7 @@ def act(number):
 async def play():
     from rendercanvas.utils.asyncs import sleep
     for number in range(2):
-        limit = time.monotonic() + 40
+        limit = time.monotonic() + 100
         await sleep(0.5)
         while not viewer.is_done and time.monotonic() < limit:
             await sleep(0.1)
@@ -193,7 +192,7 @@ def tool(*words):
 
 async def until(wanted):
     from rendercanvas.utils.asyncs import sleep
-    limit = time.monotonic() + 30
+    limit = time.monotonic() + 40
     while not wanted() and time.monotonic() < limit:
         await sleep(0.05)
 

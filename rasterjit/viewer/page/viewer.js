@@ -40,6 +40,7 @@ const connection = new Connection({
     }
     context.drawImage(bitmap, 0, 0);
     Object.assign(canvas.dataset, {kind, number});
+    noteWhetherDone();
     at("waiting").hidden = true;
   },
   opened() {
@@ -406,9 +407,14 @@ function hide(number) {
 let lastPick = 0;
 let nextWriting = 0;
 
+// A state may come before its picture.
+function noteWhetherDone() {
+  canvas.dataset.done = state !== null && state.is_done && `${state.number}` === canvas.dataset.number;
+}
+
 function update() {
   at("line").textContent = state.line;
-  canvas.dataset.done = state.is_done;
+  noteWhetherDone();
   for (const radio of document.querySelectorAll("[name=kind]")) {
     radio.checked = radio.value === state.kind;
   }
