@@ -132,6 +132,8 @@ def main(context: click.Context, against: str, scenes: int, seed: int | None) ->
     versions, ways = between_versions(old, new), between_ways(new)
     console.print(table_of(f"{against} and the files as they are", versions, seed))
     console.print(table_of("ways to draw, with the files as they are", ways, seed))
+    others = sum(a["stages"] != b["stages"] for a, b in zip(old, new, strict=True))
+    console.print(f"{others} scenes have other lists of stages in the two versions")
     took = time.perf_counter() - began
     console.print(f"{scenes} scenes in {took:.0f} s: {reach(new, ran)}", soft_wrap=True)
     context.exit(1 if versions or ways else 0)

@@ -74,9 +74,10 @@ def surface_steps(
     effects: Sequence[Active],
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
-    if lighting is not None and surface.limits is not None and not surface.mixes_precision:
-        return planar_steps(geometry, placement, surface, lighting, effects)
-    is_mixed = lighting is not None and surface.limits is not None
+    in_float32 = lighting is not None and surface.limits is not None
+    # Where all is found in float32, float64 is taken for light alone, which lamps make steep.
+    is_planar = in_float32 and not surface.mixes_precision
+    is_exact = not is_planar or len(lighting.lamps) > 0
     # What they are multiplied by comes last: until then they stand alone.
     are_apart = shows_colors_apart(surface, lighting)
     own_materials = surface.materials
@@ -84,31 +85,15 @@ def surface_steps(
         surface = surface._replace(materials=whitened(surface.materials))
     materials = surface.materials
     steps = []
-    own = surface.textures
-    if is_mixed:
-        steps += float32_steps(geometry, placement, surface, lighting, effects)
-    bare = surface.in_float32 if surface.vertex_colors is not None else None
-    is_shown = bare is not None and bool(bare.all())
-    if own is not None and lighting is None and reads_places_alone(surface, own, geometry):
-        steps.append(Step(texture_places.find_places, (own.uv, geometry)))
-    # Points are found in float64, for fog over colours in float32 as well.
-    elif lighting is not None or (is_interpolated(surface) and not is_shown):
-        if not (is_mixed and reads_weights(surface, effects)):
-            steps.append(Step(weights.find_weights, (geometry, placement)))
-        if own is not None:
-            steps += coordinate_steps(own, geometry)
-    if surface.vertex_colors is None:
-        steps.append(Step(attributes.tint_samples, (materials,)))
-    elif bare is not None:
-        blended = geometry, materials, surface.vertex_colors, bare
-        steps.append(Step(float32_colors.find_float32_colors, blended))
-    else:
-        shown = surface.vertex_colors, materials
-        steps.append(Step(attributes.show_vertex_colors, shown))
-    if is_mixed:
-        steps += [
-            *place_steps(placement, surface), Step(set_aside.take_back_sure, ()),
-        ]  # fmt: skip
+    # Weights, colours and places.
+    if in_float32:
+        steps += float32_steps(geometry, placement, surface, lighting, effects, is_exact)
+    if is_exact:
+        steps += weight_steps(geometry, placement, surface, lighting, effects)
+    if not is_planar:
+        steps.append(color_step(geometry, surface))
+    if in_float32 and is_exact:
+        steps += [*place_steps(placement, surface), Step(set_aside.take_back_sure, ())]
     if are_apart:
         steps += set_colors_apart(own_materials)
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
@@ -142,7 +127,7 @@ def surface_steps(
     if surface.microfacets is not None:
         facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
-    if not is_mixed:
+    if not in_float32:
         steps += place_steps(placement, surface)
     if surface.points is not None:
         steps.append(Step(point_shapes.find_point_shapes, (*surface.points, placement)))
@@ -184,62 +169,61 @@ def reads_weights(surface: Surface, effects: Sequence[Active]) -> bool:
     return is_faded or bool(acting(effects, "rows") or acting(effects, "light"))
 
 
+def keeps_weights(geometry: Geometry, surface: Surface) -> bool:
+    """Return whether weights are found before what is found in float32, and stay."""
+    own = surface.textures
+    # Where samples lie beside their faces. Steps of textures are found in what else has used.
+    return geometry.viewport.reach != 0 and (own is None or not has_levels(own))
+
+
 def float32_steps(
     geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting,
-    effects: Sequence[Active],
+    effects: Sequence[Active], is_exact: bool,
 ) -> list[Step]:  # fmt: skip
     """Return the stages that find what objects are like in float32, and set that aside."""
-    colors, own = surface.vertex_colors, surface.textures
+    colors = surface.vertex_colors
     colors = np.empty((0, 4), np.float32) if colors is None else colors
     shown = (
         geometry, placement, surface.normals, surface.materials, colors, lighting.lamps,
         lighting.lights, surface.limits,
     )  # fmt: skip
     weighed = [Step(weights.find_weights, (geometry, placement))]
-    steps = [Step(float32_planes.find_float32_surface, shown)]
-    are_read = reads_weights(surface, effects)
-    if geometry.viewport.reach != 0:
-        steps = [*weighed, *steps]
-        # What steps of textures are found from has made way for something else.
-        are_read = are_read and own is not None and has_levels(own)
-    if are_read:
+    steps = weighed if geometry.viewport.reach != 0 else []
+    steps = [*steps, Step(float32_planes.find_float32_surface, shown)]
+    if reads_weights(surface, effects) and not keeps_weights(geometry, surface):
         steps += weighed
-    if len(lighting.lamps) or surface.mixes_precision:
+    if is_exact:
         steps.append(Step(set_aside.set_aside_sure, ()))
     return steps
 
 
-def planar_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting,
+def weight_steps(
+    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting | None,
     effects: Sequence[Active],
 ) -> list[Step]:  # fmt: skip
-    """Return the stages that find what surfaces are like where all take float32."""
-    materials = surface.materials
-    are_apart = shows_colors_apart(surface, lighting)
-    if are_apart:
-        surface = surface._replace(materials=whitened(materials))
-    steps = float32_steps(geometry, placement, surface, lighting, effects)
-    if len(lighting.lamps):
-        if not (geometry.viewport.reach != 0 or reads_weights(surface, effects)):
-            steps.append(Step(weights.find_weights, (geometry, placement)))
-        turned = surface.normals, placement.normal_matrices, materials
-        steps += [
-            Step(attributes.gather_positions, (placement.positions,)),
-            Step(attributes.find_points, (placement, materials, 0)),
-            Step(attributes.find_smooth_normals, turned),
-            Step(set_aside.take_back_sure, ()),
-        ]
-    if are_apart:
-        steps += set_colors_apart(materials)
-    if surface.face_colors is not None:
-        steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
-    if surface.alphas is not None:
-        steps.append(alpha_step(surface, False))
-    steps.append(Step(attributes.find_reflectance, (materials,)))
-    if surface.microfacets is not None:
-        facets = surface.microfacets.factors, materials
-        steps.append(Step(attributes.find_facets, facets))
-    return steps
+    """Return the stages that find weights in float64, and what textures are looked up by."""
+    own = surface.textures
+    if lighting is None:
+        if own is not None and reads_places_alone(surface, own, geometry):
+            return [Step(texture_places.find_places, (own.uv, geometry))]
+        bare = surface.in_float32 if surface.vertex_colors is not None else None
+        if not is_interpolated(surface) or (bare is not None and bool(bare.all())):
+            return []
+    steps = [] if own is None else coordinate_steps(own, geometry)
+    is_after = lighting is not None and surface.limits is not None
+    if is_after and (reads_weights(surface, effects) or keeps_weights(geometry, surface)):
+        return steps
+    return [Step(weights.find_weights, (geometry, placement)), *steps]
+
+
+def color_step(geometry: Geometry, surface: Surface) -> Step:
+    """Return the stage that shows base colours, of vertices where they have some."""
+    if surface.vertex_colors is None:
+        return Step(attributes.tint_samples, (surface.materials,))
+    if surface.in_float32 is None:
+        return Step(attributes.show_vertex_colors, (surface.vertex_colors, surface.materials))
+    blended = geometry, surface.materials, surface.vertex_colors, surface.in_float32
+    return Step(float32_colors.find_float32_colors, blended)
 
 
 def without_sides(placement: Placement, surface: Surface) -> Placement:
