@@ -8,16 +8,20 @@ import hashlib
 import io
 import json
 import os
+import queue
 import re
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from rasterjit.viewer import browser
 
 PATIENCE = 300.0
 """Seconds to wait for a picture: as good as it becomes, it takes a loaded machine a minute."""
@@ -53,6 +57,24 @@ def viewing(*arguments):
         if process.poll() is None:
             process.kill()
         process.communicate()
+
+
+@contextlib.contextmanager
+def serving(viewer, **options):
+    """Yield the address of a page that a thread of this process serves, and what ends it."""
+    stops, said = queue.SimpleQueue(), []
+    thread = threading.Thread(
+        target=browser.serve, args=(viewer, "127.0.0.1", 0, said.append),
+        kwargs={"on_start": stops.put, **options},
+    )  # fmt: skip
+    thread.start()
+    stop = stops.get(timeout=PATIENCE)
+    try:
+        yield address_in(said[0]), stop
+    finally:
+        stop()
+        thread.join(PATIENCE)
+    assert not thread.is_alive()
 
 
 def command(model, *more):

@@ -15,14 +15,16 @@ import hashlib
 import hmac
 import ipaddress
 import json
+import logging
 import re
 import secrets
 import socket
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import Future
+from functools import partial
 from importlib import resources
-from typing import Any
+from typing import Any, cast
 
 from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
@@ -30,6 +32,8 @@ from rasterjit.viewer.canvas import Worker
 from rasterjit.viewer.messages import LONGEST_MESSAGE, read_message
 from rasterjit.viewer.tab import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.viewer import Viewer
+
+LOGGER = logging.getLogger("rasterjit.viewer")
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
 
@@ -53,7 +57,13 @@ each, so viewers beside each other need names of their own."""
 MOST_PAGES = 16
 """Pages that may watch at a time."""
 
-OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED = 200, 403, 404, 405
+LONGEST_REQUEST = 32768
+"""Bytes of a request's path and headers; cookies of all ports of a host come along."""
+
+HOST = re.compile(r"(?:\[(?P<number>[0-9a-f:.]+)\]|(?P<name>[a-z0-9_.-]+))(?::[0-9]{1,5})?")
+"""What the header ``Host`` must be: an address of IPv6 in brackets or a name, and a port."""
+
+OK, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, TOO_LONG = 200, 403, 404, 405, 431
 """Status of HTTP."""
 
 POLICY_VIOLATION = 1008
@@ -182,6 +192,8 @@ def serve(
         import simplejpeg  # noqa: F401
         import uvicorn
         import websockets  # noqa: F401
+
+        from rasterjit.viewer.connections import ShortConnection
     except ImportError as error:
         raise ImportError(
             f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
@@ -191,9 +203,12 @@ def serve(
         drawer, notice = Worker(), Notice()
         first = drawer.submit(viewer.draw)
         app = guarded(application(viewer, first, notice), host, own)
-        # What is sent are pictures, which are compressed.
+        # What is sent are pictures, which are compressed. Whoever asks for nonsense is answered,
+        # and fills nobody's terminal.
         config = uvicorn.Config(
-            app, log_level="warning", access_log=False, server_header=False,
+            app, log_level="error", access_log=False, server_header=False,
+            http=cast(Any, partial(ShortConnection, {})),
+            h11_max_incomplete_event_size=LONGEST_REQUEST,
             ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
             timeout_graceful_shutdown=GRACE,
         )  # fmt: skip
@@ -304,10 +319,14 @@ async def _watch(
             # The worker does not know of anybody who waits no more.
             tab = Tab(await asyncio.shield(asyncio.wrap_future(twin)), first, tell)
             with contextlib.closing(tab):
+                is_said = False
                 while (event := await receive())["type"] == "websocket.receive":
-                    message = read_message(event.get("text"), outbox.sent)
+                    message = read_message(text := event.get("text"), outbox.sent)
                     if message is not None:
                         tab.take(message)
+                    elif not is_said:
+                        is_said = True
+                        LOGGER.warning("passed over what a page may not say: %s", in_short(text))
     finally:
         sending.cancel()
 
@@ -377,10 +396,13 @@ def guarded(app: App, host: str, token: str) -> App:
             await app(scope, receive, send)
             return
         is_first = scope["type"] == "http" and _is_same(scope["path"], f"/{token}/")
-        may_enter = _may_enter(scope, host, own)
+        is_long = _length(scope) > LONGEST_REQUEST
+        may_enter = not is_long and _may_enter(scope, host, own)
         knows = is_first or _is_same(_cookie(scope, name), token)
         if scope["type"] == "http":
-            if not (may_enter and knows):
+            if is_long:
+                await _answer(_with_headers(send), TOO_LONG, b"the request is too long")
+            elif not (may_enter and knows):
                 await _answer(_with_headers(send), FORBIDDEN, UNKNOWN)
             elif is_first:
                 own_headers = [(b"set-cookie", cookie)]
@@ -439,26 +461,41 @@ def _is_same(found: str, wanted: str) -> bool:
 
 def _cookie(scope: dict[str, Any], name: str) -> str:
     """Return the cookie of a name that a request brings, or nothing."""
-    for header, value in scope["headers"]:
-        if header.lower() == b"cookie":
-            for one in value.decode("latin-1").split(";"):
-                found, _, content = one.strip().partition("=")
-                if found == name:
-                    return content
+    for value in _headers(scope, b"cookie"):
+        for one in value.split(";"):
+            found, _, content = one.strip().partition("=")
+            if found == name:
+                return content
     return ""
+
+
+def _headers(scope: dict[str, Any], wanted: bytes) -> list[str]:
+    """Return what the headers of a name say, most often one or none."""
+    return [value.decode("latin-1") for name, value in scope["headers"] if name.lower() == wanted]
+
+
+def _length(scope: dict[str, Any]) -> int:
+    """Return how long a request is, bytes."""
+    fields = [part for field in scope["headers"] for part in field]
+    return sum(map(len, [scope["path"], scope.get("query_string", b""), *fields]))
 
 
 def _may_enter(scope: dict[str, Any], host: str, own: set[str]) -> bool:
     """Tell whether a request is for this host, by a name of its own, and from its own page."""
-    headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
-    asked = headers.get(b"host", "").casefold()
-    name = asked[1:].split("]", 1)[0] if asked.startswith("[") else asked.rsplit(":", 1)[0]
+    hosts, origins = _headers(scope, b"host"), _headers(scope, b"origin")
+    asked = hosts[0].lower() if len(hosts) == 1 else ""
+    found = HOST.fullmatch(asked)
+    if found is None or len(origins) > 1:
+        return False
+    name = found["name"] or found["number"]
+    address = _address(name)
+    if (address is not None and address.version == 6) != (found["number"] is not None):
+        return False
     # Who listens to this machine alone is asked by it alone.
-    is_number = _is_loopback(name) if _is_loopback(host) else _address(name) is not None
+    is_number = _is_loopback(name) if _is_loopback(host) else address is not None
     if name not in own and not is_number:
         return False
-    origin = headers.get(b"origin")
-    return origin is None or origin.casefold().split("://", 1)[-1] == asked
+    return not origins or origins[0].lower() in (f"http://{asked}", f"https://{asked}")
 
 
 def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

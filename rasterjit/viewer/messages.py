@@ -88,7 +88,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
         fields = FIELDS[kind]
     else:
         return None
-    if not all(allowed(said.get(name)) for name, allowed in fields.items()):
+    if not all(name in said and allowed(said[name]) for name, allowed in fields.items()):
         return None
     return {"type": kind, **{name: said[name] for name in fields}}
 

@@ -11,15 +11,17 @@ from __future__ import annotations
 import math
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.runtime.heap import give_back_memory
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import switches
 from rasterjit.viewer.canvas import FRAME_RATE, Worker
@@ -120,7 +122,9 @@ class Tab:
         self._picks = 0
         self._effects_of: tuple[Any, list[dict[str, Any]]] = None, []
         tell(welcome(viewer))
-        first.add_done_callback(lambda _: self._wake())
+        # It stays, with all that it calls, longer than any page.
+        wake = weakref.WeakMethod(self._wake)
+        first.add_done_callback(lambda _: (found := wake()) and found())
         self._thread = threading.Thread(target=self._run, name="rasterjit-page", daemon=True)
         self._thread.start()
 
@@ -139,8 +143,6 @@ class Tab:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._worker.close()
-        self._coder.close()
 
     def _wake(self) -> None:
         with self._changed:
@@ -156,7 +158,18 @@ class Tab:
                     # What cannot be drawn is said, and not tried again before something changes.
                     self._viewer.fail(error)
                     self._stamp, self._is_rough = self._viewer.stamp, False
+        self._end()
+
+    def _end(self) -> None:
+        """Let go what the page took, as soon as nothing is drawn for it any more."""
         self._viewer.close()
+        self._worker.close()
+        self._coder.close()
+        if self._step is not None and not self._step.cancel():
+            wait([self._step])
+        # It knows this page, which knows it.
+        self._step = self._exact = None
+        give_back_memory()
 
     def _wait(self) -> bool:
         """Wait until there is something to do; False when the page is gone."""

@@ -225,9 +225,10 @@ class Viewer:
         explain(self.scene, self.camera, size=self.size, **self._options)
 
     def close(self) -> None:
-        """End what is being rendered, and let the threads go."""
+        """End what is being rendered, and let the threads and what was drawn go."""
         with self._lock:
             self.version += 1
+            self._frame = self.explanation = None
         self._steps = iter(())
         self._forget_size()
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import queue
-import re
 import signal
 import socket
 import subprocess
@@ -28,6 +26,7 @@ from viewing import (
     place_of,
     press,
     say,
+    serving,
     shown,
     viewing,
     wait_for,
@@ -376,7 +375,7 @@ def test_more_pages_than_there_may_be_are_kept_out():
     asyncio.run(crowd())
 
 
-def status(bound, asked, origin=None):
+def status_of(headers, path="/abc/", bound="localhost"):
     """Return the status with which a page that is served at a host answers a request."""
 
     async def app(scope, receive, send):
@@ -385,12 +384,20 @@ def status(bound, asked, origin=None):
     async def send(message):
         said.append(message)
 
-    headers = [(b"host", asked.encode())] if asked is not None else []
-    headers += [] if origin is None else [(b"origin", origin.encode())]
     said = []
-    scope = {"type": "http", "path": "/abc/", "headers": headers}
+    scope = {"type": "http", "path": path, "headers": headers}
     asyncio.run(browser.guarded(app, bound, "abc")(scope, None, send))
     return said[0]["status"]
+
+
+def status(bound, asked, origin=None):
+    """Return the status for what the headers of a request say."""
+    headers = [(b"host", asked), (b"origin", origin)]
+    return status_of([(name, as_bytes(it)) for name, it in headers if it is not None], bound=bound)
+
+
+def as_bytes(text):
+    return text if isinstance(text, bytes) else text.encode()
 
 
 EVERYWHERE = ("0.0.0.0", "::", "192.168.1.5", "fe80::1")
@@ -421,6 +428,55 @@ def test_others_ask_by_an_address_or_a_name_of_this_machine(bound, monkeypatch):
     for asked in ("192.168.1.5:8765", "[fe80::1]", "box", "BOX.local:8765", "box.home.example"):
         assert status(bound, asked) == 200
     assert status(bound, "other.home.example") == 403
+
+
+@pytest.mark.parametrize("bound", ["localhost", "127.0.0.1", "0.0.0.0", "::1"])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        "[::1]@elsewhere.example", "[::1]elsewhere.example", "localhost@elsewhere.example",
+        "elsewhere.example@localhost", "elsewhere.example:80@127.0.0.1:8765", "localhost:x",
+        "localhost:80@elsewhere.example", "localhost:", "localhost:80:80", "localhost:123456",
+        "[::1%25@elsewhere.example]", "[::1%x]", "[127.0.0.1]", "[localhost]", "::1", "[::1",
+        "localhost/elsewhere.example", "localhost#", "localhost ", "localhost,127.0.0.1", "", "[]",
+        "127.0.0.1\u00b2", "http://localhost",
+    ],
+)  # fmt: skip
+def test_host_is_a_name_or_an_address_and_a_port_alone(bound, asked):
+    assert status(bound, asked.encode("latin-1")) == 403
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://localhost:8765@elsewhere.example", "http://elsewhere.example@localhost:8765",
+        "chrome-extension://localhost:8765", "localhost:8765", "//localhost:8765", "http://",
+        "http://localhost:8765/", "http://x://localhost:8765", "null", "",
+    ],
+)  # fmt: skip
+def test_origin_is_this_page_alone(origin):
+    asked = b"localhost:8765"
+    assert status("localhost", asked, b"http://LocalHost:8765") == 200
+    # Where another server, which encrypts, stands before this one.
+    assert status("localhost", asked, b"https://localhost:8765") == 200
+    assert status("localhost", asked, origin.encode()) == 403
+
+
+@pytest.mark.parametrize("name", [b"host", b"origin"])
+def test_header_that_comes_twice_is_none(name):
+    own = {b"host": b"localhost", b"origin": b"http://localhost"}
+    assert status_of([*own.items()]) == 200
+    assert status_of([*own.items(), (name.title(), own[name])]) == 403
+
+
+def test_long_requests_are_refused():
+    def status(field, path="/abc/"):
+        return status_of([(b"host", b"localhost"), field], path)
+
+    assert status((b"x", b"y" * (browser.LONGEST_REQUEST - 100))) == 200
+    for field in ((b"x", b"y" * browser.LONGEST_REQUEST), (b"y" * browser.LONGEST_REQUEST, b"x")):
+        assert status(field) == 431
+    assert status((b"x", b"y"), "/" * browser.LONGEST_REQUEST) == 431
 
 
 def test_name_that_it_is_bound_to_is_its_own():
@@ -469,25 +525,14 @@ def test_place_that_is_none_is_refused(host, port, message):
 
 
 def test_server_in_a_thread_ends_when_it_is_told(cube):
-    stops, said = queue.SimpleQueue(), []
-    viewer = Viewer(cube, size=(8, 6))
-    thread = threading.Thread(
-        target=browser.serve, args=(viewer, "127.0.0.1", 0, said.append),
-        kwargs={"on_start": stops.put, "token": "a-token-that-is-kept"},
-    )  # fmt: skip
-    thread.start()
-    stop = stops.get(timeout=PATIENCE)
-    (line,) = said
-    address = re.search(r"http://\S+/", line)[0]
-    own, token = place_of(address)
-    assert token == "a-token-that-is-kept"
-    assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
-    with join(address) as page:
-        say(page, "resize", pwidth=64, pheight=48, ratio=1)
-        wait_for_size(page, (64, 48))
-        stop()
-        thread.join(PATIENCE)
-    assert not thread.is_alive()
+    with serving(Viewer(cube, size=(8, 6)), token="a-token-that-is-kept") as (address, stop):
+        own, token = place_of(address)
+        assert token == "a-token-that-is-kept"
+        assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
+        with join(address) as page:
+            say(page, "resize", pwidth=64, pheight=48, ratio=1)
+            wait_for_size(page, (64, 48))
+            stop()
 
 
 def test_program_that_holds_its_scene_keeps_nobody_else_waiting(cube):
@@ -497,25 +542,15 @@ def test_program_that_holds_its_scene_keeps_nobody_else_waiting(cube):
             assert release.wait(PATIENCE)
             return super().twin()
 
-    asked, release, stops = threading.Event(), threading.Event(), queue.SimpleQueue()
-    said = []
-    thread = threading.Thread(
-        target=browser.serve, args=(Held(cube, size=(8, 6)), "127.0.0.1", 0, said.append),
-        kwargs={"on_start": stops.put},
-    )  # fmt: skip
-    thread.start()
-    stop = stops.get(timeout=PATIENCE)
-    address = re.search(r"http://\S+/", said[0])[0]
-    own, token = place_of(address)
-    with join(address) as page:
-        say(page, "resize", pwidth=64, pheight=48, ratio=1)
-        assert asked.wait(PATIENCE)
-        assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
-        release.set()
-        wait_for_size(page, (64, 48))
-    stop()
-    thread.join(PATIENCE)
-    assert not thread.is_alive()
+    asked, release = threading.Event(), threading.Event()
+    with serving(Held(cube, size=(8, 6))) as (address, _):
+        own, token = place_of(address)
+        with join(address) as page:
+            say(page, "resize", pwidth=64, pheight=48, ratio=1)
+            assert asked.wait(PATIENCE)
+            assert " 200 " in ask(address, [f"GET /{token}/ HTTP/1.1", f"Host: {own}"])[0]
+            release.set()
+            wait_for_size(page, (64, 48))
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import math
 import struct
 import threading
 import time
+import weakref
 from collections import deque
 from concurrent.futures import Future
 
@@ -345,6 +347,47 @@ def test_closed_page_lets_its_threads_go(pair):
     page.tab._thread.join(PATIENCE)
     assert not page.tab._thread.is_alive()
     page.wait(lambda page: own_threads() <= before)
+
+
+@pytest.mark.parametrize("does", ["wait", "move", "rest"])
+def test_closed_page_keeps_neither_pictures_nor_renderers(pair, does):
+    """Also one from before the first picture; nothing waits for the collector of garbage."""
+    first = Future()
+    page = Page(Viewer(pair, size=(8, 6)), first)
+    page.tab.take(RESIZE)
+    if does != "wait":
+        first.set_result(None)
+        page.settle()
+        page.say("key_down", key="+", modifiers=[])
+        page.wait(lambda page: page.tab._viewer.is_moving)
+    if does == "rest":
+        page.wait(lambda page: not page.tab._viewer.is_moving)
+        page.settle()
+    viewer = page.tab._viewer
+    found = page.tab, viewer, viewer._moving, viewer._frame
+    kept = [weakref.ref(one) for one in found if one is not None]
+    assert len(kept) == (3 if does == "wait" else 4)
+    del found, viewer
+    gc.disable()
+    try:
+        page.tab.close()
+        page.tab._thread.join(PATIENCE)
+        del page.tab
+        page.wait(lambda page: not any(one() for one in kept))
+    finally:
+        gc.enable()
+
+
+def test_viewer_that_is_closed_keeps_no_picture(pair):
+    viewer = Viewer(pair, size=(8, 6))
+    viewer.draw()
+    frame = weakref.ref(viewer._frame)
+    viewer.close()
+    gc.collect()
+    assert frame() is None
+    # It may be looked at again.
+    assert viewer.draw().shape == (6, 8, 4)
+    viewer.close()
 
 
 def test_of_too_many_events_the_latest_are_kept():
