@@ -31,6 +31,7 @@ CASES: dict[str, str] = {
     "fill_front_to_back": "fill_front_to_back",
     "mesh_70k": "mesh_70k",
     "mesh_70k_phong": "mesh_70k_phong",
+    "mesh_70k_texture": "mesh_70k_texture",
     "mesh_1m": "mesh_1m",
     "visibility_1m": "visibility_1m",
     "slivers": "slivers",
@@ -64,7 +65,7 @@ def drawer(scene: Scene, threads: int) -> Callable[[], Any]:
     """Return a function that draws a scene and returns the arrays of its picture."""
     if isinstance(scene, LineScene):
         return line_drawer(scene)
-    if scene.colors is None and scene.mode == "fill":
+    if scene.colors is None and scene.texture is None and scene.mode == "fill":
         return face_drawer(scene, threads)
     return color_drawer(scene, threads)
 
@@ -103,13 +104,15 @@ def color_drawer(scene: TriangleScene, threads: int) -> Callable[[], Any]:
     what = rj.Scene()
     colors = None if scene.colors is None else scene.colors / np.float32(255.0)
     is_lit = scene.normals is not None
+    texture = None if scene.texture is None else rj.Texture(scene.texture, filter="bilinear")
     material = rj.Material(
-        shading="phong" if is_lit else "unlit", base_color="white",
+        shading="phong" if is_lit else "unlit", base_color="white", base_color_texture=texture,
         specular=scene.specular, shininess=scene.shininess,
     )  # fmt: skip
     mesh = rj.Mesh(
-        scene.positions, scene.faces, colors=colors, normals=scene.normals, material=material
-    )
+        scene.positions, scene.faces, colors=colors, normals=scene.normals, uv=scene.uv,
+        material=material,
+    )  # fmt: skip
     for world_from_model in [np.eye(4)] if scene.instances is None else scene.instances:
         what.add(mesh, transform=world_from_model)
     if scene.to_light is not None:

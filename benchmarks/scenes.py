@@ -183,6 +183,13 @@ def mesh_70k_phong() -> TriangleScene:
     )
 
 
+def mesh_70k_texture() -> TriangleScene:
+    """Return the same under an opaque texture, not lit."""
+    scene = mesh_70k()
+    texels = np.random.default_rng(SEED).integers(0, 256, (256, 256, 3), np.uint8)
+    return replace(scene, colors=None, uv=2.0 * scene.positions[:, :2], texture=texels)
+
+
 def wireframe() -> TriangleScene:
     """Return the edges of the seventy thousand faces."""
     return replace(mesh_70k(), colors=None, mode="edges")
@@ -311,6 +318,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "fill_front_to_back": partial(smooth_quads, "front_to_back"),
     "mesh_70k": mesh_70k,
     "mesh_70k_phong": mesh_70k_phong,
+    "mesh_70k_texture": mesh_70k_texture,
     "mesh_1m": partial(colored_torus, RINGS, SIDES),
     "scalars_1m": scalars_1m,
     "mesh_5m": partial(colored_torus, MILLIONS_RINGS, MILLIONS_SIDES),
