@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.arcs import Arc, arc_through
 from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.resources import LONGEST_NAME
-from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
@@ -19,6 +21,12 @@ from rasterjit.scene.mesh import with_face_scalars, with_face_values
 
 _POINT_BYTES, _SEGMENT_BYTES, _VALUE_BYTES = 96, 64, 12
 """What a point and a segment take besides attributes, and what a value of these does."""
+
+_CUT_BYTES = 64
+"""What a point of a curve takes while the curve is cut: itself, its number and a segment."""
+
+_OF_EACH_POINT = 20
+"""Points of a curve for each of those that it follows."""
 
 _SAME_PLACE = 1e-9
 """Share of a drawing's extent by which the end of a curve may lie beside its point."""
@@ -93,31 +101,75 @@ def lines_of(
     return lines
 
 
-def drawing_of_path(name: str, path: Any, left_out: LeftOut) -> Drawing | None:
+def drawing_of_path(
+    name: str,
+    path: Any,
+    source: str,
+    on_invalid: str,
+    left_out: LeftOut,
+    budget: MemoryBudget | None = None,
+) -> Drawing | None:
     """
     Return a trimesh ``Path2D`` or ``Path3D``, its curves in short segments; None if it is empty.
+
+    How short they are follows from the extent of the drawing, and the memory for them is asked for
+    before any curve is cut. trimesh's own bounds of arcs are not asked for: it cuts them into
+    pieces of a fixed length.
 
     Parameters
     ----------
     name : str
     path : trimesh.path.Path
         Of two dimensions: it lies in the plane z = 0.
+    source : str
+        What messages call the file.
+    on_invalid : {"raise", "drop"}
+        What to do about curves with NaN or infinite points; those of lines are left as they are.
     left_out : LeftOut
         Notes texts, and entities that are damaged.
+    budget : MemoryBudget, optional
+
+    Raises
+    ------
+    MeshFileError
+        If a curve has NaN or infinite points: it names the entity.
     """
     vertices = np.asarray(path.vertices, np.float64)
-    pieces, segments, colors = [vertices], [], []
-    total, scale = len(vertices), float(path.scale) if len(path.entities) else 1.0
-    for entity in path.entities:
+    curves = []
+    for number, entity in enumerate(path.entities):
         kind = type(entity).__name__
         if kind == "Text":
             left_out.note("text of a drawing")
             continue
         try:
+            control = vertices[np.asarray(entity.points, np.int64)]
+            if kind != "Line" and not np.isfinite(control).all():
+                raise _InvalidError(f"its points must be finite, got {control.tolist()}")
+            curves.append((entity, arc_through(control, entity.closed) if kind == "Arc" else None))
+        except (ValueError, IndexError, TypeError, ArithmeticError) as error:
+            if isinstance(error, _InvalidError) and on_invalid == "raise":
+                raise MeshFileError(
+                    f"{source}: {kind} {number} of the drawing {name!r}: {error}; "
+                    "on_invalid='drop' leaves it out"
+                ) from None
+            reason = f": {reason_of(error)}"
+            left_out.note(f"{kind} of a drawing that cannot be followed", reason=reason)
+    if not curves:
+        return None
+    bounds = [vertices[entity.points] if arc is None else arc.bounds() for entity, arc in curves]
+    scale = extent(np.concatenate(bounds))
+    counts = [_points_of(entity, arc, scale) for entity, arc in curves]
+    if budget is not None:
+        budget.take(f"the curves of the drawing {name[:LONGEST_NAME]!r}", _CUT_BYTES * sum(counts))
+    pieces, segments, colors = [vertices], [], []
+    total = len(vertices)
+    for (entity, arc), count in zip(curves, counts, strict=True):
+        kind = type(entity).__name__
+        try:
             if kind == "Line":
                 strip = np.asarray(entity.points, np.int64)
             else:
-                curve = np.asarray(entity.discrete(vertices, scale=scale), np.float64)
+                curve = _cut(entity, arc, count, vertices, scale)
                 # Where it begins and ends are points of the path, by which it may be joined.
                 ends = np.asarray(entity.end_points, np.int64)
                 gap = np.abs(vertices[ends] - curve[[0, -1]]).max()
@@ -131,8 +183,9 @@ def drawing_of_path(name: str, path: Any, left_out: LeftOut) -> Drawing | None:
                     strip[-1] = strip[0]
                 pieces.append(piece)
                 total += len(piece)
-        except (ValueError, IndexError, TypeError, ArithmeticError):
-            left_out.note(f"{kind} of a drawing that cannot be followed")
+        except (ValueError, IndexError, TypeError, ArithmeticError) as error:
+            reason = f": {reason_of(error)}"
+            left_out.note(f"{kind} of a drawing that cannot be followed", reason=reason)
             continue
         if len(strip) < 2:
             left_out.note(f"{kind} of a drawing of fewer than 2 points")
@@ -145,6 +198,41 @@ def drawing_of_path(name: str, path: Any, left_out: LeftOut) -> Drawing | None:
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
     return Drawing(name, points, np.concatenate(segments), _entity_colors(colors), True)
+
+
+class _InvalidError(ValueError):
+    """A curve has NaN or infinite points."""
+
+
+def extent(points: NDArray[np.float64]) -> float:
+    """Return the diagonal of the box around those of (N, D) points that are finite; 0 of none."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return 0.0
+    with np.errstate(over="ignore"):
+        return math.hypot(*np.ptp(finite, axis=0).tolist())
+
+
+def _points_of(entity: Any, arc: Arc | None, scale: float) -> int:
+    """Return in how many points an entity is cut, or about."""
+    count = len(entity.points)
+    if arc is not None:
+        return arc.segments(scale) + 1
+    return count if type(entity).__name__ == "Line" else _OF_EACH_POINT * count
+
+
+def _cut(
+    entity: Any, arc: Arc | None, count: int, vertices: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    """Return the points of a curve."""
+    if arc is not None:
+        return arc.points(count - 1, vertices[entity.points], bool(entity.closed))
+    if type(entity).__name__ in ("Bezier", "BSpline"):
+        return np.asarray(entity.discrete(vertices, count=count), np.float64)
+    if type(entity).__name__ == "Arc":
+        # Three points on a line.
+        return vertices[entity.points]
+    return np.asarray(entity.discrete(vertices, scale=scale or 1.0), np.float64)
 
 
 def _entity_colors(found: list[tuple[int, Any]]) -> NDArray[np.float32] | None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,9 @@ _DEEPEST = 16
 
 _SAGITTA = 1e-3
 """Share of a curve's extent by which its segments may lie beside it."""
+
+_AT_ONCE = 4096
+"""Points of a curve that are found before memory for them is asked for."""
 
 _LEAST_SEGMENTS = 8
 """Of each piece of a curve, of which a circle has four."""
@@ -59,6 +64,8 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]
             # A viewport shows the model.
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
             left_out.note("entity of a page, beside the model", count)
+    count = _Count(document.blocks).places(document.modelspace())
+    resources.budget.take("all that its blocks hold, wherever they stand,", count * _ENTITY_BYTES)
     for entity in _flat(document.modelspace(), 0, left_out):
         found.add(entity)
     things = found.things(path.name)
@@ -86,6 +93,34 @@ def _flat(entities: Iterable[Any], depth: int, left_out: LeftOut) -> Iterator[An
             yield from _flat(inner, depth + 1, left_out)
 
 
+class _Count:
+    """
+    Counts entities at all places of their blocks, without placing one of them.
+
+    Parameters
+    ----------
+    blocks : ezdxf.sections.blocks.BlocksSection
+    """
+
+    def __init__(self, blocks: Any) -> None:
+        self._blocks = blocks
+        self._known: dict[tuple[str, int], int] = {}
+
+    def places(self, entities: Iterable[Any], depth: int = 0) -> int:
+        """Return how many entities `_flat` meets, those that insert others as well."""
+        total = 0
+        for entity in entities:
+            total += 1
+            if entity.dxftype() == "INSERT" and depth < _DEEPEST:
+                name = str(entity.dxf.get("name", ""))
+                if (name, depth) not in self._known:
+                    self._known[name, depth] = self.places(self._blocks.get(name) or (), depth + 1)
+                # One of a damaged number of places is noted where it is inserted.
+                with suppress(Exception):
+                    total += max(int(entity.mcount), 1) * (1 + self._known[name, depth])
+        return total
+
+
 class _Found:
     """Gathers what entities are drawn as."""
 
@@ -100,20 +135,20 @@ class _Found:
     def add(self, entity: Any) -> None:
         """Add an entity, or note it."""
         kind = entity.dxftype()
-        self._budget.take("an entity", _ENTITY_BYTES)
         try:
-            color = self._color(entity)
-            if kind in _QUADS:
-                corners = _corners(entity.wcs_vertices())
-                self._polygons.append((corners, color))
-            elif kind == "MESH" or (kind == "POLYLINE" and entity.get_mode() in _MESHES):
-                self._add_mesh(entity, kind, color)
-            elif kind in _CURVES:
-                self._add_curve(entity, color)
-            elif kind == "POINT":
-                self._points.append((np.array([tuple(entity.dxf.location)]), color))
-            else:
-                self._left_out.note("text of a drawing" if kind in _TEXTS else f"{kind} entity")
+            with np.errstate(over="ignore", invalid="ignore"):
+                color = self._color(entity)
+                if kind in _QUADS:
+                    corners = _corners(entity.wcs_vertices())
+                    self._polygons.append((corners, color))
+                elif kind == "MESH" or (kind == "POLYLINE" and entity.get_mode() in _MESHES):
+                    self._add_mesh(entity, kind, color)
+                elif kind in _CURVES:
+                    self._add_curve(entity, color)
+                elif kind == "POINT":
+                    self._points.append((np.array([tuple(entity.dxf.location)]), color))
+                else:
+                    self._left_out.note("text of a drawing" if kind in _TEXTS else f"{kind} entity")
         except Exception as error:
             # A damaged entity can put anything in the place of anything.
             self._left_out.note(
@@ -141,19 +176,27 @@ class _Found:
         path = make_path(entity)
         ends = _places(path.control_vertices())
         size = float(np.ptp(ends, axis=0).max()) if len(ends) else 0.0
-        if not np.isfinite(size):
-            raise ValueError("its points must be finite")
+        if not np.isfinite([size, *_numbers(entity)]).all():
+            raise ValueError("its numbers must be finite, and its points not too far apart")
         distance = _SAGITTA * size or 1.0
         if entity.dxftype() in ("CIRCLE", "ARC"):
             # Those of a path lie beside the circle.
-            ends = _places(entity.flattening(distance))
+            strip = self._cut(entity.flattening(distance))
         elif path.has_curves:
-            ends = _places(path.flattening(distance, _LEAST_SEGMENTS))
-        strip = ends
+            strip = self._cut(path.flattening(distance, _LEAST_SEGMENTS))
+        else:
+            strip = self._cut(ends)
         if len(strip) < 2:
             raise ValueError("it has fewer than 2 points")
-        self._budget.take("the points of a curve", _POINT_BYTES * len(strip))
         self._strips.append((strip, color))
+
+    def _cut(self, points: Iterable[Any]) -> NDArray[np.float64]:
+        """Return the points of a curve, (N, 3); memory is asked for as they are found."""
+        rest, pieces = iter(points), [np.empty((0, 3))]
+        while piece := list(islice(rest, _AT_ONCE)):
+            self._budget.take("the points of a curve", _POINT_BYTES * len(piece))
+            pieces.append(_places(piece))
+        return np.concatenate(pieces)
 
     def _color(self, entity: Any) -> tuple[int, ...]:
         """Return the colour of an entity, in bytes; nothing for that of ink."""
@@ -232,6 +275,15 @@ _BY_TRIMESH = (
 
 _MESHES = ("AcDbPolyFaceMesh", "AcDbPolygonMesh")
 """Polylines that are meshes."""
+
+
+def _numbers(entity: Any) -> Iterator[float]:
+    """Yield the numbers of an entity and of its places."""
+    for value in entity.dxfattribs().values():
+        if hasattr(value, "xyz"):
+            yield from value.xyz
+        elif isinstance(value, float):
+            yield value
 
 
 def _places(found: Any) -> NDArray[np.float64]:

@@ -257,6 +257,12 @@ def instances(kind: str) -> str:
     return dae_text(None).replace("</node></vis", f'<instance_{kind} url="#x"/></node></vis')
 
 
+def svg(shapes: str) -> Callable[[Path], Path]:
+    """Return what writes a drawing."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg">{shapes}</svg>'
+    return lambda folder: placed(folder, {"a.svg": text.encode()})
+
+
 FAR = " ".join("1e308" for _ in range(3))
 FACES = len(grid()[1]) + 1
 
@@ -300,6 +306,14 @@ HOSTILE: dict[str, Hostile] = {
     "deep JSON": Hostile(
         lambda folder: placed(folder, {"a.gltf": b"[" * 100_000}), "refused", "could not be read"
     ),
+    "large arc": Hostile(svg('<path d="M-1e6 0 A1e6 1e6 0 0 1 1e6 0"/>'), "loaded"),
+    "arc of no size": Hostile(svg('<circle cx="0" cy="0" r="0"/>'), "refused",
+                              "Arc of a drawing .* a circle's points must not lie on a line"),
+    "arc of no number": Hostile(svg('<line x1="0" y1="0" x2="1" y2="1"/>'
+                                    '<circle cx="0" cy="0" r="nan"/>'), "refused",
+                                "Arc 1 of the drawing 'a.svg': its points must be finite"),
+    "arc too far away": Hostile(svg('<circle cx="0" cy="0" r="1e308"/>'), "refused",
+                                "Arc of a drawing .* too far apart"),
     "large sky": Hostile(sky("-Y 3000 +X 3000"), "refused", "the picture needs"),
     "negative sky": Hostile(sky("-Y -4 +X 12"), "refused"),
     "short sky": Hostile(cut(sky_hdr(12), 0.7), "refused"),

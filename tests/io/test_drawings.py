@@ -10,6 +10,7 @@ import trimesh
 from trimesh.path.entities import Arc, Bezier, Line, Text
 
 import rasterjit as rj
+from rasterjit.io.arcs import arc_through
 from rasterjit.scene.color import srgb_to_linear
 
 RNG = np.random.default_rng(25)
@@ -229,6 +230,62 @@ def test_a_drawing_of_texts_alone_is_refused():
     path = trimesh.path.Path2D(entities=[Text(0, "a")], vertices=[[0.0, 0.0]], process=False)
     with pytest.raises(rj.MeshFileError, match="trimesh Path2D holds a 2-D drawing of 1 curves, "):
         rj.load(path)
+
+
+ARC_RNG = np.random.default_rng(46)
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_an_arc_goes_through_its_points_and_reaches_as_far_as_its_bounds(axes, is_closed):
+    for _ in range(50):
+        through = ARC_RNG.normal(size=(3, axes)) * 10.0 ** ARC_RNG.integers(-9, 9)
+        arc = arc_through(through, is_closed)
+        dense = arc.points(20_000, through, is_closed)
+        gaps = np.linalg.norm(dense[:, None] - through, axis=2).min(axis=0)
+        assert (gaps <= 1e-3 * arc.radius).all()
+        assert np.linalg.norm(dense - arc.center, axis=1) == pytest.approx(arc.radius, rel=1e-6)
+        assert dense[0].tolist() == through[0].tolist()
+        assert dense[-1].tolist() == through[0 if is_closed else 2].tolist()
+        if not is_closed:
+            # From the first by way of the second.
+            nearest = np.linalg.norm(dense[:, None] - through, axis=2).argmin(axis=0)
+            assert nearest[0] < nearest[1] < nearest[2]
+        assert arc.bounds() == pytest.approx(
+            np.array([dense.min(axis=0), dense.max(axis=0)]), rel=0.0, abs=1e-6 * arc.radius
+        )
+
+
+@pytest.mark.parametrize("sagitta", [1e-6, 1e-3, 0.1, 1.0])
+def test_segments_of_an_arc_lie_beside_it_by_less_than_is_seen(sagitta):
+    through = np.array([[-1.0, 0.0], [0.0, sagitta], [1.0, 0.0]])
+    path = trimesh.path.Path2D(entities=[Arc([0, 1, 2])], vertices=through, process=False)
+    lines = rj.load(path).nodes[0].mesh
+    assert len(lines.segments) < 200
+    middles = lines.vertices[lines.segments].mean(axis=1)[:, :2]
+    radius = (1.0 + sagitta**2) / (2.0 * sagitta)
+    beside = radius - np.linalg.norm(middles - [0.0, sagitta - radius], axis=1)
+    assert beside.max() <= 2.1e-4 * max(1.0, np.hypot(1.0, 0.5 * sagitta))
+
+
+def test_points_on_a_line_are_an_arc_without_a_bend():
+    through = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]])
+    assert arc_through(through, False) is None
+    path = trimesh.path.Path2D(entities=[Arc([0, 1, 2])], vertices=through, process=False)
+    assert lengths(rj.load(path).nodes[0].mesh).sum() == 5.0
+    with pytest.raises(ValueError, match="a circle's points must not lie on a line"):
+        arc_through(through, True)
+
+
+def test_a_curve_of_no_number_is_refused_by_name_or_left_out():
+    vertices = np.array([[0.0, 0.0], [1.0, 0.0], [np.nan, 0.0], [1.0, 1.0]])
+    entities = [Line([0, 1]), Bezier([1, 2, 3])]
+    path = trimesh.path.Path2D(entities=entities, vertices=vertices, process=False)
+    with pytest.raises(rj.MeshFileError, match=r"Bezier 1 of the drawing .*: its points must be f"):
+        rj.load(path)
+    with pytest.warns(rj.LoadWarning, match=r"Bezier of a drawing that cannot be followed"):
+        scene = rj.load(path, on_invalid="drop")
+    assert len(scene.nodes[0].mesh.segments) == 1
 
 
 # OBJ

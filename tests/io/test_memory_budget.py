@@ -24,15 +24,16 @@ from rasterjit.cli import commands
 BUDGET = 32 << 20
 
 PROGRAM = """
-import json, os, sys, warnings
+import importlib, json, os, sys, warnings
 import numpy as np, rasterjit as rj
 import trimesh, PIL.Image
 from rasterjit.io.meshes import load
 warnings.simplefilter("ignore")
-try:
-    import lxml.etree, OpenEXR
-except ImportError:
-    pass
+for name in ("lxml.etree", "OpenEXR", "svg.path", "ezdxf.recover", "ezdxf.path"):
+    try:
+        importlib.import_module(name)
+    except ImportError:
+        pass
 
 def kilobytes(name):
     with open("/proc/self/status") as file:
@@ -195,6 +196,49 @@ def many_materials(folder):
     return folder / "a.obj", "an MTL file"
 
 
+def many_curves(folder):
+    """Write a drawing of curves that take few bytes there."""
+    text = "M0 0" + "C1 1 2 1 3 0" * 10_000
+    (folder / "a.svg").write_text(SVG.format(f'<path d="{text}"/>'))
+    return folder / "a.svg", r"the curves of the drawing 'a\.svg'"
+
+
+SVG = '<svg xmlns="http://www.w3.org/2000/svg">{}</svg>'
+
+
+def dxf(entities, blocks=""):
+    """Return the text of a DXF file."""
+    head = "0 SECTION 2 HEADER 9 $ACADVER 1 AC1015 0 ENDSEC"
+    both = f"0 SECTION 2 BLOCKS {blocks} 0 ENDSEC 0 SECTION 2 ENTITIES {entities} 0 ENDSEC"
+    return "\n".join(f"{head} {both} 0 EOF".split())
+
+
+def many_bulges(folder):
+    """Write a line whose segments are circles but for a little."""
+    points = "".join(f" 10 {n} 20 {n % 7} 42 50" for n in range(12_000))
+    line = f" 0 LWPOLYLINE 5 9 100 AcDbEntity 8 0 100 AcDbPolyline 90 12000 70 0 {points}"
+    (folder / "a.dxf").write_text(dxf(line))
+    return folder / "a.dxf", "the points of a curve"
+
+
+def many_places(folder):
+    """Write a block that stands in 900 million places."""
+    point = "0 POINT 8 0 10 0 20 0"
+    inserted = "0 INSERT 8 0 2 B 10 0 20 0 70 30000 71 30000 44 1 45 1"
+    (folder / "a.dxf").write_text(dxf(inserted, f"0 BLOCK 8 0 2 B 70 0 10 0 20 0 {point} 0 ENDBLK"))
+    return folder / "a.dxf", "all that its blocks hold, wherever they stand,"
+
+
+def blocks_in_blocks(folder):
+    """Write blocks of ten of the next, of which the last is empty."""
+    blocks = [
+        f"0 BLOCK 8 0 2 B{n} 70 0 10 0 20 0 {f'0 INSERT 8 0 2 B{n + 1} 10 0 20 0 ' * 10} 0 ENDBLK"
+        for n in range(12)
+    ]
+    (folder / "a.dxf").write_text(dxf("0 INSERT 8 0 2 B0 10 0 20 0", " ".join(blocks)))
+    return folder / "a.dxf", "all that its blocks hold, wherever they stand,"
+
+
 def large_file(folder):
     """Write a glTF file whose buffer is a large file with holes."""
     path, _ = many_pictures(folder)
@@ -276,7 +320,7 @@ WRITERS = {
         no_bytes, many_accessors, many_pictures, obj_picture, ply_picture, many_materials,
         large_file, zip_member, lying_member, tar_member, tar_headers, sparse_tar_member,
         bz2_content, grid, text_faces, text_rows, long_polygon, blank_lines, binary_faces,
-        many_solids,
+        many_solids, many_curves, many_bulges, many_places, blocks_in_blocks,
     )
 }  # fmt: skip
 
@@ -340,12 +384,38 @@ def test_what_fits_is_loaded_without_a_word(tmp_path):
     assert len(rj.load(path, max_bytes=2 * BUDGET).nodes) == 4
 
 
+def arcs(paths):
+    """Return the text of a drawing of half circles: from, to and radius."""
+    shapes = "".join(f'<path d="M{x} {y} A{r} {r} 0 0 1 {x + 2 * r} {y}"/>' for x, y, r in paths)
+    return SVG.format(shapes)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it asks Linux for the peak")
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.svg", arcs([(0, 0, 1e6)])),
+        ("a.svg", arcs([(0, 0, 1e12), (0, 0, 1e-3)])),
+        ("a.svg", arcs([(n * 700.0, n % 9 * 4e4, 1e3 * (n % 97 + 1)) for n in range(200)])),
+        ("a.dxf", dxf("0 ARC 8 0 10 0 20 0 40 1e9 50 0 51 180")),
+        ("a.dxf", dxf("0 ARC 8 0 10 0 20 0 40 1e9 50 0 51 1e-9")),
+        ("a.dxf", dxf("0 CIRCLE 8 0 10 1e12 20 0 40 1e6 0 CIRCLE 8 0 10 0 20 0 40 1e-3")),
+    ],
+    ids=["one", "large and small", "site plan", "DXF", "flat", "circles"],
+)
+def test_curves_are_cut_by_the_extent_of_the_drawing(tmp_path, peak_of, name, text):
+    (tmp_path / name).write_text(text)
+    peak, said = peak_of(tmp_path / name, BUDGET)
+    assert said == "loaded"
+    assert peak < 4 << 20
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="it asks Linux for the peak")
 @pytest.mark.parametrize(
     "write",
     [
         many_accessors, many_pictures, obj_picture, lying_member, grid, tar_headers, text_faces,
-        text_rows, long_polygon, blank_lines, binary_faces, many_solids,
+        text_rows, long_polygon, blank_lines, binary_faces, many_solids, many_curves, many_bulges,
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("times", [1, 8])

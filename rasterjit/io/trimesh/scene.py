@@ -93,7 +93,8 @@ class TrimeshAdapter:
                 meshes[name] = made
         if not meshes:
             held = f"{' and '.join(left)}, " if left else ""
-            raise MeshFileError(f"{self.source} holds {held}no faces, lines or points")
+            named = f" ({self.left_out})" if str(self.left_out) else ""
+            raise MeshFileError(f"{self.source} holds {held}no faces, lines or points{named}")
         for what, count in left.items():
             self.left_out.note(what, count)
         scene = Scene()
@@ -118,7 +119,9 @@ class TrimeshAdapter:
             return points_of(self._cloud(name, geometry), self.source, self.on_invalid,
                              self.left_out, self.budget)  # fmt: skip
         if isinstance(geometry, trimesh.path.path.Path):
-            drawing = drawing_of_path(name, geometry, self.left_out)
+            drawing = drawing_of_path(
+                name, geometry, self.source, self.on_invalid, self.left_out, self.budget
+            )
             if drawing is not None:
                 return lines_of(drawing, self.source, self.on_invalid, self.left_out, self.budget)
         return None
