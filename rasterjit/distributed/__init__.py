@@ -35,7 +35,10 @@ must keep what they run behind ``if __name__ == "__main__":``.
 - An adaptive cluster (``cluster.adapt(minimum=1, maximum=100)``) grows with what waits. How much
   waits is what ``prefetch`` allows: with an adaptive cluster pass two for each worker that it may
   have.
-- The scheduler keeps nothing on disk: without it all is lost, and a ``ConnectionError`` says so.
+- The scheduler keeps nothing on disk: without it all is lost, and a ``ConnectionError`` says so
+  when a client has looked for it for ten seconds. Started again, it works with a new client.
+- Data that is lost with all workers that held it is sent again; the logger says so once, as a
+  warning.
 
 The dashboard's address is logged by the logger ``rasterjit.distributed`` (level INFO). It shows
 what the cluster does if ``bokeh`` is installed where the scheduler runs, and else says that it is

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rasterjit.runtime.threads import available_processors
@@ -34,6 +34,9 @@ CONNECT_WITHIN = 20.0
 WORKER_WITHIN = 60.0
 """Seconds that a cluster has to start its first worker."""
 
+OVER = "closing", "closed"
+"""Status of a client that will not be connected any more."""
+
 MOST_ATTEMPTS = 5
 """Times that something is tried because data that it needs is lost with the workers that had it."""
 
@@ -57,14 +60,24 @@ def require_dask() -> Any:
 
 
 def check_client(client: Any) -> Client:
-    """Return a client that is connected, or raise ``ValueError``."""
+    """
+    Return a client that is connected.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or closed.
+    ConnectionError
+        If its scheduler is lost.
+    """
     distributed = require_dask()
     if not isinstance(client, distributed.Client):
         raise ValueError(f"client must be a distributed.Client, got {type(client).__name__}")
     if client.asynchronous:
         raise ValueError("client must not be asynchronous: make it without asynchronous=True")
-    if client.status != "running":
+    if client.status in OVER:
         raise ValueError(f"client must be connected to a scheduler; its status is {client.status}")
+    check_connected(client)
     return client
 
 
@@ -104,42 +117,119 @@ def result_of(future: Future, client: Client) -> Any:
         What the task raises.
     """
     distributed = require_dask()
-    _wait(future, client)
-    try:
-        return future.result(timeout=TRANSFER_WITHIN)
-    except distributed.KilledWorker as error:
-        raise RuntimeError(
-            "a task lost one worker after the other, which mostly means that they had too little "
-            f"memory (see the workers' memory limit): {error}"
-        ) from None
-    except CancelledError:
-        # Of a scheduler that is lost, too: say that.
+    until = None
+    while True:
         _wait(future, client)
-        raise
+        try:
+            return future.result(timeout=TRANSFER_WITHIN)
+        except distributed.KilledWorker as error:
+            raise RuntimeError(
+                "a task lost one worker after the other, which mostly means that they had too "
+                f"little memory (see the workers' memory limit): {error}"
+            ) from None
+        except CancelledError:
+            # Of a scheduler that is lost, too: say that.
+            check_connected(client)
+            raise
+        except OSError:
+            if future.status == "error":
+                # It is the task's own.
+                raise
+            # A connection broke; soon the client knows whether it was that to the scheduler.
+            until = until or time.monotonic() + RECONNECT_WITHIN
+            if time.monotonic() > until:
+                raise _lost(client) from None
+            time.sleep(LOOK_EVERY / 5.0)
 
 
 def _wait(future: Future, client: Client) -> None:
     """Return when a task is done, or raise ``ConnectionError`` if its scheduler is lost."""
-    address, lost_since = address_of(client), None
     is_done = threading.Event()
     future.add_done_callback(lambda _: is_done.set())
     while True:
-        came = is_done.wait(LOOK_EVERY if lost_since is None else LOOK_EVERY / 5.0)
-        # A client that lost its scheduler looks for it again for a while.
-        if client.status == "running":
-            lost_since = None
-            if came or future.status != "pending":
-                return
-            continue
-        lost_since = lost_since or time.monotonic()
-        is_over = client.status in ("closed", "closing")
-        if is_over or time.monotonic() - lost_since > RECONNECT_WITHIN:
-            raise ConnectionError(
-                f"the Dask scheduler at {address} is lost, and what it held with it: start it "
-                "again, connect a new client, and render again"
-            )
-        if came:
-            time.sleep(LOOK_EVERY / 5.0)
+        came = is_done.wait(LOOK_EVERY)
+        check_connected(client)
+        if came or future.status != "pending":
+            return
+
+
+def check_connected(client: Client) -> None:
+    """
+    Return if a client is connected; one that lost its scheduler looks for it again for a while.
+
+    Raises
+    ------
+    ConnectionError
+        If the scheduler is lost.
+    """
+    until = time.monotonic() + RECONNECT_WITHIN
+    while client.status != "running":
+        if client.status in OVER or time.monotonic() > until:
+            raise _lost(client)
+        time.sleep(LOOK_EVERY / 5.0)
+
+
+def _lost(client: Client) -> ConnectionError:
+    """Return the error that says that a scheduler is lost."""
+    return ConnectionError(
+        f"the Dask scheduler at {address_of(client)} is lost, and what it held with it: start it "
+        "again, connect a new client, and render again"
+    )
+
+
+@contextmanager
+def reaching(client: Client) -> Iterator[None]:
+    """
+    Ask a scheduler for something.
+
+    Raises
+    ------
+    ConnectionError
+        If it is lost, whatever Dask says of that.
+    """
+    check_connected(client)
+    try:
+        yield
+    except TimeoutError:
+        # It is there, and has waited for something.
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) or client.status != "running":
+            raise _lost(client) from None
+        raise
+
+
+def submit(function: Callable[..., Any], *arguments: Any, client: Client, **how: Any) -> Future:
+    """
+    Begin a task.
+
+    Raises
+    ------
+    ConnectionError
+        If the scheduler is lost.
+    """
+    with reaching(client):
+        return client.submit(function, *arguments, pure=False, **how)
+
+
+def count_threads(client: Client) -> int:
+    """
+    Return how many threads all workers of a cluster have, at least 1.
+
+    Raises
+    ------
+    ConnectionError
+        If the scheduler is lost.
+    """
+    with reaching(client):
+        return max(1, sum(client.nthreads().values()))
+
+
+def cancel(futures: Sequence[Future | None], client: Client) -> None:
+    """End tasks and let data go; a scheduler that is lost holds nothing any more."""
+    if client.status == "running":
+        with suppress(OSError):
+            client.cancel([one for one in futures if one is not None], force=True)
 
 
 def send(data: Any, client: Client) -> Future:
@@ -149,19 +239,28 @@ def send(data: Any, client: Client) -> Future:
     Raises
     ------
     ConnectionError
-        If no worker comes.
+        If no worker comes, or the scheduler is lost.
     """
+    return scatter([data], client, broadcast=True)[0]
+
+
+def scatter(data: list[Any], client: Client, *, broadcast: bool = False) -> list[Future]:
+    """Send each of some data to a worker, or to every one; see `send`."""
+    if not data:
+        return []
     try:
-        (sent,) = client.scatter([data], broadcast=True, hash=False, timeout=WORKER_WITHIN)
+        with reaching(client):
+            return list(
+                client.scatter(data, broadcast=broadcast, hash=False, timeout=WORKER_WITHIN)
+            )
     except TimeoutError:
         raise ConnectionError(
             f"no worker came to the Dask scheduler at {address_of(client)} in {WORKER_WITHIN:g} s: "
             "start one (dask worker ADDRESS), or give an adaptive cluster a minimum of 1"
         ) from None
-    return sent
 
 
-def retried(take: Callable[[], T], what: str, again: Callable[[], None] | None = None) -> T:
+def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None = None) -> T:
     """
     Return what ``take`` gives, trying anew where data that was sent is lost with its workers.
 
@@ -172,7 +271,7 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], None] | None =
     what : str
         What a message calls the data.
     again : callable, optional
-        Called before another attempt: it sends what is lost.
+        Called before another attempt: it sends what is lost, and tells whether nobody else had.
 
     Raises
     ------
@@ -183,9 +282,10 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], None] | None =
         try:
             return take()
         except CancelledError:
-            LOGGER.warning("all workers that held %s were lost: attempt %d", what, attempt)
-        if again is not None and attempt < MOST_ATTEMPTS:
-            again()
+            pass
+        # Of tasks that lost the same data one says so.
+        if attempt < MOST_ATTEMPTS and (again is None or again()):
+            LOGGER.warning("all workers that held %s were lost: it is sent again", what)
     raise RuntimeError(
         f"all workers that held {what} were lost, {MOST_ATTEMPTS} times: see their logs, and their "
         "memory limit"

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
+from rasterjit.distributed.clusters import (
+    SharedScene,
+    cancel,
+    check_client,
+    count_threads,
+    result_of,
+    retried,
+    send,
+    submit,
+)
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
@@ -85,6 +94,8 @@ def render_large(
         If what writes the file is not installed.
     OSError
         If the file cannot be written, as on a full disk; what was there before is kept.
+    ConnectionError
+        If the client's scheduler is lost.
     """
     place = _checked_place(path)
     regions_of((1, 1), tile)
@@ -140,7 +151,7 @@ class TileFarm:
         self, function: Callable[..., Any], regions: Sequence[Region], *more: Any
     ) -> Iterator[tuple[Region, Any]]:
         """Yield what a function gives of each region on a worker, in order, few ahead."""
-        ahead = AHEAD * max(1, sum(self._client.nthreads().values()))
+        ahead = AHEAD * count_threads(self._client)
         self._send(more)
         begun: deque[tuple[Region, Any]] = deque()
         waiting = iter(regions)
@@ -154,8 +165,7 @@ class TileFarm:
                 yield region, self._take(function, region, future, more)
                 del future
         finally:
-            if self._client.status == "running":
-                self._client.cancel([*(future for _, future in begun), self._sent], force=True)
+            cancel([*(future for _, future in begun), self._sent], self._client)
 
     def _send(self, more: tuple[Any, ...]) -> None:
         """Send the scene, and what else all tasks need, to every worker."""
@@ -163,18 +173,20 @@ class TileFarm:
 
     def _begin(self, function: Callable[..., Any], region: Region) -> Any:
         """Begin a tile."""
-        return self._client.submit(function, self._sent, region, pure=False)
+        return submit(function, self._sent, region, client=self._client)
 
     def _take(
         self, function: Callable[..., Any], region: Region, future: Any, more: tuple[Any, ...]
     ) -> Any:
         """Return what a task gives, begun anew if the scene was lost with the workers."""
 
-        def again() -> None:
+        def again() -> bool:
             nonlocal future
-            if self._sent.status != "finished":
+            is_lost = self._sent.status != "finished"
+            if is_lost:
                 self._send(more)
             future = self._begin(function, region)
+            return is_lost
 
         return retried(lambda: result_of(future, self._client), "the scene", again)
 

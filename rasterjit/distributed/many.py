@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
+from rasterjit.distributed.clusters import (
+    SharedScene,
+    cancel,
+    check_client,
+    count_threads,
+    result_of,
+    retried,
+    send,
+    submit,
+)
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
@@ -117,6 +126,8 @@ def render_many(
         by its camera: ``cameras[3]``.
     RuntimeError
         If frames are taken in a forked process from an iterator that its parent began.
+    ConnectionError
+        If the client's scheduler is lost while frames are taken.
     """
     if workers is not None and client is not None:
         raise ValueError(f"workers must be None where a client is given, got {workers!r}")
@@ -219,8 +230,7 @@ class Farm:
         return self
 
     def __exit__(self, *error: Any) -> None:
-        if self._client.status == "running":
-            self._client.cancel([*self._begun.values(), self._sent], force=True)
+        cancel([*self._begun.values(), self._sent], self._client)
         self._begun.clear()
         self._sent = None
 
@@ -234,11 +244,13 @@ class Farm:
         """Return the next frame of a task when it is done, wherever that is."""
         number, cameras, drawn = begun
 
-        def again() -> None:
+        def again() -> bool:
             # An earlier frame may have seen to it already.
-            if self._sent.status != "finished":
+            is_lost = self._sent.status != "finished"
+            if is_lost:
                 self._send()
             self._begin(number, cameras)
+            return is_lost
 
         if number in self._begun:
             drawn += retried(
@@ -255,8 +267,8 @@ class Farm:
 
     def _begin(self, number: int, cameras: list[Camera]) -> None:
         """Send a task; those of earlier frames go first."""
-        self._begun[number] = self._client.submit(
-            draw_frames, self._sent, list(cameras), pure=False, priority=-number
+        self._begun[number] = submit(
+            draw_frames, self._sent, list(cameras), client=self._client, priority=-number
         )
 
     def _send(self) -> None:
@@ -276,7 +288,7 @@ def farm_out(
     """Yield frames in the order of the cameras; see `rasterjit.render_many`."""
     client = check_client(client)
     own = thread_count("threads", threads) or 1
-    workers = max(1, sum(client.nthreads().values()))
+    workers = count_threads(client)
     pace = GrowingPace(scene, options, workers, own, check_prefetch(prefetch), count_of(cameras))
     farm = Farm(client, scene, options, own, pace)
     settled = settle_all(scene, cameras, options)

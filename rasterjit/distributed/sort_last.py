@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rasterjit.distributed import layers
-from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
+from rasterjit.distributed.clusters import (
+    cancel,
+    connected,
+    reaching,
+    require_dask,
+    result_of,
+    retried,
+    scatter,
+    send,
+)
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering import notices
@@ -159,24 +168,19 @@ def _render_once(
 
     shared = send(setting, client)
     held = [n for n, part in enumerate(parts) if _is_here(part)]
-    sent = dict(zip(held, _scatter([parts[n] for n in held], client), strict=True))
+    sent = dict(zip(held, scatter([parts[n] for n in held], client), strict=True))
     draw = dask.delayed(layers.draw_layer, pure=False)
     merge = dask.delayed(layers.merge_layers, pure=False)
     drawn = [
         draw(sent.get(n, part), shared, material, camera, options, threads, steps)
         for n, part in enumerate(parts)
     ]
-    future = client.compute(layers.merge_tree(drawn, merge), optimize_graph=False)
+    with reaching(client):
+        future = client.compute(layers.merge_tree(drawn, merge), optimize_graph=False)
     try:
         return result_of(future, client)
     finally:
-        if client.status == "running":
-            client.cancel([future], force=True)
-
-
-def _scatter(parts: list[Any], client: Client) -> list[Any]:
-    """Send parts to the workers, each to one."""
-    return list(client.scatter(parts, hash=False)) if parts else []
+        cancel([future], client)
 
 
 def _parts_of(partitions: Any) -> list[Any]:

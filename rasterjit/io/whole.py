@@ -93,6 +93,9 @@ def _naming(place: Path) -> Iterator[None]:
         if not os.path.basename(str(error.filename or MARK)).startswith(MARK):
             raise
         if error.errno is None:
+            if isinstance(error, ConnectionError):
+                # A cluster that draws what is written is lost: no fault of the file.
+                raise
             # NumPy and encoders say in words how much was written.
             said = f"could not be written whole: {error}"
             raise OSError(errno.EIO, said, str(place)) from error

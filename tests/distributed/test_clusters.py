@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import pickle
 from concurrent.futures import CancelledError
+from types import SimpleNamespace
 
 import pytest
 
@@ -37,8 +38,101 @@ def test_what_is_lost_is_tried_again():
             raise CancelledError
         return 7
 
-    assert clusters.retried(take, "the scene", lambda: done.append("again")) == 7
+    assert clusters.retried(take, "the scene", lambda: bool(done.append("again"))) == 7
     assert done == ["take", "again"] * (clusters.MOST_ATTEMPTS - 1) + ["take"]
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+def test_data_that_is_lost_is_said_by_who_sends_it_again(monkeypatch, is_first):
+    said, lost = [], [CancelledError(), CancelledError()]
+
+    def take():
+        if lost:
+            raise lost.pop()
+
+    monkeypatch.setattr(clusters.LOGGER, "warning", lambda text, *rest: said.append(text % rest))
+    clusters.retried(take, "the scene", lambda: is_first and len(lost) == 1)
+    assert said == ["all workers that held the scene were lost: it is sent again"] * is_first
+
+
+class Client:
+    """Stands for a client that loses its scheduler while it is asked for something."""
+
+    scheduler = SimpleNamespace(address="tcp://there:1")
+
+    def __init__(self, error, status="running"):
+        self.error, self.status = error, status
+
+    def fail(self, *arguments, **options):
+        raise self.error
+
+    nthreads = cancel = scatter = submit = fail
+
+
+def errors_of_dask():
+    from distributed.comm import CommClosedError
+
+    return [
+        CommClosedError("in <TCP (closed)>: Stream is closed"),
+        OSError("Timed out trying to connect to tcp://there:1 after 30 s"),
+        ConnectionRefusedError(111, "Connection refused"),
+    ]
+
+
+ASKED = {
+    "threads": clusters.count_threads,
+    "send": lambda client: clusters.send(1, client),
+    "scatter": lambda client: clusters.scatter([1, 2], client),
+    "submit": lambda client: clusters.submit(len, (), client=client),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_whatever_dask_says_of_a_lost_scheduler_is_a_connection_error(asked):
+    for error in errors_of_dask():
+        with pytest.raises(ConnectionError, match="scheduler at tcp://there:1 is lost"):
+            ASKED[asked](Client(error))
+        # Nothing is left that could be ended.
+        clusters.cancel([None, object()], Client(error))
+    with pytest.raises(RuntimeError, match="a bug"):
+        ASKED[asked](Client(RuntimeError("a bug")))
+    for status in clusters.OVER:
+        with pytest.raises(ConnectionError, match="is lost"):
+            ASKED[asked](Client(RuntimeError("Client is closed"), status))
+
+
+def test_no_worker_is_not_a_lost_scheduler():
+    with pytest.raises(ConnectionError, match="no worker came to the Dask scheduler at tcp://the"):
+        clusters.send(1, Client(TimeoutError("No valid workers found")))
+
+
+class Task:
+    """Stands for a task that is done; its result fails to come."""
+
+    def __init__(self, status, errors):
+        self.status, self.errors = status, errors
+
+    def add_done_callback(self, call):
+        call(self)
+
+    def result(self, timeout):
+        if self.errors:
+            raise self.errors.pop()
+        return 7
+
+
+def test_result_is_asked_for_again_while_a_connection_breaks(monkeypatch):
+    monkeypatch.setattr(clusters, "LOOK_EVERY", 0.01)
+    running = Client(None)
+    assert clusters.result_of(Task("finished", errors_of_dask()), running) == 7
+    # What the task itself says of a file is its own.
+    with pytest.raises(FileNotFoundError, match="mesh"):
+        clusters.result_of(Task("error", [FileNotFoundError(2, "no mesh")]), running)
+    monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 0.05)
+    with pytest.raises(ConnectionError, match="is lost"):
+        clusters.result_of(Task("finished", errors_of_dask() * 1000), running)
+    with pytest.raises(ConnectionError, match="is lost"):
+        clusters.result_of(Task("finished", []), Client(None, "connecting"))
 
 
 def test_what_is_lost_again_and_again_is_given_up():

@@ -9,11 +9,13 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit import distributed
 from rasterjit.distributed import clusters
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
@@ -143,14 +145,17 @@ def test_worker_killed_in_the_middle_loses_no_frame(cube, doomed):
     assert victim not in doomed.run(os.getpid).values()
 
 
-def test_all_workers_killed_lose_no_frame(cube, doomed):
-    frames = rj.render_many(cube, cameras(8), size=SIZE, prefetch=2, client=doomed)
+def test_all_workers_killed_lose_no_frame_and_are_told_once(cube, doomed, monkeypatch):
+    said = []
+    monkeypatch.setattr(clusters.LOGGER, "warning", lambda text, *rest: said.append(text % rest))
+    frames = rj.render_many(cube, cameras(8), size=SIZE, prefetch=6, client=doomed)
     taken = [next(frames)]
     for victim in doomed.run(os.getpid).values():
         os.kill(victim, signal.SIGKILL)
     taken += frames
     assert len(taken) == 8
     assert are_those_of_render(taken, cube)
+    assert said == ["all workers that held the scene were lost: it is sent again"]
 
 
 def test_error_on_a_worker_comes_through(cube, client):
@@ -184,42 +189,90 @@ def test_item_that_is_no_camera_is_named(cube, client):
         next(frames)
 
 
-def test_lost_scheduler_is_a_clear_error(cube, tmp_path, monkeypatch):
+@contextmanager
+def started(*words):
+    """Start a scheduler or a worker in a process of its own, and kill it at the end."""
+    command = [sys.executable, "-m", *words, "--no-dashboard"]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as process:  # fmt: skip
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@contextmanager
+def remote(place, port="0"):
+    """Give a scheduler's process and a client; a worker is there, too."""
     from distributed import Client
 
-    monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 3.0)
+    there = "--scheduler-file", str(place)
+    with (
+        started("distributed.cli.dask_scheduler", "--port", port, *there) as scheduler,
+        Client(scheduler_file=str(place), timeout=PATIENCE, set_as_default=False) as client,
+        started("distributed.cli.dask_worker", "--no-nanny", *there),
+    ):
+        client.wait_for_workers(1, timeout=PATIENCE)
+        yield scheduler, client
 
+
+@pytest.fixture
+def silent(monkeypatch):
+    """Let Dask say nothing of a scheduler that is lost, and be soon sure of it."""
+    monkeypatch.setattr(clusters, "RECONNECT_WITHIN", 3.0)
     logger = logging.getLogger("distributed")
     level = logger.level
-    place = tmp_path / "scheduler.json"
-    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--port", "0"]
-    work = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
-    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen([*run, "--scheduler-file", str(place)], **silent) as scheduler:
-        try:
-            client = Client(scheduler_file=str(place), timeout=PATIENCE, set_as_default=False)
-            with (
-                client,
-                subprocess.Popen([*work, "--scheduler-file", str(place)], **silent) as worker,
-            ):
-                try:
-                    frames = rj.render_many(
-                        cube, cameras(4), size=SIZE, prefetch=1, client=client
-                    )  # fmt: skip
-                    next(frames)
-                    address = client.scheduler.address
-                    scheduler.kill()
-                    scheduler.wait(PATIENCE)
-                    logger.setLevel(logging.CRITICAL)
-                    began = time.monotonic()
-                    with pytest.raises(ConnectionError, match=f"scheduler at {address} is lost"):
-                        next(frames)
-                    assert time.monotonic() - began < PATIENCE
-                finally:
-                    worker.kill()
-        finally:
-            scheduler.kill()
-            logger.setLevel(level)
+    yield lambda: logger.setLevel(logging.CRITICAL)
+    logger.setLevel(level)
+
+
+def kill(process):
+    process.kill()
+    process.wait(PATIENCE)
+
+
+def test_lost_scheduler_is_a_clear_error_and_a_new_one_works(cube, tmp_path, silent):
+    with remote(tmp_path / "first.json") as (scheduler, client):
+        frames = rj.render_many(cube, cameras(4), size=SIZE, prefetch=1, client=client)
+        next(frames)
+        address = client.scheduler.address
+        silent()
+        kill(scheduler)
+        began = time.monotonic()
+        with pytest.raises(ConnectionError, match=f"scheduler at {address} is lost"):
+            next(frames)
+        assert time.monotonic() - began < PATIENCE
+        # It stays lost for the same client.
+        with pytest.raises(ConnectionError, match=f"scheduler at {address} is lost"):
+            rj.render_many(cube, cameras(4), size=SIZE, client=client)
+        # Started again at the same place, it works for another client.
+        with remote(tmp_path / "second.json", address.rsplit(":", 1)[1]) as (_, other):
+            assert other.scheduler.address == address
+            frames = list(rj.render_many(cube, cameras(4), size=SIZE, client=other))
+            assert are_those_of_render(frames, cube)
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.4])
+def test_scheduler_lost_at_any_moment_is_a_connection_error(cube, tmp_path, silent, delay):
+    with remote(tmp_path / "place.json") as (scheduler, client):
+        frames = rj.render_many(cube, cameras(4000), size=SIZE, prefetch=4, client=client)
+        next(frames)
+        silent()
+        threading.Timer(delay, scheduler.kill).start()
+        with pytest.raises(ConnectionError, match=r"scheduler at .* is lost"):
+            list(frames)
+
+
+def test_scheduler_lost_while_a_picture_is_written_leaves_no_file(cube, tmp_path, silent):
+    pytest.importorskip("tifffile")
+    path = tmp_path / "picture.tif"
+    with remote(tmp_path / "place.json") as (scheduler, client):
+        silent()
+        threading.Timer(0.5, scheduler.kill).start()
+        with pytest.raises(ConnectionError, match=r"scheduler at .* is lost"):
+            distributed.render_large(cube, None, (8192, 8192), path, tile=64, client=client)
+    assert [one.name for one in tmp_path.iterdir()] == ["place.json"]
 
 
 def test_two_threads_share_a_client(cube, client):
