@@ -405,38 +405,101 @@ def test_a_folder_below_one_that_others_may_write_to_is_refused(tmp_path, monkey
 
 AS_USER = """
 import os, sys, warnings
+from pathlib import Path
 from rasterjit.runtime import store
 warnings.simplefilter("ignore")
 os.seteuid(int(sys.argv[1]))
-for one in sys.argv[2:]:
-    os.environ[store.FOLDER_VARIABLE] = one
-    print(store.folder.__wrapped__() is not None)
+for one in map(Path, sys.argv[2:]):
+    if one.suffix:
+        print(store.read(one) is not None)
+    else:
+        os.environ[store.FOLDER_VARIABLE] = str(one)
+        print(store.folder.__wrapped__() is not None)
 """
+"""Tells of folders and entries whether another user uses them."""
 
 USER, OTHER = 65534, 65533
 
 
+def used_by_user(places):
+    """Return of each folder and entry whether `USER` uses it."""
+    command = [sys.executable, "-c", AS_USER, str(USER), *map(str, places)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return [one == "True" for one in said.split()]
+
+
+@pytest.fixture
+def top():
+    """A folder that every user reaches."""
+    with tempfile.TemporaryDirectory() as top:
+        os.chmod(top, 0o755)
+        yield Path(top)
+
+
 @as_root
-def test_each_folder_above_belongs_to_the_user_or_root():
+def test_each_folder_above_belongs_to_the_user_or_root(top):
     cases = {
         (USER, 0o755): True, (USER, 0o1777): True, (USER, 0o777): False,
         (0, 0o755): True, (0, 0o1777): True, (0, 0o777): False,
         (OTHER, 0o755): False, (OTHER, 0o1777): False,
     }  # fmt: skip
-    with tempfile.TemporaryDirectory() as top:
-        os.chmod(top, 0o755)
-        places = []
+    places = []
+    for between in ("", "between"):
         for owner, mode in cases:
-            parent = Path(top, f"{owner} {mode:o}")
-            places.append(parent / "kernels")
+            parent = top / f"{owner} {mode:o}{between}"
+            places.append(parent / between / "kernels")
             places[-1].mkdir(parents=True)
-            places[-1].chmod(0o700)
-            os.chown(places[-1], USER, -1)
+            for one in (places[-1], *[parent / between] * bool(between)):
+                one.chmod(0o700)
+                os.chown(one, USER, -1)
             os.chown(parent, owner, -1)
             parent.chmod(mode)
-        command = [sys.executable, "-c", AS_USER, str(USER), *map(str, places)]
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert said.split() == [str(is_used) for is_used in cases.values()]
+    assert used_by_user(places) == [*cases.values()] * 2
+
+
+@as_root
+def test_the_folder_belongs_to_the_user_or_root_and_nobody_else_writes_to_it(top):
+    cases = {
+        (USER, 0o700): True, (USER, 0o755): True, (0, 0o755): True,
+        (OTHER, 0o755): False, (OTHER, 0o700): False, (OTHER, 0o1755): False,
+        # That it is sticky keeps nobody from adding to it.
+        (USER, 0o1777): False, (USER, 0o720): False, (USER, 0o702): False, (USER, 0o2775): False,
+        (0, 0o775): False, (0, 0o757): False, (0, 0o1777): False,
+    }  # fmt: skip
+    places = []
+    for owner, mode in cases:
+        places.append(top / f"{owner} {mode:o}")
+        places[-1].mkdir()
+        os.chown(places[-1], owner, -1)
+        places[-1].chmod(mode)
+    # A link is as good as where it leads, whosever it is.
+    links = [one.with_name(f"link to {one.name}") for one in places]
+    for link, one in zip(links, places, strict=True):
+        link.symlink_to(one)
+        os.lchown(link, OTHER, -1)
+    assert used_by_user([*places, *links]) == [*cases.values()] * 2
+
+
+@as_root
+def test_each_entry_belongs_to_the_user_or_root_under_one_name(top):
+    cases = {
+        (USER, 0o600): True, (USER, 0o444): True, (0, 0o644): True,
+        (OTHER, 0o644): False, (OTHER, 0o444): False,
+        (USER, 0o620): False, (USER, 0o602): False, (USER, 0o666): False,
+        (0, 0o664): False, (0, 0o646): False,
+    }  # fmt: skip
+    places = []
+    for owner, mode in cases:
+        places.append(top / f"{owner} {mode:o}.kernel")
+        store.write(places[-1], ENTRY, b"code")
+        os.chown(places[-1], owner, -1)
+        places[-1].chmod(mode)
+    for name, make in (("link", os.symlink), ("hard", os.link)):
+        places.append(top / f"{name}.kernel")
+        store.write(places[-1], ENTRY, b"code")
+        places[-1].chmod(0o644)
+        make(places[-1].rename(top / name), places[-1])
+    assert used_by_user(places) == [*cases.values(), False, False]
 
 
 @pytest.fixture
