@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.clip_planes import Look
@@ -86,28 +89,55 @@ def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
 def notices_of_frame(frame: Frame) -> dict[str, str]:
     """Return what there is to warn of a frame that is drawn, by kind."""
     found = notices_of(frame.plan, frame.stats)
-    facts = frame.plan.facts
-    has_own = facts.has_lights or facts.environment is not None
-    if has_own and facts.is_lit and "color" in facts.outputs:
-        # Most scenes have none, and pay nothing.
-        most = most_light(facts.lights.lights, facts.environment)
-        share = white_share(frame) if most > STRONG else 0.0
-        if share > 0.5:
-            stops = "below 0" if math.isinf(most) else f"of about {-math.log2(most):.1f} stops"
-            found["white"] = (
-                f"{share:.0%} of what is seen is white: the light is too strong to be shown; give "
-                f"the scene a ToneMap with an exposure {stops}, or let styles.studio choose it"
-            )
+    most = strong_light(frame.plan)
+    if most:
+        found |= notice_of_white(frame.plan, most, frame.color, frame.stats.pixels_covered)
     return found
 
 
-def white_share(frame: Frame) -> float:
+def strong_light(plan: RenderPlan) -> float:
+    """Return the most light of a scene where that may burn out colours, else 0."""
+    facts = plan.facts
+    has_own = facts.has_lights or facts.environment is not None
+    # Most scenes have none, and pay nothing.
+    if not (has_own and facts.is_lit and "color" in facts.outputs):
+        return 0.0
+    most = most_light(facts.lights.lights, facts.environment)
+    return most if most > STRONG else 0.0
+
+
+def notice_of_white(
+    plan: RenderPlan, most: float, color: NDArray[np.uint8], covered: int
+) -> dict[str, str]:
+    """
+    Return what there is to warn of a picture that is mostly white, by kind.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    most : float
+        What `strong_light` returns.
+    color : (H, W, 4) uint8
+    covered : int
+        Pixels with faces.
+    """
+    share = white_share(plan, color, covered)
+    if share <= 0.5:
+        return {}
+    stops = "below 0" if math.isinf(most) else f"of about {-math.log2(most):.1f} stops"
+    return {
+        "white": f"{share:.0%} of what is seen is white: the light is too strong to be shown; give "
+        f"the scene a ToneMap with an exposure {stops}, or let styles.studio choose it"
+    }
+
+
+def white_share(plan: RenderPlan, color: NDArray[np.uint8], covered: int) -> float:
     """Return the share of the pixels with faces that are white, from a part of all; 0..1."""
-    plan, (height, width) = frame.plan, frame.color.shape[:2]
+    height, width = color.shape[:2]
     step = max(1, min(height, width) // LOOKED_AT)
-    codes = frame.color[::step, ::step]
-    white = float((codes[..., :3].min(axis=-1) >= WHITE).mean()) * height * width
-    covered = frame.stats.pixels_covered
+    red, green, blue = (color[::step, ::step, n] for n in range(3))
+    is_white = np.minimum(np.minimum(red, green), blue) >= WHITE
+    white = np.count_nonzero(is_white) / is_white.size * height * width
     facts = plan.facts
     if facts.background_image is None:
         # A sky may be white all over.

@@ -44,6 +44,28 @@ def test_a_picture_that_is_burnt_out_is_told_of(light, height, background):
     assert "of what is seen is white: the light is too strong to be shown" in text
 
 
+@pytest.mark.parametrize("count", [1, 2, 24])
+def test_a_batch_tells_which_view_is_the_first(count):
+    scene = lit_by(SUN)
+    # From behind, where no light falls.
+    dark = rj.OrthographicCamera((0, 0, -5), (0, 0, 0), height=2.5)
+    cameras = [*[dark] * (count // 2), *[NEAR] * (count - count // 2)]
+    for size in ((32, 32), (48, 20)):
+        (text,) = said(lambda: rj.render_batch(scene, cameras, size=size))  # noqa: B023
+        (alone,) = said(lambda: rj.render(scene, NEAR, size=size))  # noqa: B023
+        assert text == f"{alone} (cameras[{count // 2}])"
+    assert said(lambda: rj.render_batch(scene, [dark] * count, size=(32, 32))) == []
+    assert said(lambda: rj.render_batch(scene, cameras, size=(32, 32), outputs="depth")) == []
+
+
+def test_frames_of_a_sequence_tell_of_a_later_one_too():
+    dark = rj.OrthographicCamera((0, 0, -5), (0, 0, 0), height=2.5)
+    cameras = [*[dark] * 40, *[NEAR] * 20]
+    texts = said(lambda: list(rj.render_many(lit_by(SUN), cameras, size=(32, 32), threads=2)))
+    assert len(texts) == 1
+    assert "of what is seen is white" in texts[0]
+
+
 def test_a_renderer_says_it_once():
     with rj.Renderer((32, 32)) as renderer:
         texts = said(lambda: [renderer.render(lit_by(SUN), NEAR) for _ in range(3)])
