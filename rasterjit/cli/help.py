@@ -32,7 +32,7 @@ GROUPS = {
     "Accuracy": (
         "preset", "samples", "changes", "time_budget", "knobs", "budget", "max_error",
     ),
-    "Files": ("on_invalid", "on_damage", "resource_root", "max_bytes"),
+    "Files": ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate"),
 }  # fmt: skip
 """Options by their names in Python; others are miscellaneous."""
 

@@ -88,7 +88,7 @@ WITH_LAMP = ("studio", "clay")
 OF_PAINT = ("color", "scalars", "shading")
 """Options of colours that these replace."""
 
-READING = ("on_invalid", "on_damage", "resource_root", "max_bytes")
+READING = ("on_invalid", "on_damage", "resource_root", "max_bytes", "isolate")
 """Options of how files are read."""
 
 OF_SCALARS = ("colormap", "scalar_range", "contours")
@@ -618,6 +618,7 @@ class Look(NamedTuple):
     wireframe_color: str | None
     resource_root: str | None
     max_bytes: int = DEFAULT_MAX_BYTES
+    isolate: bool = True
     color: str | None = None
     light: tuple[Vector | str, ...] = ()
     scalars: str | None = None
@@ -1022,6 +1023,8 @@ def reading_options(command: Callable) -> Callable:
                          help="Folder that textures and other files may be read from; default: "
                               "the folder of the mesh."),
             max_bytes_option,
+            click.option("--isolate/--no-isolate", default=True, show_default=True,
+                         help="Read files that other packages read in a process with limits."),
         ],
         command,
     )  # fmt: skip

@@ -67,7 +67,7 @@ MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
 """Outputs that a mask may hold."""
 
 ARGUMENTS = re.compile(
-    r"\b(on_damage|on_invalid|max_bytes|resource_root)\b(?: ?= ?'?([^\s';]+)'?)?"
+    r"\b(on_damage|on_invalid|max_bytes|resource_root|isolate)\b(?: ?= ?'?([^\s';]+)'?)?"
 )
 """Names of the library's arguments in its messages, and their values, that options stand for."""
 
@@ -143,6 +143,8 @@ def in_options(message: str) -> str:
     """Return a message of the library with options in place of its arguments."""
 
     def spell(found: re.Match[str]) -> str:
+        if found[1] == "isolate":
+            return "--no-isolate" if found[2] == "False" else "--isolate"
         option = "--" + found[1].replace("_", "-")
         return option if found[2] is None else f"{option} {found[2]}"
 
@@ -480,6 +482,7 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
             on_damage=look.on_damage,
             resource_root=look.resource_root,
             max_bytes=look.max_bytes,
+            isolate=look.isolate,
         )
     raise_if_interrupted()
     click.get_current_context().meta[FILE] = file

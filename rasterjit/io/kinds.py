@@ -44,3 +44,10 @@ def other_kind(file: Path, extension: str) -> str | None:
             known = extension.rpartition(".")[2]
             return None if known in extensions else kind
     return None
+
+
+def extension_of(file: Path) -> str:
+    """Return a file's extension as trimesh names it: lower case, no dot."""
+    name = file.name.lower()
+    double = [ending for ending in ("tar.gz", "tar.bz2") if name.endswith("." + ending)]
+    return double[0] if double else file.suffix.lower().removeprefix(".")

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import sys
-import warnings
 from collections.abc import Sequence
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-import numpy as np
-
-from rasterjit.io.archives import take_members
+from rasterjit.io.assembly import Assembly, scene_of_assembly
 from rasterjit.io.binvox import load_binvox
-from rasterjit.io.dxf import note_entities, read_dxf
-from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, read_vtk
 from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
-from rasterjit.io.kinds import other_kind
-from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
+from rasterjit.io.kinds import extension_of, other_kind
+from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, as_mesh_file_error
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
@@ -33,21 +25,16 @@ from rasterjit.io.text.parts import Thing, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
-from rasterjit.io.threemf.package import XML_BYTES
 from rasterjit.io.threemf.scene import load_3mf
-from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
-from rasterjit.io.trimesh.skins import with_bound_shapes
-from rasterjit.io.trimesh.told import trimesh_told
-from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.transforms import compose
 from rasterjit.scene.validation import (
     bounded_number,
     existing_file,
     existing_folder,
+    in_short,
     one_of,
 )
 from rasterjit.scene.warning import warn_caller
@@ -61,29 +48,11 @@ OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
 """What to do about a damaged file: refuse it; load what there is, and warn."""
 
-OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *LAS_FORMATS, *ROW_FORMATS)
+OWN_FORMATS = ("obj", "ply", "stl", "off", "pcd", *ROW_FORMATS)
 """Formats that `rasterjit.io.text` and `rasterjit.io.point_clouds` read."""
-
-PART_FORMATS = (*OWN_FORMATS, *VTK_FORMATS, *CELL_FORMATS)
-"""Those, and the ones that `rasterjit.io.foreign` reads."""
 
 FORMATS_EXTRA = ("lxml", "networkx", "collada", "svg", "ezdxf")
 """Modules that the extra ``rasterjit[formats]`` brings."""
-
-_ENCODING_GUESSERS = ("charset_normalizer", "chardet")
-"""Modules that trimesh asks for when a file is not the text it should be."""
-
-_NEEDED = {"svg": ("svg.path", "lxml")}
-"""Modules without which trimesh takes a format for one that it does not know."""
-
-_XML_FORMATS = ("3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
-"""Formats that are XML or may hold it, packed or not."""
-
-_OTHER_BYTES = 4
-"""What a byte takes of a file that trimesh reads and that is no XML."""
-
-_UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
-"""Turns a page over, whose y points down."""
 
 _Z_UP = ("3mf", *LAS_FORMATS)
 """Formats by whose definition z is up."""
@@ -97,11 +66,6 @@ _HEAD = 1 << 16
 _CREASE_ANGLE = 40.0
 """Degrees between faces that an edge is seen from, of meshes without normals."""
 
-_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
-
-_SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
-"""Others that messages name."""
-
 
 def load(
     path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene | Any,
@@ -111,6 +75,7 @@ def load(
     crease_angle: float = _CREASE_ANGLE,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
+    isolate: bool = True,
 ) -> Scene:
     """
     Read a file of a mesh, a point cloud or a drawing, or take an object of another package.
@@ -163,6 +128,13 @@ def load(
         Memory that this file and all that it names may take together. Sizes are told from headers
         before anything is read or unpacked: at its peak, loading takes at most twice this. A face
         of an OBJ, PLY, STL or OFF file counts 250 to 600 bytes. Default: 8 GiB.
+    isolate : bool
+        Whether files that other packages read (LAS, LAZ, DXF, and all that trimesh, meshio and
+        PyVista do) are read in a process of its own, which may take no more memory than
+        ``max_bytes`` says and 15 seconds of the processor and 10 for each megabyte of the file,
+        reaches no network and, on Linux, no file but those of ``resource_root``. It starts with
+        the first such file and waits for the next one. False: they are read in this process,
+        without these limits, which is for files that you trust.
 
     Returns
     -------
@@ -171,11 +143,11 @@ def load(
     Raises
     ------
     MeshFileError
-        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw. The
-        message names the file and what it holds.
+        A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw, or its
+        reader crashes or reaches a limit. The message names the file and what it holds.
     ValueError
-        If ``resource_root`` is no folder, an option for files is given for an object, or more than
-        ``max_bytes`` are needed: the message says by what.
+        If ``resource_root`` is no folder, ``isolate`` neither True nor False, an option for files
+        is given for an object, or more than ``max_bytes`` are needed: the message says by what.
 
     Warns
     -----
@@ -186,11 +158,14 @@ def load(
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     one_of("on_invalid", on_invalid, ON_INVALID)
     one_of("on_damage", on_damage, ON_DAMAGE)
+    if not isinstance(isolate, bool):
+        raise ValueError(f"isolate must be True or False, got {in_short(isolate)}")
     if _is_trimesh(path) or foreign_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
             ("resource_root", resource_root, None),
             ("max_bytes", max_bytes, DEFAULT_MAX_BYTES),
+            ("isolate", isolate, True),
         ):
             if value != default:
                 said = (
@@ -207,15 +182,15 @@ def load(
     budget = MemoryBudget(str(file), max_bytes)
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
-        scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
+        scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
         scene.up = _up_of(file)
     except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
-        kind = other_kind(file, _extension(file))
+        kind = other_kind(file, extension_of(file))
         if kind is None:
             raise
-        raise MeshFileError(f"{file} is {kind}; its name says .{_extension(file)}") from error
+        raise MeshFileError(f"{file} is {kind}; its name says .{extension_of(file)}") from error
     budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)
@@ -229,37 +204,35 @@ def _load(
     on_damage: str,
     crease_angle: float,
     left_out: LeftOut,
+    isolate: bool,
 ) -> Scene:
     """Read a mesh file with the reader of its format."""
-    extension, budget = _extension(file), resources.budget
+    extension = extension_of(file)
     if extension in GLTF_FORMATS:
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "3mf":
         return load_3mf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources, left_out)
-    if extension in PART_FORMATS or (extension == "dxf" and find_spec("ezdxf") is not None):
+    if extension in OWN_FORMATS:
         damage = Damage(file, on_damage, left_out)
-        parts = _read_parts(file, resources, damage, left_out)
-        scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out, budget)
+        found: Any = _read_parts(file, resources, damage, left_out)
         damage.note()
-        return scene
-    loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget, left_out)
-    note_what_is_not_read(file, extension, left_out)
-    if extension == "dxf":
-        note_entities(file, left_out)
-    adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget)
-    scene = adapter.scene(loaded)
-    if extension == "svg":
-        # Its y points down.
-        for node in scene.nodes:
-            node.transform = compose(_UPWARDS, node.transform)
-    return scene
+    elif isolate:
+        from rasterjit.io.foreign.door import read_isolated
+
+        found = read_isolated(file, resources, on_invalid, on_damage, left_out)
+    else:
+        from rasterjit.io.foreign.readers import read_file
+
+        found = read_file(file, resources, on_invalid, on_damage, left_out)
+    make = scene_of_assembly if isinstance(found, Assembly) else scene_of_parts
+    return make(found, str(file), on_invalid, crease_angle, left_out, resources.budget)
 
 
 def _up_of(file: Path) -> tuple[float, float, float] | None:
     """Return which way is up by a file or the definition of its format; None if neither tells."""
-    extension = _extension(file)
+    extension = extension_of(file)
     if extension == "dae":
         with file.open("rb") as opened:
             said = _UP_AXIS.search(opened.read(_HEAD))
@@ -276,9 +249,9 @@ def _up_of(file: Path) -> tuple[float, float, float] | None:
 def _read_parts(
     file: Path, resources: Resources, damage: Damage, left_out: LeftOut
 ) -> Sequence[Thing]:
-    """Read a file of `PART_FORMATS`, or raise `MeshFileError`."""
-    extension = _extension(file)
-    try:
+    """Read a file of `OWN_FORMATS`, or raise `MeshFileError`."""
+    extension = extension_of(file)
+    with as_mesh_file_error(file, extension):
         if extension == "obj":
             return read_obj(file, resources, damage, left_out)
         if extension == "ply":
@@ -287,20 +260,9 @@ def _read_parts(
             return read_off(file, resources, damage, left_out)
         if extension == "pcd":
             return read_pcd(file, resources, damage, left_out)
-        if extension in LAS_FORMATS:
-            return read_las(file, resources, damage, left_out)
         if extension in ROW_FORMATS:
             return read_rows(file, resources, damage, left_out)
-        if extension in VTK_FORMATS:
-            return read_vtk(file, resources, left_out)
-        if extension in CELL_FORMATS:
-            return read_cells(file, resources, left_out)
-        if extension == "dxf":
-            return read_dxf(file, resources, left_out)
         return read_stl(file, resources, damage, left_out)
-    except (OSError, MemoryError) as error:
-        reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
-        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
 
 
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
@@ -451,52 +413,3 @@ def _checked_path(path: str | os.PathLike[str]) -> Path:
         return existing_file("path", path)
     except ValueError as error:
         raise MeshFileError(str(error)) from None
-
-
-def _extension(file: Path) -> str:
-    """Return a file's extension as trimesh names it: lower case, no dot."""
-    name = file.name.lower()
-    double = [ending for ending in ("tar.gz", "tar.bz2") if name.endswith("." + ending)]
-    return double[0] if double else file.suffix.lower().removeprefix(".")
-
-
-def _read(file: Path, resolver: Any, budget: MemoryBudget, left_out: LeftOut) -> trimesh.Scene:
-    """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
-    import trimesh
-
-    extension = _extension(file)
-    loaders = trimesh.exchange.load
-    known = loaders.available_formats() | set(loaders.voxel_loaders) | set(_NEEDED)
-    if extension not in known and extension not in loaders.mesh_loaders:
-        named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
-        shown = ", ".join(f".{name}" for name in named)
-        kind = f"the extension .{extension}" if extension else "no extension"
-        raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
-    factor = XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
-    budget.take("the file", file.stat().st_size * factor)
-    try:
-        for module in _NEEDED.get(extension, ()):
-            import_module(module)
-        take_members(file, extension, factor, budget)
-        bound = with_bound_shapes(file, left_out) if extension == "dae" else None
-        with warnings.catch_warnings(), trimesh_told(left_out):
-            warnings.simplefilter("ignore")
-            # NumPy only warns of numbers that end at a word that is none; what is behind is lost.
-            warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
-            options: dict[str, Any] = {"resolver": resolver, "process": False}
-            if bound is not None:
-                return trimesh.load_scene(io.BytesIO(bound), file_type=extension, **options)
-            return trimesh.load_scene(file, **options)
-    except ImportError as error:
-        if error.name in _ENCODING_GUESSERS:
-            # trimesh falls back on guessing the encoding of a text that is none.
-            raise MeshFileError(
-                f"{file} could not be read as .{extension}: it is damaged or something else"
-            ) from error
-        raise MeshFileError(
-            f"{file}: reading .{extension} needs a package that is not installed ({error}); "
-            "pip install 'rasterjit[formats]' brings them"
-        ) from error
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error

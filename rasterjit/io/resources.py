@@ -66,6 +66,11 @@ class Resources:
         mesh file is in, or else that of the mesh file.
     budget : MemoryBudget, optional
         Counts what is read, here and by who makes something of it.
+
+    Attributes
+    ----------
+    folder, root : Path
+        That of the mesh file, and that which all files must lie in, all symbolic links followed.
     """
 
     def __init__(
@@ -75,7 +80,7 @@ class Resources:
         self.folder = path.parent
         self._model = _model_folder(Path(os.path.realpath(self.folder)))
         allowed = (self._model or self.folder) if root is None else root
-        self._root = Path(os.path.realpath(allowed))
+        self.root = Path(os.path.realpath(allowed))
 
     def read(self, name: str) -> bytes:
         """
@@ -132,10 +137,10 @@ class Resources:
         """Return the folder of a package or model, or raise `RefusedFileError`."""
         if self._model is not None and name in (self._model.name, _name_in(self._model)):
             return self._model
-        if name == self._root.name:
-            return self._root
-        if name not in ("", ".", "..") and (self._root / name).is_dir():
-            return self._root / name
+        if name == self.root.name:
+            return self.root
+        if name not in ("", ".", "..") and (self.root / name).is_dir():
+            return self.root / name
         raise RefusedFileError(
             f"{shown} is of a package or model that this file is not in; resource_root names the "
             "folder that has it"
@@ -147,9 +152,9 @@ class Resources:
         written = Path(os.path.normpath(named))
         place = Path(os.path.realpath(written))
         for one in (written, place):
-            if not one.is_relative_to(self._root):
+            if not one.is_relative_to(self.root):
                 raise RefusedFileError(
-                    f"the file {shown} lies outside {str(self._root)!r}; resource_root names "
+                    f"the file {shown} lies outside {str(self.root)!r}; resource_root names "
                     "another folder"
                 )
         return place

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 from rasterjit.scene.warning import warn_caller
 
@@ -49,6 +52,16 @@ def reason_of(error: Exception) -> str:
         return f"{error.args[0]} is missing"
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
+
+
+@contextmanager
+def as_mesh_file_error(file: Path, extension: str) -> Iterator[None]:
+    """Raise `MeshFileError` about what the system refuses, or has too little memory for."""
+    try:
+        yield
+    except (OSError, MemoryError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
+        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
 
 
 class NotSaved:
@@ -107,6 +120,19 @@ class LeftOut:
     def read(self, what: str, count: int = 1) -> None:
         """Add ``count`` things of a kind that something is made of."""
         self._unread[what] -= count
+
+    def all(self) -> list[tuple[str, str, int]]:
+        """Return reason, kind and number of all that is left out, for `add_all` of another one."""
+        return [
+            (reason, what, count)
+            for reason, counts in self._by_reason().items()
+            for what, count in counts.items()
+        ]
+
+    def add_all(self, notes: list[tuple[str, str, int]]) -> None:
+        """Add what another one noted."""
+        for reason, what, count in notes:
+            self.note(what, count, reason)
 
     def _by_reason(self) -> dict[str, Counter[str]]:
         """Return what is left out: by reason, or by its name if it has none."""

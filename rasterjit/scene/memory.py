@@ -33,6 +33,11 @@ class MemoryBudget:
         What messages call the file.
     max_bytes : int
 
+    Attributes
+    ----------
+    left : int
+        Bytes that may still be taken.
+
     Raises
     ------
     ValueError
@@ -43,8 +48,8 @@ class MemoryBudget:
         if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes <= 0:
             raise ValueError(f"max_bytes must be a whole number above 0, got {in_short(max_bytes)}")
         self._source = source
-        self._max_bytes = max_bytes
-        self._left = max_bytes
+        self.max_bytes = max_bytes
+        self.left = max_bytes
         self.refusal: FileSizeError | None = None
 
     def take(self, what: str, count: int) -> None:
@@ -62,13 +67,18 @@ class MemoryBudget:
         FileSizeError
             If fewer are left, or were so before.
         """
-        if self.refusal is None and count > self._left:
-            self.refusal = FileSizeError(
-                f"{self._source}: {what} needs {count:,} bytes, but {self._left:,} are left of "
-                f"max_bytes = {self._max_bytes:,}"
+        if self.refusal is None and count > self.left:
+            self.refuse(
+                f"{self._source}: {what} needs {count:,} bytes, but {self.left:,} are left of "
+                f"max_bytes = {self.max_bytes:,}"
             )
         self.check()
-        self._left -= count
+        self.left -= count
+
+    def refuse(self, said: str) -> None:
+        """Refuse everything from now on, and raise `FileSizeError`, with a message of why."""
+        self.refusal = FileSizeError(said)
+        self.check()
 
     def check(self) -> None:
         """Raise `FileSizeError` if anything was refused."""

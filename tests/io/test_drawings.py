@@ -166,9 +166,9 @@ def test_without_ezdxf_what_trimesh_passes_over_is_named(tmp_path, monkeypatch):
     face = "  0\n3DFACE\n  8\n0\n 10\n0\n 20\n0\n 30\n0\n"
     at = text.index("ENTITIES\n") + len("ENTITIES\n")
     (tmp_path / "a.dxf").write_text(text[:at] + face + text[at:])
-    monkeypatch.setattr("rasterjit.io.meshes.find_spec", lambda name: None)
+    monkeypatch.setattr("rasterjit.io.foreign.readers.find_spec", lambda name: None)
     with pytest.warns(rj.LoadWarning, match=r"3DFACE entity, which ezdxf would read \(1\)"):
-        rj.load(tmp_path / "a.dxf")
+        rj.load(tmp_path / "a.dxf", isolate=False)
 
 
 def test_elements_of_an_svg_file_that_are_not_drawn_are_named(tmp_path):

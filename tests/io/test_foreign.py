@@ -247,7 +247,7 @@ def test_cells_that_meshio_drops_are_named(tmp_path, monkeypatch):
     (tmp_path / "a.vtu").write_text(STRIP)
     monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
     with pytest.warns(rj.LoadWarning, match=r"cells that meshio cannot handle \(type 6\)"):
-        rj.load(tmp_path / "a.vtu")
+        rj.load(tmp_path / "a.vtu", isolate=False)
 
 
 def test_strips_of_a_vtu_file_are_triangles(tmp_path):
@@ -272,7 +272,7 @@ def test_files_that_only_pyvista_reads_say_so(tmp_path, monkeypatch, extension):
     (tmp_path / f"a.{extension}").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET ODD\n")
     monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
     with pytest.raises(rj.MeshFileError, match="PyVista may read it: pip install pyvista"):
-        rj.load(tmp_path / f"a.{extension}")
+        rj.load(tmp_path / f"a.{extension}", isolate=False)
 
 
 @pytest.mark.parametrize("extension", ["vtu", "vtk", "msh", "inp", "su2", "mesh"])
@@ -312,7 +312,7 @@ def test_what_no_package_reads_names_the_way_out(tmp_path, monkeypatch):
     for name, said in (("a.vtu", r"pip install 'rasterjit\[vtk\]'"), ("a.vtp", "install pyvista")):
         (tmp_path / name).write_text("<VTKFile>")
         with pytest.raises(rj.MeshFileError, match=said):
-            rj.load(tmp_path / name)
+            rj.load(tmp_path / name, isolate=False)
 
 
 # PyVista

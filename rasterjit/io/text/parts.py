@@ -90,16 +90,25 @@ def scene_of_parts(
     """Return a scene with a node for each thing, or raise `MeshFileError`, naming it."""
     scene = Scene()
     for part in parts:
-        if isinstance(part, Cloud):
-            points = points_of(part, source, on_invalid, left_out, budget)
-            scene.add(points, name=part.name or None)
-            continue
-        if isinstance(part, Drawing):
-            scene.add(lines_of(part, source, on_invalid, left_out, budget), name=part.name or None)
-            continue
-        mesh = mesh_of_part(part, source, on_invalid, crease_angle, left_out, budget)
+        mesh = thing_mesh(part, source, on_invalid, crease_angle, left_out, budget)
         scene.add(mesh, name=part.name or None)
     return scene
+
+
+def thing_mesh(
+    thing: Thing,
+    source: str,
+    on_invalid: str,
+    crease_angle: float,
+    left_out: LeftOut,
+    budget: MemoryBudget,
+) -> Mesh:
+    """Return a thing as a mesh with normals, points or lines, or raise `MeshFileError`."""
+    if isinstance(thing, Cloud):
+        return points_of(thing, source, on_invalid, left_out, budget)
+    if isinstance(thing, Drawing):
+        return lines_of(thing, source, on_invalid, left_out, budget)
+    return mesh_of_part(thing, source, on_invalid, crease_angle, left_out, budget)
 
 
 def mesh_of_part(

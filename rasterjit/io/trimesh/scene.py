@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,23 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import cameras
-from rasterjit.io.attributes import mesh_of, usable_attributes
-from rasterjit.io.drawings import drawing_of_path, lines_of
+from rasterjit.io.assembly import Assembly, Place, scene_of_assembly
+from rasterjit.io.drawings import drawing_of_path
 from rasterjit.io.gltf.scene import GLTF_FORMATS
-from rasterjit.io.point_clouds.cloud import Cloud, points_of
+from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.parts import linear_rgba, srgb_bytes, without_textures
+from rasterjit.io.text.parts import Part, Thing, linear_rgba, srgb_bytes
 from rasterjit.io.trimesh.materials import (
     TextureReader,
     colors_from_trimesh,
     material_from_trimesh,
 )
-from rasterjit.scene.camera import mirrors
-from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.camera import PerspectiveCamera, mirrors
+from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh, with_face_values
-from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
@@ -79,51 +78,50 @@ class TrimeshAdapter:
 
     def scene(self, loaded: Any) -> Scene:
         """Return a trimesh geometry or scene as a `Scene`, or raise `MeshFileError`."""
+        found = self.assembly(loaded)
+        return scene_of_assembly(
+            found, self.source, self.on_invalid, self.crease_angle, self.left_out, self.budget
+        )
+
+    def assembly(self, loaded: Any) -> Assembly:
+        """Return what a trimesh geometry or scene holds, or raise `MeshFileError`."""
         import trimesh
 
         if not isinstance(loaded, trimesh.Scene):
-            return self.scene(trimesh.Scene(loaded))
-        meshes: dict[str, Mesh] = {}
+            return self.assembly(trimesh.Scene(loaded))
+        things: list[Thing] = []
+        numbers: dict[str, int] = {}
         left: Counter[str] = Counter()
         for name, geometry in loaded.geometry.items():
             made = self._thing(name, geometry)
             if made is None:
                 left[_describe(geometry)] += 1
             else:
-                meshes[name] = made
-        if not meshes:
+                numbers[name] = len(things)
+                things.append(made)
+        if not things:
             held = f"{' and '.join(left)}, " if left else ""
             named = f" ({self.left_out})" if str(self.left_out) else ""
             raise MeshFileError(f"{self.source} holds {held}no faces, lines or points{named}")
         for what, count in left.items():
             self.left_out.note(what, count)
-        scene = Scene()
-        drawn = self._drawn_nodes(loaded.graph, meshes)
+        places, drawn = self._places(loaded.graph, numbers)
         if not drawn:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
-        for top in tops_of(drawn):
-            scene._take(top, is_new=True)
-        # Objects are numbered as trimesh has them, whatever they hang below.
-        scene.nodes[:] = drawn
-        self._take_camera(loaded, scene)
-        self._take_lights(loaded, scene)
-        return scene
+        return Assembly(things, places, drawn, self._camera(loaded), self._lights(loaded))
 
-    def _thing(self, name: str, geometry: Any) -> Mesh | None:
+    def _thing(self, name: str, geometry: Any) -> Thing | None:
         """Return a geometry as a mesh, lines or points; None if there is nothing in it."""
         import trimesh
 
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
             return self._mesh(name, geometry)
         if isinstance(geometry, (trimesh.Trimesh, trimesh.PointCloud)) and len(geometry.vertices):
-            return points_of(self._cloud(name, geometry), self.source, self.on_invalid,
-                             self.left_out, self.budget)  # fmt: skip
+            return self._cloud(name, geometry)
         if isinstance(geometry, trimesh.path.path.Path):
-            drawing = drawing_of_path(
+            return drawing_of_path(
                 name, geometry, self.source, self.on_invalid, self.left_out, self.budget
             )
-            if drawing is not None:
-                return lines_of(drawing, self.source, self.on_invalid, self.left_out, self.budget)
         return None
 
     def _cloud(self, name: str, geometry: Any) -> Cloud:
@@ -135,9 +133,10 @@ class TrimeshAdapter:
         attributes = getattr(geometry, "vertex_attributes", None) or {}
         return Cloud(name, np.asarray(geometry.vertices), rgba, None, dict(attributes))
 
-    def _drawn_nodes(self, graph: Any, meshes: dict[str, Mesh]) -> list[Node]:
-        """Return a node for each place of a mesh, in trimesh's order, below what it hangs below."""
-        made: dict[Any, Node] = {}
+    def _places(self, graph: Any, numbers: dict[str, int]) -> tuple[list[Place], list[int]]:
+        """Return where meshes stand and what they hang below, and which places have one."""
+        places: list[Place] = []
+        made: dict[Any, int] = {}
         drawn = []
         for key in graph.nodes_geometry:
             try:
@@ -145,17 +144,18 @@ class TrimeshAdapter:
             except ValueError:
                 self.left_out.note("node that hangs on no other")
                 continue
-            if name in meshes:
-                node = self._node(graph, key, rough, made)
-                node.mesh = meshes[name]
-                drawn.append(node)
-        return drawn
+            if name in numbers:
+                number = self._place(graph, key, rough, made, places)
+                places[number] = replace(places[number], thing=numbers[name])
+                drawn.append(number)
+        return places, drawn
 
-    def _node(
-        self, graph: Any, key: Any, rough: NDArray[np.float64], made: dict[Any, Node]
-    ) -> Node:
+    def _place(
+        self, graph: Any, key: Any, rough: NDArray[np.float64], made: dict[Any, int],
+        places: list[Place],
+    ) -> int:  # fmt: skip
         """
-        Return the node of a key; it and those above are made unless they are.
+        Return the number of a key's place; it and those above are made unless they are.
 
         Transforms are multiplied in an order that is the same on every CPU: trimesh takes products
         from BLAS, drops transforms within 1e-8 of the identity and passes what is nearly rigid
@@ -172,19 +172,17 @@ class TrimeshAdapter:
             steps[0] = compose(steps[0])
         else:
             path, steps = [key], [rough]
-        node = None
+        number = None
         # Everything hangs below trimesh's base, which is the world: it is no node.
         for name, step in zip(path[-len(steps) :], steps, strict=True):
             if name not in made:
-                try:
-                    made[name] = Node(None, step, str(name), parent=node)
-                except ValueError as error:
-                    raise MeshFileError(f"{self.source}: node {str(name)!r}: {error}") from error
-            node = made[name]
-        return node
+                made[name] = len(places)
+                places.append(Place(str(name), np.asarray(step), number))
+            number = made[name]
+        return made[key]
 
-    def _mesh(self, name: str, geometry: Any) -> Mesh:
-        """Return one trimesh.Trimesh as a `Mesh` with normals, naming it in errors."""
+    def _mesh(self, name: str, geometry: Any) -> Part:
+        """Return one trimesh.Trimesh as a `Part`."""
         source = getattr(geometry.source, "file_type", None)
         colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
         material, uv = None, None
@@ -192,30 +190,11 @@ class TrimeshAdapter:
             # A PBR material made in memory is glTF's, as trimesh documents it.
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
-            if uv is None and material is not None:
-                material = without_textures(name, material, self.left_out)
-        try:
-            mesh = mesh_of(
-                f"mesh {name!r}",
-                self.left_out,
-                vertices=geometry.vertices,
-                faces=geometry.faces,
-                normals=self._own_normals(geometry),
-                uv=uv,
-                material=material,
-                colors=colors,
-                attributes=usable_attributes(
-                    geometry.vertex_attributes, len(geometry.vertices), self.left_out
-                ),
-                on_invalid=self.on_invalid,
-            )
-            of_faces = usable_attributes(
-                geometry.face_attributes, len(geometry.faces), self.left_out
-            )
-            with_face_values(mesh, mesh.face_colors, of_faces)
-            return mesh if mesh.normals is not None else mesh.split_creases(self.crease_angle)
-        except ValueError as error:
-            raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
+        return Part(
+            str(name), np.asarray(geometry.vertices), np.asarray(geometry.faces),
+            self._own_normals(geometry), uv, colors, material,
+            dict(geometry.vertex_attributes), dict(geometry.face_attributes),
+        )  # fmt: skip
 
     def _material(self, material: Any, is_gltf: bool) -> Material | None:
         """Return a trimesh material as a `Material`, one for all meshes that share it."""
@@ -249,24 +228,26 @@ class TrimeshAdapter:
             return None
         return array
 
-    def _take_camera(self, loaded: Any, scene: Scene) -> None:
-        """Take the camera that a trimesh scene has, never the one it would make up."""
+    def _camera(self, loaded: Any) -> PerspectiveCamera | None:
+        """Return the camera that a trimesh scene has, never the one it would make up."""
         if not loaded.has_camera:
-            return
+            return None
         try:
             pose = np.asarray(loaded.camera_transform, dtype=np.float64)
             if mirrors(pose):
                 self.left_out.note("camera whose pose mirrors")
-                return
-            scene.camera = cameras.perspective_from_trimesh(loaded.camera, pose)
+                return None
+            return cameras.perspective_from_trimesh(loaded.camera, pose)
         except ValueError:
             self.left_out.note("camera that is not a usable perspective")
+            return None
 
-    def _take_lights(self, loaded: Any, scene: Scene) -> None:
-        """Take the lights somebody gave a trimesh scene; their bytes are linear light."""
+    def _lights(self, loaded: Any) -> list[Light]:
+        """Return the lights somebody gave a trimesh scene; their bytes are linear light."""
+        found: list[Light] = []
         lights = getattr(loaded, "_lights", None) or []
         if _made_up(loaded, lights):
-            return
+            return found
         for light in lights:
             pose = np.eye(4)
             if light.name in loaded.graph.nodes:
@@ -274,31 +255,33 @@ class TrimeshAdapter:
             color = np.asarray(light.color[:3], dtype=np.float64) / 255.0
             kind = type(light).__name__
             if kind == "DirectionalLight":
-                scene.lights.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
+                found.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
             elif kind == "PointLight":
-                scene.lights.append(PointLight(pose[:3, 3], color, light.intensity))
+                found.append(PointLight(pose[:3, 3], color, light.intensity))
             elif kind == "SpotLight":
-                self._take_spot(light, pose, color, scene)
+                found += self._spot(light, pose, color)
             else:
                 self.left_out.note(kind)
+        return found
 
-    def _take_spot(
-        self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64], scene: Scene
-    ) -> None:
-        """Take a spot light, whose angles trimesh has in radians."""
+    def _spot(
+        self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64]
+    ) -> list[SpotLight]:
+        """Return a spot light, whose angles trimesh has in radians, if its cone is usable."""
         try:
-            spot = SpotLight(
-                pose[:3, 3],
-                -pose[:3, 2],
-                color,
-                light.intensity,
-                inner_angle=math.degrees(light.innerConeAngle),
-                outer_angle=min(math.degrees(light.outerConeAngle), WIDEST_CONE),
-            )
+            return [
+                SpotLight(
+                    pose[:3, 3],
+                    -pose[:3, 2],
+                    color,
+                    light.intensity,
+                    inner_angle=math.degrees(light.innerConeAngle),
+                    outer_angle=min(math.degrees(light.outerConeAngle), WIDEST_CONE),
+                )
+            ]
         except ValueError:
             self.left_out.note("SpotLight without a usable cone")
-        else:
-            scene.lights.append(spot)
+            return []
 
 
 def _leads_to(steps: list[Any], rough: NDArray[np.float64]) -> bool:

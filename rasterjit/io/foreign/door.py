@@ -1,0 +1,293 @@
+"""
+Have files read by packages of others where they can do no harm: in a process with limits.
+
+The process is started for the first such file, waits for the next one, and ends with this one; see
+`rasterjit.io.foreign.child`. One that crashed or had to be ended is replaced.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from multiprocessing import spawn
+from pathlib import Path
+from typing import Any
+
+from rasterjit import forks
+from rasterjit.io.foreign.readers import modules_for
+from rasterjit.io.foreign.wire import read_found
+from rasterjit.io.kinds import extension_of
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.scene.warning import warn_caller
+
+_SECONDS, _SECONDS_OF_MEGABYTE = 15, 10
+"""Of the processor: what reading a file may take, and what each megabyte of it adds."""
+
+_WAITING = 20.0
+"""How many times as long it may take by the clock, as others use the processor as well."""
+
+_STARTING = 60.0
+"""Seconds in which the process must be ready, and may take to end another one."""
+
+_IN_PROCESS = "isolate=False reads it in this process, without limits"
+
+_PACKAGE = Path(__file__).parents[2]
+
+_START = """
+import json, sys, types
+said = json.loads(sys.stdin.buffer.readline())
+sys.path[:] = said["path"]
+package = types.ModuleType(said["name"])
+package.__path__ = [said["package"]]
+sys.modules[said["name"]] = package
+from rasterjit.io.foreign.child import serve
+import os
+serve(os.open(said["file"], os.O_RDWR | getattr(os, "O_BINARY", 0)) if isinstance(said["file"], str)
+      else said["file"])
+"""
+"""Imports no more than what reads: not the package's public names, which bring all else."""
+
+_THREADS = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "MALLOC_ARENA_MAX"), "1"
+)
+"""Variables that let libraries start none: what forks has one."""
+
+_LOCK = forks.lock()
+_IDLE: list[_Reader] = []
+_ALL: set[_Reader] = set()
+
+
+class _EndedError(Exception):
+    """The process ended in place of an answer, perhaps because it was too late with it."""
+
+    def __init__(self, is_late: bool = False) -> None:
+        super().__init__()
+        self.is_late = is_late
+
+
+class _Reader:
+    """A process that reads files."""
+
+    def __init__(self) -> None:
+        self._results, name = _result_file()
+        number = self._results.fileno()
+        command = [spawn.get_executable(), "-I", "-S", "-c", _START]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            pass_fds=() if name else (number,), env={**os.environ, **_THREADS},
+            # What interrupts this process is not for that one.
+            start_new_session=os.name == "posix",
+        )  # fmt: skip
+        hello = {
+            "path": _path(), "package": str(_PACKAGE), "name": __name__.partition(".")[0],
+            "file": name or number,
+        }  # fmt: skip
+        with _LOCK:
+            _ALL.add(self)
+        try:
+            self._say(hello)
+            self._answer(_STARTING)
+        except BaseException:
+            self.end()
+            raise
+
+    def ask(self, request: dict[str, Any], longest: float) -> tuple[dict[str, Any], Any]:
+        """Return how the process fared with a request, and what it found, if it did."""
+        self._say(request)
+        answer = self._answer(longest)
+        found = None
+        if answer["status"] == 0:
+            found = read_found(self._results.fileno())
+            # Its memory is free again.
+            self._results.truncate(0)
+        return answer, found
+
+    def _say(self, what: dict[str, Any]) -> None:
+        """Send a line."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(what).encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError as error:
+            raise _EndedError from error
+
+    def _answer(self, longest: float) -> dict[str, Any]:
+        """Wait for a line; one that takes too long ends the process."""
+        assert self._process.stdout is not None
+        is_over = threading.Event()
+
+        def end() -> None:
+            """End the process when time is over."""
+            is_over.set()
+            self._process.kill()
+
+        clock = threading.Timer(longest, end)
+        clock.daemon = True
+        clock.start()
+        try:
+            line = self._process.stdout.readline()
+        finally:
+            clock.cancel()
+        if not line.endswith(b"\n"):
+            raise _EndedError(is_over.is_set())
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def is_alive(self) -> bool:
+        """Tell whether the process still waits."""
+        return self._process.poll() is None
+
+    def end(self) -> int:
+        """End the process, and tell how it ended."""
+        with _LOCK:
+            _ALL.discard(self)
+        self._process.kill()
+        self.close()
+        return self._process.wait()
+
+    def close(self) -> None:
+        """Let go of what leads to the process."""
+        for one in (self._process.stdin, self._process.stdout, self._results):
+            if one is not None:
+                with contextlib.suppress(OSError):
+                    one.close()
+
+    def forget(self) -> None:
+        """Leave the process to the one that this one is a copy of."""
+        self.close()
+        self._process.returncode = 0
+
+
+def _path() -> list[str]:
+    """Return where modules are found, wherever the process is."""
+    return [os.path.abspath(one) for one in sys.path]
+
+
+def _result_file() -> tuple[Any, str | None]:
+    """Return a file for what is found, and its name if that has to be told."""
+    if hasattr(os, "memfd_create"):
+        return open(os.memfd_create("rasterjit", os.MFD_CLOEXEC), "w+b", buffering=0), None
+    file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+    return file, None if os.name == "posix" else file.name
+
+
+def _end_all() -> None:
+    """End all processes, as this one does."""
+    for one in list(_ALL):
+        one.end()
+
+
+def _forget_all() -> None:
+    """Let a forked child start processes of its own."""
+    while _ALL:
+        _ALL.pop().forget()
+    _IDLE.clear()
+
+
+atexit.register(_end_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_all)
+
+
+def read_isolated(
+    path: Path, resources: Resources, on_invalid: str, on_damage: str, left_out: LeftOut
+) -> Any:
+    """
+    Return what `read_file` does, read in a process with limits.
+
+    Parameters
+    ----------
+    path : Path
+    resources : Resources
+        Whose folder and budget hold for the process as well.
+    on_invalid : {"raise", "drop"}
+    on_damage : {"error", "warn"}
+    left_out : LeftOut
+
+    Raises
+    ------
+    MeshFileError
+        Also if the process crashes, takes too long or more memory than the budget has.
+    FileSizeError
+    """
+    budget, extension = resources.budget, extension_of(path)
+    seconds = _SECONDS + _SECONDS_OF_MEGABYTE * path.stat().st_size // 1_000_000
+    request = {
+        "path": str(path), "root": str(resources.root), "folder": os.getcwd(),
+        "sys_path": _path(), "hidden": [name for name, one in sys.modules.items() if one is None],
+        "modules": modules_for(extension), "on_damage": on_damage,
+        "on_invalid": on_invalid, "max_bytes": budget.max_bytes, "left": budget.left,
+        "memory": 2 * budget.left, "seconds": seconds, "longest": _WAITING * seconds,
+    }  # fmt: skip
+    could_not = f"{path} could not be read as .{extension}"
+    answer, found = _asked(request, could_not)
+    if found is None:
+        raise MeshFileError(f"{could_not}: {_ending(answer, seconds)}; {_IN_PROCESS}")
+    if found["error"] == "FileSizeError":
+        budget.refuse(found["said"])
+    if found["error"] == "MemoryError":
+        raise MeshFileError(
+            f"{could_not}: it needs more memory than max_bytes = {budget.max_bytes:,} allows"
+        )
+    if found["error"] is not None:
+        raise MeshFileError(found["said"])
+    budget.left = found["left"]
+    left_out.add_all(found["left_out"])
+    for text in found["warnings"]:
+        warn_caller(text)
+    return found["found"]
+
+
+def _ending(answer: dict[str, Any], seconds: int) -> str:
+    """Say why a reader ended without an answer."""
+    status = answer["status"]
+    if answer.get("is_late") or status == -getattr(signal, "SIGXCPU", 0):
+        return f"its reader takes more than {seconds} s"
+    if status < 0:
+        return f"its reader crashed ({signal.Signals(-status).name})"
+    return f"its reader ended with status {status}"
+
+
+def _asked(request: dict[str, Any], could_not: str) -> tuple[dict[str, Any], Any]:
+    """Have a process answer a request: one that waits, or a new one."""
+    reader = None
+    try:
+        reader = _taken()
+        answer = reader.ask(request, request["longest"] + _STARTING)
+    except _EndedError as error:
+        return {"status": _dropped(reader), "is_late": error.is_late}, None
+    except BaseException as error:
+        _dropped(reader)
+        if isinstance(error, OSError):
+            raise MeshFileError(
+                f"{could_not}: no process can be started for it ({error}); {_IN_PROCESS}"
+            ) from error
+        raise
+    with _LOCK:
+        _IDLE.append(reader)
+    return answer
+
+
+def _taken() -> _Reader:
+    """Return a process that nobody else asks."""
+    while True:
+        with _LOCK:
+            reader = _IDLE.pop() if _IDLE else None
+        if reader is None:
+            return _Reader()
+        if reader.is_alive():
+            return reader
+        _dropped(reader)
+
+
+def _dropped(reader: _Reader | None) -> int:
+    """End a process, if there is one, that is of no more use; tell how it ended."""
+    return -1 if reader is None else reader.end()

@@ -1,0 +1,148 @@
+"""Files that packages of others read: LAS, cells of simulations, drawings, and all of trimesh's."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rasterjit.io.archives import take_members
+from rasterjit.io.assembly import Assembly
+from rasterjit.io.dxf import note_entities, read_dxf
+from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, read_vtk
+from rasterjit.io.kinds import extension_of
+from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut, MeshFileError, as_mesh_file_error
+from rasterjit.io.text.lines import Damage
+from rasterjit.io.text.parts import Thing
+from rasterjit.io.threemf.package import XML_BYTES
+from rasterjit.io.trimesh.resolver import resolver_of
+from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.io.trimesh.skins import with_bound_shapes
+from rasterjit.io.trimesh.told import trimesh_told
+from rasterjit.io.trimesh.xml import note_what_is_not_read
+from rasterjit.scene.transforms import compose
+
+_ENCODING_GUESSERS = ("charset_normalizer", "chardet")
+"""Modules that trimesh asks for when a file is not the text it should be."""
+
+_NEEDED = {"svg": ("svg.path", "lxml")}
+"""Modules without which trimesh takes a format for one that it does not know."""
+
+_XML_FORMATS = ("3dxml", "dae", "svg", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
+"""Formats that are XML or may hold it, packed or not."""
+
+_OTHER_BYTES = 4
+"""What a byte takes of a file that trimesh reads and that is no XML."""
+
+_UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
+"""Turns a page over, whose y points down."""
+
+_SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
+
+_SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
+"""Others that messages name."""
+
+
+def read_file(
+    file: Path, resources: Resources, on_invalid: str, on_damage: str, left_out: LeftOut
+) -> Sequence[Thing] | Assembly:
+    """Return what a file holds, or raise `MeshFileError`; ``on_invalid`` is for curves."""
+    extension = extension_of(file)
+    with as_mesh_file_error(file, extension):
+        if extension in LAS_FORMATS:
+            damage = Damage(file, on_damage, left_out)
+            clouds = read_las(file, resources, damage, left_out)
+            damage.note()
+            return clouds
+        if extension in VTK_FORMATS:
+            return read_vtk(file, resources, left_out)
+        if extension in CELL_FORMATS:
+            return read_cells(file, resources, left_out)
+        if extension == "dxf" and find_spec("ezdxf") is not None:
+            return read_dxf(file, resources, left_out)
+        return _read_by_trimesh(file, extension, resources, on_invalid, left_out)
+
+
+def modules_for(extension: str) -> tuple[str, ...]:
+    """Return the modules that a format is read with, as far as they are installed."""
+    if extension in LAS_FORMATS:
+        return "laspy", "lazrs", "laszip"
+    if extension in VTK_FORMATS:
+        return ("pyvista",)
+    if extension in CELL_FORMATS:
+        return "meshio", "h5py", "netCDF4"
+    trimesh = "trimesh", "trimesh.path.path", "PIL.Image", "lxml.etree", "collada", "networkx"
+    return ("ezdxf.recover", "ezdxf.path", "ezdxf.render") if extension == "dxf" else trimesh
+
+
+def _read_by_trimesh(
+    file: Path, extension: str, resources: Resources, on_invalid: str, left_out: LeftOut
+) -> Assembly:
+    """Return what a file holds that trimesh reads."""
+    loaded = _loaded(file, extension, resources, left_out)
+    note_what_is_not_read(file, extension, left_out)
+    if extension == "dxf":
+        note_entities(file, left_out)
+    adapter = TrimeshAdapter(str(file), True, on_invalid, 0.0, left_out, resources.budget)
+    found = adapter.assembly(loaded)
+    if extension == "svg":
+        # Its y points down.
+        places = [
+            one if one.parent is not None else replace(
+                one, transform=compose(_UPWARDS, one.transform)
+            )
+            for one in found.places
+        ]  # fmt: skip
+        found = replace(found, places=places)
+    return found
+
+
+def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut) -> Any:
+    """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
+    import trimesh
+
+    loaders = trimesh.exchange.load
+    known = loaders.available_formats() | set(loaders.voxel_loaders) | set(_NEEDED)
+    if extension not in known and extension not in loaders.mesh_loaders:
+        named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
+        shown = ", ".join(f".{name}" for name in named)
+        kind = f"the extension .{extension}" if extension else "no extension"
+        raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
+    factor = XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
+    resources.budget.take("the file", file.stat().st_size * factor)
+    resolver = resolver_of(resources, left_out, extension == "dae")
+    try:
+        for module in _NEEDED.get(extension, ()):
+            import_module(module)
+        take_members(file, extension, factor, resources.budget)
+        bound = with_bound_shapes(file, left_out) if extension == "dae" else None
+        with warnings.catch_warnings(), trimesh_told(left_out):
+            warnings.simplefilter("ignore")
+            # NumPy only warns of numbers that end at a word that is none; what is behind is lost.
+            warnings.filterwarnings("error", ".*could not be read to its end", DeprecationWarning)
+            options: dict[str, Any] = {"resolver": resolver, "process": False}
+            if bound is not None:
+                return trimesh.load_scene(io.BytesIO(bound), file_type=extension, **options)
+            return trimesh.load_scene(file, **options)
+    except ImportError as error:
+        if error.name in _ENCODING_GUESSERS:
+            # trimesh falls back on guessing the encoding of a text that is none.
+            raise MeshFileError(
+                f"{file} could not be read as .{extension}: it is damaged or something else"
+            ) from error
+        raise MeshFileError(
+            f"{file}: reading .{extension} needs a package that is not installed ({error}); "
+            "pip install 'rasterjit[formats]' brings them"
+        ) from error
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
