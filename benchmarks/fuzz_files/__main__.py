@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import resource
 import select
 import subprocess
@@ -40,6 +41,13 @@ STARTING_SECONDS = 600.0
 """In which the process must have read the sound files; kernels may have to be compiled for it."""
 
 LISTED = 40
+
+COLUMNS = ("tried", "own error", "of these, stopped", "read", "crash", "hung", "a foreign",
+           "lost without a word", "other")  # fmt: skip
+"""Of the table; those behind "read" are how faults begin."""
+
+STOPPED = re.compile(r"its reader (?:crashed|takes more)|needs more memory than max_bytes")
+"""What is said of files whose readers were stopped where they could do no harm."""
 
 
 class Reader:
@@ -109,15 +117,21 @@ def serve(seed: int, answers: TextIO) -> None:
 def report(results: list[dict[str, Any]], seed: int, console: Console) -> bool:
     """Print what became of all cases; tell whether nothing is wrong."""
     table = Table(title=f"{len(results):,} mutated files, seed {seed}")
-    for name in ("sample", "loaded", "warned", "refused", "ended", "faults"):
-        table.add_column(name, justify="left" if name == "sample" else "right")
+    table.add_column("sample")
+    for name in COLUMNS:
+        table.add_column(name, justify="right")
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for one in results:
-        counts[one["sample"]][one["outcome"]] += 1
-        counts[one["sample"]]["faults"] += bool(one["faults"])
+        count = counts[one["sample"]]
+        is_own = one["outcome"] == "refused" and not one["faults"]
+        count.update({"tried": 1, "own error": is_own})
+        count.update({"read": one["outcome"] in ("loaded", "warned")})
+        count.update({"of these, stopped": is_own and bool(STOPPED.search(one["said"]))})
+        for fault in one["faults"]:
+            count.update([next((name for name in COLUMNS if fault.startswith(name)), "other")])
+    counts["all"] = sum(counts.values(), Counter())
     for sample, count in counts.items():
-        table.add_row(sample, *(str(count[name]) for name in
-                                ("loaded", "warned", "refused", "ended", "faults")))  # fmt: skip
+        table.add_row(sample, *(str(count[name]) for name in COLUMNS))
     console.print(table)
     faulty = [one for one in results if one["faults"]]
     kinds = Counter(fault.split(":")[0].split(",")[0] for one in faulty for fault in one["faults"])

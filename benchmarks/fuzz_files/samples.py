@@ -427,6 +427,55 @@ def sky_picture() -> Files:
     return {"sky.png": picture("PNG", (8, 4))}
 
 
+CELLS = ("vtk", "vtu", "xdmf", "msh", "mesh", "meshb", "inp", "bdf", "nas", "fem", "avs", "ugrid",
+         "tec", "vol", "mdpa")  # fmt: skip
+"""Formats of simulations that meshio writes and reads without further packages."""
+
+CLOUDS = ("las", "laz")
+
+
+def cells(kind: str) -> Files:
+    """Return the grid as meshio writes it."""
+    import contextlib
+    import tempfile
+    from pathlib import Path
+
+    import meshio
+
+    vertices, faces = grid()
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        place = Path(folder, f"a.{kind}")
+        options = {"data_format": "XML"} if kind == "xdmf" else {}
+        with contextlib.redirect_stderr(io.StringIO()):
+            meshio.Mesh(vertices, [("triangle", faces)]).write(place, **options)
+        return {place.name: place.read_bytes()}
+
+
+def cloud(kind: str) -> Files:
+    """Return the vertices of the grid as points with colours."""
+    import laspy
+
+    stream, file = io.BytesIO(), laspy.create(point_format=3, file_version="1.2")
+    file.x, file.y, file.z = grid()[0].T
+    file.red = file.green = np.arange(SIDE * SIDE) * 4096
+    file.write(stream, do_compress=kind == "laz")
+    return {f"a.{kind}": stream.getvalue()}
+
+
+def svg() -> Files:
+    """Return a drawing of lines and curves."""
+    return {
+        "a.svg": b'<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0 L4 0 L4 3 Z"/>'
+        b'<circle cx="2" cy="2" r="1"/><rect width="3" height="2"/></svg>'
+    }
+
+
+def pcd() -> Files:
+    """Return points as text."""
+    head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 16\nHEIGHT 1\n"
+    return {"a.pcd": f"{head}POINTS 16\nDATA ascii\n{rows_of(grid()[0])}".encode()}
+
+
 SAMPLES: dict[str, Callable[[], Files]] = {
     "obj": obj, "obj plain": obj_plain, "ply text": ply_text,
     "ply little": lambda: ply_binary("little"), "ply big": lambda: ply_binary("big"),
@@ -437,7 +486,9 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     **{f"picture {kind}": lambda kind=kind: skin(kind)
        for kind in ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")},
     "sky hdr": lambda: sky_hdr(12), "sky hdr flat": lambda: sky_hdr(5), "sky exr": sky_exr,
-    "sky png": sky_picture,
+    "sky png": sky_picture, "svg": svg, "pcd": pcd,
+    **{kind: lambda kind=kind: cells(kind) for kind in CELLS},
+    **{kind: lambda kind=kind: cloud(kind) for kind in CLOUDS},
 }  # fmt: skip
 """What makes each sample; those that begin with ``sky`` are environments."""
 

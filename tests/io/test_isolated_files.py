@@ -6,9 +6,11 @@ import base64
 import dataclasses
 import importlib.util
 import os
+import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 import warnings
 import zlib
@@ -268,6 +270,104 @@ except OSError as error:
     if said.startswith("False"):
         pytest.skip("this kernel has no Landlock")
     assert said.split(" ", 1)[1].startswith("[True, False, False, False, False]"), said
+
+
+# The process
+
+
+def small(folder, name="a.vtk"):
+    """Write a triangle that a package of others reads."""
+    return tables(folder / name, [("triangle", np.array([[0, 1, 2]]))])
+
+
+def idle():
+    """Return the number of the process that waits for the next file."""
+    return door._IDLE[-1]._process.pid
+
+
+def test_a_process_is_kept_for_the_next_file_and_replaced_when_it_is_gone(tmp_path):
+    path = small(tmp_path)
+    rj.load(path)
+    first = idle()
+    rj.load(path)
+    assert idle() == first
+    os.kill(first, signal.SIGKILL)
+    door._IDLE[-1]._process.wait()
+    assert rj.load(path).nodes
+    assert idle() != first
+
+
+def test_threads_read_at_the_same_time(tmp_path):
+    path, found = small(tmp_path), []
+    threads = [threading.Thread(target=lambda: found.append(rj.load(path))) for _ in range(3)]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join()
+    assert len(found) == 3
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_a_forked_child_reads_by_a_process_of_its_own(tmp_path):
+    path = small(tmp_path)
+    rj.load(path)
+    before = idle()
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            rj.load(path)
+            status = int(idle() == before)
+            door._end_all()
+        finally:
+            os._exit(status)
+    assert os.waitpid(child, 0)[1] == 0
+    rj.load(path)
+    assert idle() == before
+
+
+ENDS = """
+import os, signal, sys
+import rasterjit as rj
+from rasterjit.io.foreign import door
+rj.load(sys.argv[1])
+print(door._IDLE[-1]._process.pid, flush=True)
+if sys.argv[2] == "killed":
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@linux
+@pytest.mark.parametrize("how", ["ends", "killed"])
+def test_the_process_ends_with_the_program(tmp_path, how):
+    done = subprocess.run(
+        [sys.executable, "-c", ENDS, small(tmp_path), how], cwd=ROOT, capture_output=True,
+        text=True, timeout=120,
+    )  # fmt: skip
+    number, until = int(done.stdout), time.monotonic() + LONGEST
+    while Path(f"/proc/{number}").exists() and time.monotonic() < until:
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+        if state == "Z":
+            # Whoever takes orphans in has not looked yet.
+            break
+        time.sleep(0.05)
+    else:
+        assert not Path(f"/proc/{number}").exists()
+
+
+def test_nothing_of_it_is_loaded_for_formats_of_our_own(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    said = in_child(
+        f"import sys, rasterjit as rj; rj.load({str(tmp_path / 'a.obj')!r});"
+        "print([name for name in sys.modules if name.startswith('rasterjit.io.foreign.')])"
+    )
+    assert not {"door", "wire", "limits", "readers"} & set(said.replace("'", ".").split("."))
+
+
+@pytest.mark.parametrize("isolate", [None, 1, "yes"])
+def test_whether_to_isolate_is_checked(tmp_path, isolate):
+    with pytest.raises(ValueError, match="isolate must be True or False, got"):
+        rj.load(small(tmp_path), isolate=isolate)
 
 
 # What harms

@@ -31,8 +31,9 @@ from rasterjit.scene.warning import warn_caller
 _SECONDS, _SECONDS_OF_MEGABYTE = 15, 10
 """Of the processor: what reading a file may take, and what each megabyte of it adds."""
 
-_WAITING = 20.0
-"""How many times as long it may take by the clock, as others use the processor as well."""
+_WAITING = 20.0 if sys.platform == "linux" else 4.0
+"""How many times as long it may take by the clock, as others use the processor as well; by this
+alone some systems are held to it."""
 
 _STARTING = 60.0
 """Seconds in which the process must be ready, and may take to end another one."""
@@ -50,8 +51,10 @@ package.__path__ = [said["package"]]
 sys.modules[said["name"]] = package
 from rasterjit.io.foreign.child import serve
 import os
-serve(os.open(said["file"], os.O_RDWR | getattr(os, "O_BINARY", 0)) if isinstance(said["file"], str)
-      else said["file"])
+file = said["file"]
+if isinstance(file, str):
+    file = os.open(file, os.O_RDWR | os.O_BINARY | os.O_TEMPORARY)
+serve(file)
 """
 """Imports no more than what reads: not the package's public names, which bring all else."""
 
