@@ -20,7 +20,7 @@ from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, re
 from rasterjit.io.kinds import extension_of
 from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, as_mesh_file_error
+from rasterjit.io.skipped import LeftOut, MeshFileError, as_mesh_file_error, reason_of
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.parts import Thing
 from rasterjit.io.threemf.package import XML_BYTES
@@ -144,5 +144,6 @@ def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut)
             "pip install 'rasterjit[formats]' brings them"
         ) from error
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
+        raise MeshFileError(
+            f"{file} could not be read as .{extension}: {reason_of(error)}"
+        ) from error
