@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut
 from rasterjit.scene.mesh import Mesh, value_rows
-from rasterjit.scene.warning import told_elsewhere
+from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere
 
 
 def usable_attributes(
@@ -50,7 +50,7 @@ def usable_attributes(
 
 def mesh_of(label: str, left_out: LeftOut, **arrays: Any) -> Mesh:
     """Return the mesh of what `Mesh` takes, and note how many of its normals had to be made."""
-    with told_elsewhere():
+    with told_elsewhere(MADE_NORMALS):
         mesh = Mesh(**arrays)
     if mesh._repaired_normals:
         left_out.note(f"normals of length 0 of {label}: made from faces", mesh._repaired_normals)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.fonts import Float64, Font, font_for, font_named
-from rasterjit.scene.warning import warn_caller
+from rasterjit.scene.warning import EACH_FRAME, warn_caller
 
 QUARTERS = 4
 """Places of a character between two pixels."""
@@ -107,7 +107,7 @@ def warn_of_missing(layout: Layout) -> None:
         warn_caller(
             f"no font has {named}{more}: drawn as empty boxes. Give font= a file or a name that "
             "has them, or install one: Matplotlib brings DejaVu Sans, Debian has fonts-noto-cjk",
-            UserWarning,
+            kind=EACH_FRAME,
         )
 
 

@@ -49,7 +49,7 @@ from rasterjit.scene.validation import (
     read_only,
     unmasked_array,
 )
-from rasterjit.scene.warning import warn_caller
+from rasterjit.scene.warning import MADE_NORMALS, warn_caller
 
 if TYPE_CHECKING:
     import trimesh
@@ -464,7 +464,9 @@ class Mesh(Guarded, Previewed):
         if count and not rest._repaired_normals:
             rest._repaired_normals = count
             noun = "normal of length 0" if count == 1 else "normals of length 0"
-            warn_caller(f"{count:,} {noun} of {label}: made from the faces around")
+            warn_caller(
+                f"{count:,} {noun} of {label}: made from the faces around", kind=MADE_NORMALS
+            )
         return normals
 
     def _store_posable(self, joints: Any, weights: Any, targets: Any) -> None:

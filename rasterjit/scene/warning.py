@@ -11,20 +11,28 @@ from contextvars import ContextVar
 _PACKAGE = __name__.partition(".")[0]
 
 
-_IS_SILENT: ContextVar[bool] = ContextVar("_IS_SILENT", default=False)
+EACH_FRAME = "what is said of each frame anew"
+"""A kind of warnings: another frame of the same says it again."""
+
+MADE_NORMALS = "normals of length 0 of a mesh"
+"""A kind of warnings: said once, when they are made."""
+
+_SILENT: ContextVar[frozenset[str]] = ContextVar("_SILENT", default=frozenset())
 
 
 @contextmanager
-def told_elsewhere() -> Iterator[None]:
-    """Keep `warn_caller` silent in a block whose caller says the same in other words."""
-    token = _IS_SILENT.set(True)
+def told_elsewhere(kind: str) -> Iterator[None]:
+    """Keep back warnings of a kind in a block whose caller says the same, in its own words."""
+    token = _SILENT.set(_SILENT.get() | {kind})
     try:
         yield
     finally:
-        _IS_SILENT.reset(token)
+        _SILENT.reset(token)
 
 
-def warn_caller(message: str | Warning, category: type[Warning] = UserWarning) -> None:
+def warn_caller(
+    message: str | Warning, category: type[Warning] = UserWarning, kind: str = ""
+) -> None:
     """
     Issue a warning that points at the line that called this package, however deep inside it is.
 
@@ -33,8 +41,10 @@ def warn_caller(message: str | Warning, category: type[Warning] = UserWarning) -
     message : str or Warning
         Ends without a full stop. A warning that is made already is issued as it is.
     category : type of Warning
+    kind : str
+        What `told_elsewhere` may keep back. Default: nothing does.
     """
-    if _IS_SILENT.get():
+    if kind in _SILENT.get():
         return
     level, outermost, frame = 1, 1, sys._getframe()
     # Between frames of this package lie others, such as functools'.

@@ -11,7 +11,7 @@ from rasterjit.rendering.renderer import render
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import MOST_STOPS
-from rasterjit.scene.warning import told_elsewhere
+from rasterjit.scene.warning import EACH_FRAME, told_elsewhere
 from rasterjit.survey.lights import most_light
 
 SIZE = (96, 96)
@@ -38,7 +38,7 @@ def metered_exposure(scene: Scene, camera: Camera | None) -> float:
     """
     if most_light(scene.lights, scene.environment) <= STRONG:
         return 0.0
-    with told_elsewhere():
+    with told_elsewhere(EACH_FRAME):
         frame = render(scene, camera, size=SIZE, outputs=("linear",), background="transparent")
     seen = frame.linear[frame.linear[:, :, 3] > 0.5]
     if not len(seen):

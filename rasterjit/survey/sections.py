@@ -50,7 +50,7 @@ from rasterjit.scene.texture import UVSet
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
-from rasterjit.scene.warning import warn_caller
+from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import Shapes, are_same
 from rasterjit.survey.contents import base_color_of
 from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
@@ -929,7 +929,8 @@ class _Cutter:
         if triangles is None:
             warn_caller(
                 f"{self.node.name!r} is cut by a section, but the outline of the cut does not "
-                "close: it is drawn without a cap"
+                "close: it is drawn without a cap",
+                kind=EACH_FRAME,
             )
             return
         count = len(triangles)

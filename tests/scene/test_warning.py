@@ -7,7 +7,7 @@ import warnings
 
 import pytest
 
-from rasterjit.scene.warning import warn_caller
+from rasterjit.scene.warning import EACH_FRAME, MADE_NORMALS, told_elsewhere, warn_caller
 
 
 def call_through(depth):
@@ -36,6 +36,20 @@ def test_a_line_is_warned_about_once_unless_programs_ask_for_more():
             inside()
         inside()
     assert len(caught) == 2
+
+
+def test_only_the_kind_that_is_told_elsewhere_is_kept_back():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with told_elsewhere(MADE_NORMALS):
+            for kind in (MADE_NORMALS, EACH_FRAME, ""):
+                warn_caller(f"of kind {kind!r}", kind=kind)
+            with told_elsewhere(EACH_FRAME):
+                warn_caller("neither", kind=MADE_NORMALS)
+                warn_caller("nor", kind=EACH_FRAME)
+        warn_caller("afterwards", kind=MADE_NORMALS)
+    texts = [str(one.message) for one in caught]
+    assert texts == [f"of kind {EACH_FRAME!r}", "of kind ''", "afterwards"]
 
 
 def test_a_package_of_a_like_name_is_no_part_of_this_one():

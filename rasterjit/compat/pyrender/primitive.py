@@ -15,7 +15,7 @@ from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.scene.validation import in_short, read_only
-from rasterjit.scene.warning import told_elsewhere
+from rasterjit.scene.warning import MADE_NORMALS, told_elsewhere
 
 Float32 = NDArray[np.float32]
 
@@ -336,7 +336,7 @@ class Primitive:
         if key not in self._drawn:
             faces = self.faces()
             # pyrender does not tell of normals of length 0.
-            with told_elsewhere():
+            with told_elsewhere(MADE_NORMALS):
                 self._drawn[key] = made = SceneMesh(
                     self.positions, faces[:, ::-1] if is_turned else faces,
                     normals=finite(self.normals), uv=finite(self.texcoord_0),
