@@ -64,6 +64,44 @@ def test_an_alpha_at_the_threshold_is_hit_and_outputs_without_colour_are_the_sam
             assert getattr(frame, name).tobytes() == getattr(alone, name).tobytes()
 
 
+FAINT = {"material": rj.Material("unlit", (0, 0, 1, 0.2), alpha_mode="blend")}
+PALE = {"material": rj.Material("unlit", "blue", alpha_mode="blend"),
+        "colors": np.full((4, 4), (0, 0, 1, 0.2))}  # fmt: skip
+SHOWN = {
+    "mesh": lambda **look: rj.Mesh(CORNERS, FACES, **look),
+    "lines": lambda **look: rj.Lines(CORNERS / 2, [(0, 1), (1, 2)], width=6, **look),
+    "points": lambda **look: rj.Points(CORNERS / 2, size=1.5, unit="world", **look),
+    "points of pixels": lambda **look: rj.Points(CORNERS / 2, size=7, **look),
+    "points of sizes": lambda **look: rj.Points(CORNERS / 2, size=[3, 5, 7, 9], **look),
+}
+"""What shows a surface, by how it looks."""
+
+
+@pytest.mark.parametrize("kind", SHOWN)
+@pytest.mark.parametrize("look", [FAINT, PALE], ids=["material", "colors"])
+@pytest.mark.parametrize("least", [0.0, 0.5])
+def test_whatever_is_too_faint_is_not_hit_whatever_is_asked_for(kind, look, least):
+    scene = rj.Scene()
+    scene.add(SHOWN[kind](**look))
+    scene.add(rj.Points([(0, 0, -1)], size=3, shape="disc", material=rj.Material("unlit", "red")))
+    scene.add(rj.Mesh(CORNERS - (0, 0, 2), FACES, material=rj.Material("unlit", "green")))
+    hits = [one for one in HITS if one != "normal"]
+    options = {"size": (16, 16), "quality": rj.Quality(visible_alpha=least)}
+    with_color = rj.render(scene, CAMERA, outputs=("color", *hits), **options)
+    assert (0 in with_color.object_id) == (least == 0.0)
+    alone = rj.render(scene, CAMERA, outputs=hits, **options)
+    one_by_one = {name: rj.render(scene, CAMERA, outputs=(name,), **options) for name in hits}
+    for name in hits:
+        wanted = getattr(with_color, name).tobytes()
+        assert getattr(alone, name).tobytes() == wanted
+        assert getattr(one_by_one[name], name).tobytes() == wanted
+    # Layers have no discs.
+    scene.nodes.pop(1)
+    nearest = rj.render(scene, CAMERA, outputs=("object_id",), **options).object_id
+    layers = rj.render_layers(scene, CAMERA, k=2, **options).object_id
+    assert layers[0].tobytes() == nearest.tobytes()
+
+
 def test_batches_pixels_and_layers_hit_the_same():
     scene, quality = rooms(), rj.Quality(visible_alpha=0.5)
     frame = drawn(0.5)

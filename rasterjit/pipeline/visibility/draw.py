@@ -492,7 +492,9 @@ def find_visible(
     kept = kept or Kept(workers.memory, lasts=False)
     painted: list[Primitive] = []
     if primitives is not None:
-        painted = [one for one in primitives.objects if painting.is_painted(one, keep_lists)]
+        painted = [
+            one for one in primitives.objects if painting.is_painted(one, keep_lists, alpha_tests)
+        ]
     # Take vertices to clip space and to the screen.
     if isinstance(vertices, ModelVertices):
         runs, left_out = None, list(vertices.unused)
@@ -524,7 +526,8 @@ def find_visible(
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
         make_room = partial(screen_arrays, memory=workers.memory)
-        own = tuple([one for one in primitives.objects if not painting.is_painted(one, keep_lists)])
+        drawn_as_such = {one.number for one in painted}
+        own = tuple([one for one in primitives.objects if one.number not in drawn_as_such])
         all_faces, screen = expanding.expand(
             primitives._replace(objects=own), EXPANDERS, projected, all_faces, screen, make_room,
             workers,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry.projection import scratch_memory
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
-from rasterjit.pipeline.records import ScreenVertices, Viewport
+from rasterjit.pipeline.records import AlphaTests, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.nearest import NOTHING, empty_depth
 from rasterjit.pipeline.visibility.point_coverage import (
     DISC,
@@ -192,13 +192,17 @@ def merge(
     )
 
 
-def is_painted(one: Primitive, keeps_lists: bool) -> bool:
+def is_painted(one: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
     """
     Tell whether an object is of points that are drawn as such; squares may be two triangles.
 
-    They are where lists of triangles are kept, to draw these once more.
+    They are where lists of triangles are kept, to draw these once more, and where it is tested
+    whether they are hit.
     """
-    return isinstance(one.rule, PointRule) and not (keeps_lists and one.rule.shape == "square")
+    if not isinstance(one.rule, PointRule):
+        return False
+    is_tested = hit_tests is not None and hit_tests.cutoffs[one.number] > 0.0
+    return not ((keeps_lists or is_tested) and one.rule.shape == "square")
 
 
 def points_of(
