@@ -191,6 +191,8 @@ class Frame:
         self.stats = stats
         # Not None for a type checker: who asks for a choice knows that there is one.
         self.choice: Choice | Any = None
+        self._white_share = 0.0
+        """Of the lit surfaces that are seen, 0..1; 0 where no light is so strong: see notices."""
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -808,4 +810,6 @@ def keep_outputs(frame: Frame, outputs: tuple[str, ...]) -> Frame:
         frame._face_starts,
     )  # fmt: skip
     kept.choice = frame.choice
+    if "color" in outputs:
+        kept._white_share = frame._white_share
     return kept

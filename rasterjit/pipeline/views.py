@@ -40,9 +40,12 @@ LIMIT_OF, LIMIT = range(2)
 """Columns of what must hold when all is called: the address of a word, and the most that it may be;
 else there was no room for something."""
 
-OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, TOTALS = range(8)
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, LIT, LIT_WHITE, TOTALS = range(10)
 """Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
-cut. The last is how many columns there are."""
+cut; what `count_white` counts. The last is how many columns there are."""
+
+LEAST_WHITE = 254
+"""Codes of red, green and blue from here on show nothing any more."""
 
 RATIO, BETWEEN, SCALED = range(3)
 """Ways from stored to metric depth, see `measure_depths`."""
@@ -185,7 +188,7 @@ def draw_views(
     listing: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
     listing_samples: (int32[:, ::1], int64[::1], int64[::1], int64, int64, int64[::1]),
     tile_depths: float32[::1], face_id: int32[:, ::1], calls: int64[:, ::1], limits: int64[:, ::1],
-    totals: int64[:, ::1], is_drawn: uint8[::1],
+    white: int64[::1], totals: int64[:, ::1], is_drawn: uint8[::1],
 ):  # fmt: skip
     """
     Draw some views, one after the other.
@@ -215,7 +218,9 @@ def draw_views(
         What is called then, see ``CALL_ADDRESS``.
     limits : (L, 2) int64
         What must hold after that, see ``LIMIT``; else the view is left out.
-    totals : (n, 7) int64
+    white : (2,) int64
+        What `count_white` counts, if it is called; else zeros.
+    totals : (n, 9) int64
         Written for those drawn: see ``OUTSIDE``.
     is_drawn : (n,) uint8
         Written: 1 for those drawn, 0 for those left out.
@@ -233,6 +238,7 @@ def draw_views(
         for k in range(COVERED):
             totals[n, k] = listing[1][k]
         totals[n, COVERED], totals[n, CUT] = covered, cut
+        totals[n, LIT], totals[n, LIT_WHITE] = white[0], white[1]
         is_drawn[n] = 1
 
 
@@ -285,8 +291,9 @@ def keep_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
 
 @kernel
 def keep_numbers(
-    number: int64, face_id: int32[:, ::1], numbers: int32[::1], kept: int32[:, :, ::1]
-):
+    number: int64, face_id: int32[:, ::1], step: int64, numbers: int32[::1],
+    kept: int32[:, :, ::1],
+):  # fmt: skip
     """
     Write what a table tells of the faces of a view, -1 where nothing is.
 
@@ -295,15 +302,46 @@ def keep_numbers(
     number : int
         That of the view.
     face_id : (H, W) int32
+    step : int
+        Every how many rows and columns it is looked at.
     numbers : (F+1,) int32
         Of each face.
-    kept : (N, H, W) int32
-        Writes the picture of the view.
+    kept : (N, H / step, W / step) int32
+        Rounded up. Writes the picture of the view.
     """
-    for row in range(face_id.shape[0]):
-        for column in range(face_id.shape[1]):
-            face = face_id[row, column]
+    for row in range(kept.shape[1]):
+        for column in range(kept.shape[2]):
+            face = face_id[row * step, column * step]
             kept[number, row, column] = numbers[face] if face >= 0 else np.int32(-1)
+
+
+@kernel
+def count_white(
+    lit: int32[:, :, ::1], step: int64, color: uint32[:, ::1], counts: int64[::1]
+):  # fmt: skip
+    """
+    Count the lit pixels of a view, and those of them that are white.
+
+    Parameters
+    ----------
+    lit : (1, H / step, W / step) int32
+        As `keep_numbers` writes it: 1 where what is seen is lit.
+    step : int
+        Every how many rows and columns it is looked at.
+    color : (H, W) uint32
+        Codes of red, green, blue and alpha, from the lowest bits on.
+    counts : (2,) int64
+        Written.
+    """
+    counts[0], counts[1] = 0, 0
+    for row in range(lit.shape[1]):
+        for column in range(lit.shape[2]):
+            if lit[0, row, column] <= 0:
+                continue
+            code = color[row * step, column * step]
+            least = min(code & 255, code >> 8 & 255, code >> 16 & 255)
+            counts[0] += 1
+            counts[1] += np.int64(least >= LEAST_WHITE)
 
 
 @kernel

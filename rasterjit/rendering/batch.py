@@ -143,8 +143,8 @@ def render_batch(
     Warns
     -----
     ViewWarning
-        Once of each kind, naming the first of the views that were drawn: nothing is in view, or a
-        given plane cuts faces away.
+        Once of each kind, naming the first of the views that were drawn: nothing is in view, a
+        given plane cuts faces away, or light burns out more than half of the lit surfaces.
 
     Examples
     --------

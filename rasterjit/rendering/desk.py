@@ -30,7 +30,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import layering, mixing, shade, stage_list
+from rasterjit.rendering import layering, mixing, notices, shade, stage_list
 from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.mixing import Lists
 from rasterjit.rendering.stage_list import BLOCK, Shading
@@ -41,6 +41,7 @@ from rasterjit.runtime.threads import Memory
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.facts import Facts
 from rasterjit.survey.lights import pyramids_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.precision import rows_of_lamps
@@ -113,12 +114,18 @@ class Desk:
             self._plan = plan
         self._is_mixed = plan.layers is not None and plan.layers.samples != 1
         self._places: list[tuple[str, int]] = []
+        self._white = np.zeros(2, np.int64)
         self._targets: list[tuple[str, int, int]] = []
         self._find()
         if plan.facts.is_colored:
             self._shade()
         self._fill()
         self._table, self._limits = self._calls.table(), self._calls.limits()
+
+    @property
+    def facts(self) -> Facts:
+        """Those of its plan."""
+        return self._plan.facts
 
     def write_to(self, outputs: Arrays) -> None:
         """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
@@ -143,7 +150,7 @@ class Desk:
 
         Returns
         -------
-        totals : (n, 7) int64
+        totals : (n, 9) int64
             As ``pipeline/views.py`` counts.
         is_drawn : (n,) bool
             False for those that must be drawn alone.
@@ -166,7 +173,7 @@ class Desk:
         drawing_views.draw_views(
             chosen, np.array(loads, np.int64), self._finding, self._cutting,
             self._listing, self._listing_samples, self._tile_depths, self._face_id, self._table,
-            self._limits, totals, is_drawn,
+            self._limits, self._white, totals, is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -388,11 +395,17 @@ class Desk:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
         self._calls.kept.append(shading)
         picture = Picture(self._face_id, linear, color)
+        # The faces may be written over.
+        step, lit = self._look_at_lit()
         if plan.layers is None:
             self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
         else:
             add = mixing.add_mixing if self._is_mixed else layering.add_layering
             add(self._calls, self._lists, plan, finder, shading, effects, picture, block)
+        if lit is not None:
+            self._calls.call(
+                self._calls.bound(drawing_views.count_white, lit, step, color, self._white)
+            )
         for place in ("background", "overlay") if plan.layers is None else ("overlay",):
             for one in acting(effects, place):
                 for kernel, arguments in one.effect.calls(one.record, plan, picture):
@@ -400,6 +413,18 @@ class Desk:
         for name, picture in (("linear", linear), ("color", color)):
             if name in plan.outputs:
                 self._keep(name, picture)
+
+    def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
+        """Add what keeps which pixels are lit, if any may be burnt out; return every how many."""
+        step = notices.step_of(self._face_id.shape)
+        lit_faces = notices.lit_faces(self._plan.facts, self._cache)
+        if lit_faces is None:
+            return step, None
+        lit = np.empty((1, *self._face_id[::step, ::step].shape), np.int32)
+        self._calls.call(
+            self._calls.bound(drawing_views.keep_numbers, 0, self._face_id, step, lit_faces, lit)
+        )
+        return step, lit
 
     def _fill(self) -> None:
         """Add the kernels that make the other outputs."""
@@ -434,7 +459,7 @@ class Desk:
                     )
                     numbers = of_objects[numbers]
                 self._write(
-                    name, drawing_views.keep_numbers, self._face_id, numbers,
+                    name, drawing_views.keep_numbers, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
         if "barycentric" in plan.outputs:

@@ -22,6 +22,7 @@ from rasterjit.outputs.motion import Moment
 from rasterjit.outputs.table import MIXED_OUTPUTS
 from rasterjit.pipeline import encode, resampling
 from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering import notices
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.lens_pictures import (
     NOWHERE,
@@ -247,6 +248,8 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     placement = placement_of(one.cache.shapes.arrays, one.views)
     coverage = seen.coverage._replace(face_id=targets["face_id"])
     context = FrameContext(planned.plan, one.cache, None, placement, coverage, workers)
+    lit = notices.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
+    share = 0.0 if lit is None else notices.white_share(lit, result["color"])
     for overlay in planned.plan.at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = Stats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
@@ -254,7 +257,9 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
         # The caller may write to it.
         _ = stats.pixels_covered
     clock("lens")
-    return Frame(result, planned.plan, stats, None, one.cache.face_starts)
+    frame = Frame(result, planned.plan, stats, None, one.cache.face_starts)
+    frame._white_share = share
+    return frame
 
 
 class Comparison(NamedTuple):

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, Stats
-from rasterjit.scene.warning import warn_caller
+from rasterjit.pipeline.views import LEAST_WHITE
+from rasterjit.scene.warning import EACH_FRAME, warn_caller
+from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import Look
+from rasterjit.survey.facts import Facts
 from rasterjit.survey.lights import most_light
 from rasterjit.survey.plan import RenderPlan
 
@@ -19,9 +22,6 @@ NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
 STRONG = 2.0
 """Light that common surfaces are not burnt out by."""
 
-WHITE = 254
-"""Codes from here on show nothing any more."""
-
 LOOKED_AT = 64
 """Rows and columns of a picture that are looked at, of as many as there are."""
 
@@ -30,7 +30,7 @@ class ViewWarning(UserWarning):
     """
     Nothing is in view, a plane that was given cuts away what else were, or all of it is white.
 
-    That is: light burns out more than half of what is seen.
+    That is: light burns out more than half of the lit surfaces that are seen.
     """
 
 
@@ -89,62 +89,76 @@ def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
 def notices_of_frame(frame: Frame) -> dict[str, str]:
     """Return what there is to warn of a frame that is drawn, by kind."""
     found = notices_of(frame.plan, frame.stats)
-    most = strong_light(frame.plan)
-    if most:
-        found |= notice_of_white(frame.plan, most, frame.color, frame.stats.pixels_covered)
-    return found
+    return found | burnt_out(frame.plan.facts, frame._white_share)
 
 
-def strong_light(plan: RenderPlan) -> float:
-    """Return the most light of a scene where that may burn out colours, else 0."""
-    facts = plan.facts
+def light_shown(facts: Facts) -> float:
+    """Return what a white surface shows at most in the light of a scene's own; 0 without any."""
     has_own = facts.has_lights or facts.environment is not None
-    # Most scenes have none, and pay nothing.
     if not (has_own and facts.is_lit and "color" in facts.outputs):
         return 0.0
-    most = most_light(facts.lights.lights, facts.environment)
-    return most if most > STRONG else 0.0
+    return most_light(facts.lights.lights, facts.environment)
 
 
-def notice_of_white(
-    plan: RenderPlan, most: float, color: NDArray[np.uint8], covered: int
-) -> dict[str, str]:
+def lit_faces(facts: Facts, cache: SceneCache) -> NDArray[np.int32] | None:
     """
-    Return what there is to warn of a picture that is mostly white, by kind.
+    Return of each face whether it shows how strong the light is, (F+1,); the last is of none.
+
+    Unlit surfaces do not, nor do those that show what lies behind. ``None`` if no light is so
+    strong that anything may be burnt out: most scenes have none, and pay nothing.
+    """
+    if light_shown(facts) <= STRONG:
+        return None
+    of_objects = cache.tables.inventory.shows_light.astype(np.int32)
+    lit = of_objects[cache.shapes.object_numbers]
+    lit[-1] = 0
+    return lit
+
+
+def step_of(shape: tuple[int, ...]) -> int:
+    """Return how many rows and columns of a picture, (H, W, ...), lie between two looked at."""
+    return max(1, min(shape[:2]) // LOOKED_AT)
+
+
+def lit_pixels(
+    facts: Facts, cache: SceneCache, face_id: NDArray[np.int32]
+) -> NDArray[np.bool_] | None:
+    """
+    Tell which of the pixels that are looked at show a face of `lit_faces`, or return its ``None``.
 
     Parameters
     ----------
-    plan : RenderPlan
-    most : float
-        What `strong_light` returns.
-    color : (H, W, 4) uint8
-    covered : int
-        Pixels with faces.
+    facts : Facts
+    cache : SceneCache
+    face_id : (H, W) int32
+        -1 where nothing is.
     """
-    share = white_share(plan, color, covered)
+    lit = lit_faces(facts, cache)
+    if lit is None:
+        return None
+    step = step_of(face_id.shape)
+    return lit[face_id[::step, ::step]] > 0
+
+
+def white_share(lit: NDArray[np.bool_] | None, color: NDArray[np.uint8]) -> float:
+    """Return the share of the lit pixels that are white in a picture, (H, W, 4); 0 without any."""
+    if lit is None or not lit.any():
+        return 0.0
+    step = step_of(color.shape)
+    return float((color[::step, ::step, :3].min(axis=-1)[lit] >= LEAST_WHITE).mean())
+
+
+def burnt_out(facts: Facts, share: float) -> dict[str, str]:
+    """Return what there is to warn of where that share of the lit surfaces is white, by kind."""
     if share <= 0.5:
         return {}
+    most = light_shown(facts)
     stops = "below 0" if math.isinf(most) else f"of about {-math.log2(most):.1f} stops"
-    return {
-        "white": f"{share:.0%} of what is seen is white: the light is too strong to be shown; give "
-        f"the scene a ToneMap with an exposure {stops}, or let styles.studio choose it"
-    }
-
-
-def white_share(plan: RenderPlan, color: NDArray[np.uint8], covered: int) -> float:
-    """Return the share of the pixels with faces that are white, from a part of all; 0..1."""
-    height, width = color.shape[:2]
-    step = max(1, min(height, width) // LOOKED_AT)
-    red, green, blue = (color[::step, ::step, n] for n in range(3))
-    is_white = np.minimum(np.minimum(red, green), blue) >= WHITE
-    white = np.count_nonzero(is_white) / is_white.size * height * width
-    facts = plan.facts
-    if facts.background_image is None:
-        # A sky may be white all over.
-        sky = not facts.has_background and facts.environment is not None
-        if sky or plan.background[:3].min() >= 1.0:
-            white -= height * width - covered
-    return white / covered if covered else 0.0
+    text = (
+        f"{share:.0%} of what is seen in the light is white: the light is too strong to be shown; "
+        f"give the scene a ToneMap with an exposure {stops}, or let styles.studio choose it"
+    )
+    return {"white": text}
 
 
 def cuts_of(look: Look) -> dict[str, str]:
@@ -155,5 +169,5 @@ def cuts_of(look: Look) -> dict[str, str]:
 def warn(notices: dict[str, str], told: set[str]) -> None:
     """Warn of what is of no kind that was told, and add that."""
     for kind in notices.keys() - told:
-        warn_caller(notices[kind], ViewWarning)
+        warn_caller(notices[kind], ViewWarning, EACH_FRAME)
     told.update(notices)

@@ -255,11 +255,13 @@ def draw_frame(
             first_depth = workers.memory.empty(seen.coverage.face_id.shape, plan.depth_format.kind)
             seen = seen._replace(coverage=seen.coverage._replace(first_depth=first_depth))
         context = FrameContext(plan, cache, *seen[2:], workers)
+        lit = notices.lit_pixels(plan.facts, cache, seen.coverage.face_id)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
             result = shade.shade_faces(behind.look_behind(context, find), kept, shared)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
+        share = 0.0 if lit is None else notices.white_share(lit, result["color"])
         clock("shade, resolve")
         # Draw over it.
         for overlay in plan.at("overlay"):
@@ -287,7 +289,9 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics, cache.face_starts), seen
+        frame = Frame(arrays, plan, stats, diagnostics, cache.face_starts)
+        frame._white_share = share
+        return frame, seen
 
 
 def find_visible(

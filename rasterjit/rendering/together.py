@@ -196,15 +196,6 @@ class Together:
         """Take back what `take_desk` returned."""
         self._kept.give_back(kind, size, desk)
 
-    def strong_light_of(self, kind: tuple) -> tuple[RenderPlan, float]:
-        """Return the plan of a kind of views, and `notices.strong_light` of it."""
-        plan = self._plans[kind]
-        return plan, notices.strong_light(plan)
-
-    def color_of(self, number: int) -> NDArray[np.uint8]:
-        """Return the colours of a view that is drawn, (H, W, 4)."""
-        return self._arrays["color"][number]
-
     def _plan_of(self, kind: tuple, number: int, camera: Camera) -> RenderPlan | None:
         """Return the plan of a kind of views, of which one is given; None: they share none."""
         with self._lock:
@@ -498,7 +489,10 @@ class Drawer:
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
             totals, is_drawn[chosen] = desk.draw(prepared.fields, prepared.lights, pairs)
             counts[chosen] = counts_of(totals, self._faces)
-            self._note_white(kind, [n for n in chosen if is_drawn[n]], numbers, counts, told)
+            lit, white = totals[:, drawing_views.LIT], totals[:, drawing_views.LIT_WHITE]
+            for n in np.flatnonzero(2 * white > lit).tolist():
+                share = float(white[n] / lit[n])
+                told.add(numbers[chosen[n]], notices.burnt_out(desk.facts, share))
         # Note what there is to warn of.
         is_empty = counts[:, COUNTED.index("drawn")] == 0
         for n in np.flatnonzero(is_drawn & is_empty).tolist():
@@ -507,17 +501,6 @@ class Drawer:
         for n in np.flatnonzero(is_drawn).tolist() if prepared.cuts else ():
             told.add(numbers[n], prepared.cuts.get(n, {}))
         return Outcome(counts, is_drawn, told)
-
-    def _note_white(
-        self, kind: tuple, drawn: list[int], numbers: range, counts: NDArray[np.int64], told: Told
-    ) -> None:
-        """Note the first view of a kind that is mostly white."""
-        plan, most = self._shared.strong_light_of(kind)
-        for n in drawn if most else ():
-            color, covered = self._shared.color_of(numbers[n]), int(counts[n, -1])
-            if found := notices.notice_of_white(plan, most, color, covered):
-                told.add(numbers[n], found)
-                return
 
     @property
     def _faces(self) -> int:

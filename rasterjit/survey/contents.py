@@ -234,6 +234,11 @@ class Inventory:
         return self._having("see_through")
 
     @cached_property
+    def shows_light(self) -> NDArray[np.bool_]:
+        """Whether each object shows the light that falls on it, and nothing behind it, (O,)."""
+        return ~(self._having("unlit") | self.is_see_through | self.is_transmitting)
+
+    @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
         """Whether each object hides all that lies behind it, seen from either side, (O,)."""
         return ~(

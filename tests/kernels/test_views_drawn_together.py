@@ -21,8 +21,23 @@ def test_pictures_are_copied_to_their_rows():
 
 def test_numbers_are_those_of_faces():
     kept = np.zeros((2, 2, 3), np.int32)
-    views.keep_numbers(1, FACES, np.array([5, 6, 7, 8, -1], np.int32), kept)
+    views.keep_numbers(1, FACES, 1, np.array([5, 6, 7, 8, -1], np.int32), kept)
     assert kept.tolist() == [[[0] * 3] * 2, [[5, -1, 7], [8, 8, -1]]]
+
+
+def test_numbers_are_of_every_few_rows_and_columns():
+    faces, kept = np.arange(35, dtype=np.int32).reshape(5, 7), np.zeros((1, 3, 4), np.int32)
+    views.keep_numbers(0, faces, 2, 10 * np.arange(36, dtype=np.int32), kept)
+    assert kept[0].tolist() == (10 * faces[::2, ::2]).tolist()
+
+
+def test_white_is_counted_where_it_is_lit():
+    codes = np.random.default_rng(3).choice([253, 254, 255], (6, 9, 4)).astype(np.uint8)
+    lit = np.random.default_rng(4).integers(-1, 2, (1, 2, 3)).astype(np.int32)
+    counts = np.full(2, 7)
+    views.count_white(lit, 3, codes.view(np.uint32)[..., 0], counts)
+    seen = codes[::3, ::3][lit[0] == 1]
+    assert counts.tolist() == [len(seen), sum(min(code[:3]) >= 254 for code in seen.tolist())]
 
 
 @pytest.mark.parametrize(
