@@ -121,7 +121,8 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.gap) + 0.5))
     found, units = [], []
     for line in lines:
-        glyphs = [_glyph(one, font, missing) for one in line if unicodedata.category(one)[0] != "C"]
+        shown = [one for one in line if unicodedata.category(one) not in ("Cc", "Cf")]
+        glyphs = [_glyph(one, font, missing) for one in shown]
         # Where each character begins, and the last one ends, units of the font.
         starts = [0.0]
         for n, (own, glyph) in enumerate(glyphs):

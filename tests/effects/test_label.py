@@ -175,6 +175,17 @@ def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
         lettering._lay_out.cache_clear()
 
 
+def test_whatever_is_no_control_is_shown_as_a_box_at_least():
+    # One of each kind of characters that say nothing, of private ones and of ones without meaning.
+    for shown in "\ue000\U000f0001\U0010fffd\ufffe\U0003fffd\udc80\u0378":
+        layout = lettering.lay_out(f"a{shown}b", 20.0)
+        assert len(layout.placed) == 3
+        assert layout.missing == shown * (fonts.font_for(shown, FONT) is None)
+    assert lettering.lay_out("\U000f0001", 20.0).missing
+    for silent in "\x00\x1b\x85\u00ad\u200d\u202e\ufeff\U000e0041":
+        assert lettering.lay_out(f"a{silent}b", 20.0).width == lettering.lay_out("ab", 20.0).width
+
+
 def test_accents_that_stand_alone_are_joined_with_their_letters():
     assert lettering.lay_out("e\u0301", 20.0) == lettering.lay_out("\u00e9", 20.0)
 
