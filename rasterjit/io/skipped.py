@@ -44,12 +44,20 @@ MOST_NAMED = 3
 """Things that a message names that are left out for the same reason."""
 
 
+DAMAGED = "it is damaged or something else"
+
+_OF_READERS = (AttributeError, TypeError, IndexError, UnicodeError, AssertionError, StopIteration)
+"""Errors of a reader that met what it does not expect: they speak of it, not of the file."""
+
+
 def reason_of(error: Exception) -> str:
     """Return in one line why something cannot be read, whatever was raised about it."""
     if isinstance(error, (MissingFileError, FileNotFoundError)):
         return "it is missing"
     if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
         return f"{error.args[0]} is missing"
+    if isinstance(error, _OF_READERS):
+        return DAMAGED
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
 

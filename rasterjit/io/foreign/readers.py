@@ -20,7 +20,7 @@ from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS, read_cells, re
 from rasterjit.io.kinds import extension_of
 from rasterjit.io.point_clouds.las import LAS_FORMATS, read_las
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, as_mesh_file_error, reason_of
+from rasterjit.io.skipped import DAMAGED, LeftOut, MeshFileError, as_mesh_file_error, reason_of
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.parts import Thing
 from rasterjit.io.threemf.package import XML_BYTES
@@ -45,6 +45,16 @@ _OTHER_BYTES = 4
 
 _UPWARDS = np.diag([1.0, -1.0, 1.0, 1.0])
 """Turns a page over, whose y points down."""
+
+_EXPECTED = {
+    "3dxml": "a ZIP archive whose Manifest.xml names a Root",
+    "xaml": "XML with MeshGeometry3D elements of Positions, Normals and TriangleIndices",
+    "dae": "XML with a COLLADA element",
+    "zae": "a ZIP archive with a .dae file",
+    "svg": "XML with an svg element, whose shapes have all their numbers",
+    "zip": "a ZIP archive with files of meshes or drawings",
+}
+"""What is there in a file of formats whose readers do not say what they look for."""
 
 _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae", "dxf")
 
@@ -136,14 +146,13 @@ def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut)
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
             # trimesh falls back on guessing the encoding of a text that is none.
-            raise MeshFileError(
-                f"{file} could not be read as .{extension}: it is damaged or something else"
-            ) from error
+            raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
         raise MeshFileError(
             f"{file}: reading .{extension} needs a package that is not installed ({error}); "
             "pip install 'rasterjit[formats]' brings them"
         ) from error
     except Exception as error:
+        expected = f"; expected {_EXPECTED[extension]}" if extension in _EXPECTED else ""
         raise MeshFileError(
-            f"{file} could not be read as .{extension}: {reason_of(error)}"
+            f"{file} could not be read as .{extension}: {reason_of(error)}{expected}"
         ) from error
