@@ -25,7 +25,11 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.trs import TRS
-from rasterjit.scene.validation import finite_number, in_short
+from rasterjit.scene.validation import (
+    finite_number,
+    in_short,
+    true_or_false,
+)
 from rasterjit.survey.clip_planes import NO_LOOK, Look
 
 CameraAt = Callable[[float], Camera]
@@ -100,6 +104,7 @@ def frames(
         raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
     if not isinstance(times, Iterable):
         raise ValueError(f"times must be numbers, got {in_short(times)}")
+    repeats = true_or_false("loop", loop)
     moved = {} if transforms is None else transforms
     morphed = {} if meshes is None else meshes
     for name, tracks in (("transforms", moved), ("meshes", morphed)):
@@ -112,7 +117,7 @@ def frames(
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
     played = () if animation is None else scene._chosen_animations(animation)
-    length = max((one.duration for one in played), default=0.0) if loop else math.inf
+    length = max((one.duration for one in played), default=0.0) if repeats else math.inf
     channels = [channel for one in played for channel in one.channels]
     options = {"outputs": outputs, "background": background, "cull": cull}
     moves = _Moves(channels, length, dict(moved), dict(morphed))

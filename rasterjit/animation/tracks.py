@@ -413,7 +413,7 @@ def _measured_moving(scene: Bounded, animation: Any) -> Bounded:
     """Return a sphere around all that a scene's animations show, measured at some times."""
     if not isinstance(scene, Scene):
         raise ValueError(f"scene must be a Scene to play an animation, got {in_short(scene)}")
-    length = max(one.duration for one in scene._chosen_animations(animation))
+    length = max((one.duration for one in scene._chosen_animations(animation)), default=0.0)
     times = np.linspace(0.0, length, MEASURED_TIMES).tolist()
     spheres = [scene.at(time, animation).bounding_sphere() for time in times]
     lows = np.array([center - radius for center, radius in spheres])

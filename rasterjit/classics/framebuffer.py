@@ -25,6 +25,7 @@ from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
     image_size,
+    is_infinite,
     one_of,
     thread_count,
     unmasked_array,
@@ -159,7 +160,7 @@ class Framebuffer(Guarded):
             range of float32.
         """
         rgba = _one_color("color", color)
-        if depth != math.inf:
+        if not is_infinite(depth):
             largest = float(np.finfo(np.float32).max)
             depth = bounded_number("depth", depth, -largest, largest)
         self._pixels.fill(rgba.view(np.uint32)[0])

@@ -17,7 +17,10 @@ from rasterjit.dataset.lock import LOCK, owned
 from rasterjit.dataset.mesh import DONE, PARTIAL, Made, make_mesh, write_json
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.io.folders import existing_folder, mesh_files
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import (
+    in_short,
+    whole_number,
+)
 
 SETTINGS = "dataset.json"
 """The file that says how a data set is made."""
@@ -176,12 +179,10 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, Made]]]:
             )
         crews.need_dask()
         return lambda task, jobs: crews.run_on_dask(task, jobs, workers)
-    is_count = hasattr(workers, "__index__") and not isinstance(workers, bool)
-    if not is_count or not 1 <= workers <= MOST_WORKERS:
-        raise ValueError(f"workers must be in 1..{MOST_WORKERS}, got {in_short(workers)}")
-    if workers == 1:
+    count = whole_number("workers", workers, 1, MOST_WORKERS)
+    if count == 1:
         return crews.run_here
-    return lambda task, jobs: crews.run_in_processes(task, jobs, int(workers))
+    return lambda task, jobs: crews.run_in_processes(task, jobs, count)
 
 
 def _checked_output(output: Any, source: Path) -> Path:

@@ -26,6 +26,7 @@ from rasterjit.scene.validation import (
     in_short,
     one_of,
     triple,
+    whole_number,
 )
 
 Layout: TypeAlias = Literal["sphere", "random", "ring"]
@@ -120,11 +121,11 @@ class Recipe:
         transforms.unit_vector("up", self.up)
         MemoryBudget("", self.max_bytes)
         checked = {
-            "views": _whole("views", self.views, 1, MOST_VIEWS),
+            "views": whole_number("views", self.views, 1, MOST_VIEWS),
             "outputs": _outputs(self.outputs),
             "size": image_size("size", self.size),
             "layout": one_of("layout", self.layout, LAYOUTS),
-            "seed": _whole("seed", self.seed, 0, 2**63 - 1),
+            "seed": whole_number("seed", self.seed, 0, 2**63 - 1),
             "elevation": bounded_number("elevation", self.elevation, -90.0, 90.0),
             "fov_y": float(self.fov_y),
             "up": triple("up", self.up),
@@ -147,13 +148,6 @@ class Recipe:
             for key, value in dataclasses.asdict(self).items()
             if key != "max_bytes"
         }
-
-
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    """Return a whole number in a range, or raise ``ValueError``."""
-    if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= value <= high:
-        raise ValueError(f"{name} must be a whole number in {low}..{high}, got {in_short(value)}")
-    return int(value)
 
 
 def _outputs(names: Any) -> tuple[str, ...]:
@@ -196,6 +190,8 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     ValueError
         If the scene has no extent that a camera fits.
     """
+    if not isinstance(recipe, Recipe):
+        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
     frame = frame_of(recipe.up)
     upward = transforms.apply(frame, (0.0, 1.0, 0.0))
     sphere = measured(scene)

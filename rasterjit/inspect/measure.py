@@ -22,11 +22,14 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size
+from rasterjit.scene.validation import (
+    cut_short,
+    image_size,
+)
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
-ROUNDS = 7
+ROUNDS, MOST_ROUNDS = 7, 1_000_000
 """Frames of each kind; their median counts."""
 
 
@@ -103,7 +106,7 @@ def measure(
     what, camera, quality, size, outputs, background, cull, threads
         As `rasterjit.render` takes them.
     rounds : int
-        Frames of each kind, at least 1.
+        Frames of each kind, 1 to a million.
 
     Returns
     -------
@@ -114,8 +117,10 @@ def measure(
     ValueError
         Naming the argument that is wrong.
     """
-    if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
-        raise ValueError(f"rounds must be a whole number above 0, got {rounds!r}")
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or not 1 <= rounds <= MOST_ROUNDS:
+        raise ValueError(
+            f"rounds must be a whole number above 0, at most {MOST_ROUNDS}, got {cut_short(rounds)}"
+        )
     scene, quality = posed_scene(as_scene(what)), check_quality(quality)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)

@@ -48,6 +48,7 @@ from rasterjit.scene.validation import (
     finite_number,
     image_size,
     in_short,
+    is_infinite,
     one_of,
     positive_number,
     unmasked_array,
@@ -362,16 +363,18 @@ def from_pytorch3d(
     """
     width, height = image_size("size", size)
     one_of("space", space, SCREEN_SPACES)
-    rotation, shift = (_without_batch(value, n) for value, n in ((R, 2), (T, 1)))
+    rotation, shift = _without_batch("R", R, 2), _without_batch("T", T, 1)
     matrix = finite_array("R", rotation, (3, 3))
-    focal = np.ravel(_without_batch(focal_length, 1))
+    focal = np.ravel(_without_batch("focal_length", focal_length, 1))
     fx, fy = finite_array("focal_length", np.repeat(focal, 2) if len(focal) == 1 else focal, (2,))
     if fx <= 0.0 or fy <= 0.0:
         raise ValueError(f"focal_length must be above 0, got {focal.tolist()}")
     unit = min(width, height) / 2.0 if space == "ndc" else 1.0
     cx, cy = width / 2.0, height / 2.0
     if principal_point is not None:
-        x, y = finite_array("principal_point", _without_batch(principal_point, 1), (2,))
+        x, y = finite_array(
+            "principal_point", _without_batch("principal_point", principal_point, 1), (2,)
+        )
         cx, cy = (cx - x * unit, cy - y * unit) if space == "ndc" else (x, y)
     pose = _rigid_pose(("R", matrix.T), ("T", shift))
     pinhole = _Pinhole(fx * unit, fy * unit, 0.0, cx, cy, near, far)
@@ -466,7 +469,7 @@ def from_blender(
     side = float(width if fits_width else height)
     right, up = finite_number("shift_x", shift_x), finite_number("shift_y", shift_y)
     if type == "ORTHO":
-        if clip_end == math.inf:
+        if is_infinite(clip_end):
             raise ValueError("clip_end must be finite for type 'ORTHO', got inf")
         start, end = finite_number("clip_start", clip_start), finite_number("clip_end", clip_end)
         if end <= start:
@@ -560,6 +563,7 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
 def perspective_from_trimesh(camera: trimesh.scene.Camera, pose: Matrix) -> PerspectiveCamera:
     """Return the camera that `from_trimesh` does, for images of any size, or raise alike."""
     pinhole, _ = _trimesh_pinhole(camera)
+    pose = finite_array("pose", pose, (4, 4))
     eye, shape = pose[:3, 3], pinhole.fy / pinhole.fx
     return PerspectiveCamera(
         eye, eye - pose[:3, 2], pose[:3, 1], fov_y=float(camera.fov[1]), near=pinhole.near,
@@ -619,7 +623,12 @@ def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
 def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
     """Raise ``ValueError`` if there is no room between a near and a far plane."""
     start = positive_number(names[0], near)
-    end = math.inf if far == math.inf else finite_number(names[1], far)
+    end = math.inf if is_infinite(far) else finite_number(names[1], far)
+    if start < transforms.LEAST_NEAR * end < math.inf:
+        least = transforms.rounded_up(transforms.LEAST_NEAR * end)
+        raise ValueError(
+            f"{names[0]} must be at least {least}, or {names[1]} math.inf, got {start!r}, {end!r}"
+        )
     if end <= start:
         raise ValueError(f"{names[1]} must be above {names[0]} = {start!r}, got {end!r}")
 
@@ -697,7 +706,7 @@ def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLi
     """Return a pose from a rotation and a translation, each with its name."""
     turn = finite_array(*rotation, (3, 3))
     _check_rotation(rotation[0], turn)
-    shift = np.asarray(translation[1])
+    shift = unmasked_array(translation[0], translation[1])
     shift = shift[:, 0] if shift.shape == (3, 1) else shift
     return _affine(turn, finite_array(translation[0], shift, (3,)))
 
@@ -744,7 +753,7 @@ def _check_same(what: str, one: float, other: float) -> None:
         raise ValueError(f"camera must have square pixels, got {what} {one!r} and {other!r}")
 
 
-def _without_batch(value: Any, dimensions: int) -> NDArray[Any]:
+def _without_batch(name: str, value: Any, dimensions: int) -> NDArray[Any]:
     """Return an array, or a tensor's, without a leading axis of length 1."""
-    array = np.asarray(value)
+    array = unmasked_array(name, value)
     return array[0] if array.ndim == dimensions + 1 and len(array) == 1 else array

@@ -132,11 +132,11 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
     )
 
 
-def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
+def checked_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
     """Return the path if its extension and its folder are good, or raise ``ValueError``."""
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"path must be a file name, got {path!r}")
-    place = Path(path)
+    place = Path(os.fsdecode(path))
     shown = str(place)
     if not shown.isprintable():
         raise ValueError(f"path must hold printable characters alone, got {shown!r}")

@@ -23,7 +23,13 @@ from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_of
-from rasterjit.scene.validation import cut_short, in_short, index_below, question
+from rasterjit.scene.validation import (
+    cut_short,
+    in_short,
+    index_below,
+    question,
+    word,
+)
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -268,7 +274,7 @@ class Frame:
         OutputNotRequestedError
             If the output was not asked for.
         """
-        full = f"{ATTRIBUTE}{name}"
+        full = f"{ATTRIBUTE}{word('name', name)}"
         return self._output(name if is_attribute(name) and full not in self._outputs else full)
 
     @property
@@ -592,7 +598,7 @@ class Frame:
         """
         from rasterjit.outputs.masks import find
 
-        ids = self._output(output)
+        ids = self._output(word("output", output))
         if ids.ndim != 2 or ids.dtype.kind not in "iu":
             listed = ", ".join(map(repr, get_args(IdOutput)))
             raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
@@ -762,7 +768,7 @@ class LayeredFrame(Frame):
         """
         if scale is not None:
             raise ValueError(f"scale must be None for layers, got {scale!r}")
-        if colorbar:
+        if colorbar is not False:
             raise ValueError(f"colorbar must be False for layers, got {in_short(colorbar)}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from rasterjit.io.lettering import write
 from rasterjit.outputs.frame import Frame, LayeredFrame
 from rasterjit.scene.color import ColorLike, linear_color, opaque_codes
-from rasterjit.scene.validation import in_short, index_below
+from rasterjit.scene.validation import (
+    in_short,
+    index_below,
+    items,
+    words,
+)
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -78,12 +83,11 @@ def grid(
 
     if isinstance(pictures, (Frame, Image.Image)):
         raise ValueError(f"pictures must be a sequence of pictures, got one, {in_short(pictures)}")
-    images = [_image(picture, number) for number, picture in enumerate(pictures)]
+    images = [_image(picture, number) for number, picture in enumerate(items("pictures", pictures))]
     if not images:
         raise ValueError("pictures must hold at least one, got none")
     if labels is not None:
-        if isinstance(labels, str) or not all(isinstance(one, str) for one in labels):
-            raise ValueError(f"labels must be texts, got {in_short(labels)}")
+        labels = words("labels", labels)
         if len(labels) != len(images):
             raise ValueError(f"labels must be {len(images)}, one a picture, got {len(labels)}")
     gap = index_below("gap", gap, LARGEST)

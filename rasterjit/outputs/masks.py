@@ -27,7 +27,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing
-from rasterjit.scene.validation import in_short, unmasked_array
+from rasterjit.scene.validation import (
+    in_short,
+    items,
+    unmasked_array,
+)
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
 """Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
@@ -159,7 +163,7 @@ def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
         counts = rle["counts"]
         if isinstance(counts, (str, bytes)):
             counts = decompress(counts)
-        lengths = np.asarray(counts)
+        lengths = unmasked_array("counts", counts)
         if lengths.size and lengths.dtype.kind not in "iu":
             raise TypeError
         lengths = lengths.astype(np.int64)
@@ -186,7 +190,7 @@ def compress(counts: ArrayLike) -> str:
     ValueError
         If ``counts`` are no whole numbers of at least 0.
     """
-    lengths = np.asarray(counts)
+    lengths = unmasked_array("counts", counts)
     if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths < 0).any():
         raise ValueError(f"counts must be whole numbers from 0, got {in_short(counts)}")
     left = lengths.astype(np.int64)
@@ -272,16 +276,19 @@ def coco(
         If ``images`` or ``categories`` are no such things, or an image shows an object of which
         ``categories`` says nothing.
     """
+    info = {} if info is None else info
+    if not isinstance(info, Mapping):
+        raise ValueError(f"info must be a mapping or None, got {in_short(info)}")
     named = _categories(categories)
     kinds = dict.fromkeys(name for name in named.values() if name is not None)
     numbered = {name: number for number, name in enumerate(kinds, 1)}
     document: dict[str, Any] = {
-        "info": dict(info or {}),
+        "info": dict(info),
         "images": [],
         "annotations": [],
         "categories": [{"id": number, "name": name} for name, number in numbered.items()],
     }
-    for image_id, image in enumerate(images, 1):
+    for image_id, image in enumerate(items("images", images), 1):
         try:
             file_name, ids = image
         except (TypeError, ValueError):

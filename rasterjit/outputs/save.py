@@ -19,7 +19,11 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.io.whole import replacing
 from rasterjit.outputs.table import is_attribute, row_of
-from rasterjit.scene.validation import in_short, positive_number
+from rasterjit.scene.validation import (
+    in_short,
+    items,
+    positive_number,
+)
 
 FORMATS = (".npz", ".npy", ".exr", ".png")
 """Extensions that ``save_outputs`` writes."""
@@ -401,7 +405,7 @@ def chosen(
     if names is None:
         return dict(arrays)
     try:
-        wanted = [names] if isinstance(names, str) else list(names)
+        wanted = [names] if isinstance(names, str) else list(items("outputs", names))
     except TypeError:
         raise ValueError(f"outputs must be a name or names, got {in_short(names)}") from None
     for name in wanted:

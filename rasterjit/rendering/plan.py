@@ -29,7 +29,11 @@ from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
-from rasterjit.scene.validation import one_of, whole_size
+from rasterjit.scene.validation import (
+    one_of,
+    true_or_false,
+    whole_size,
+)
 from rasterjit.survey import clip_planes
 from rasterjit.survey.blending import layers_of
 from rasterjit.survey.contents import (
@@ -85,8 +89,7 @@ def plan_frame(
     size = whole_size("size", size, quality.subpixel_bits)
     outputs = check_outputs(outputs)
     one_of("cull", cull, CULL_MODES)
-    if not isinstance(diagnose, bool):
-        raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
+    true_or_false("diagnose", diagnose)
     # Look at the scene.
     if known is None:
         check_scene(scene)

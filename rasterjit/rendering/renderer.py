@@ -42,7 +42,13 @@ from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import image_size, in_short, positive_number, thread_count
+from rasterjit.scene.validation import (
+    image_size,
+    in_short,
+    items,
+    positive_number,
+    thread_count,
+)
 from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import SceneArrays, front_turns_of, placement_of
@@ -707,7 +713,8 @@ class Renderer(Guarded):
         ValueError
             At once, naming the argument that is wrong.
         """
-        qualities = *first, Quality.reference()
+        before = (check_quality(one, "each of first") for one in items("first", first))
+        qualities = *before, Quality.reference()
         arguments = what, camera, outputs, background, cull, diagnose, previous
         *before, best = [self._plan(one, *arguments) for one in qualities]
         last = [best._replace(plan=step) for step in supersample.steps(best.plan)]

@@ -345,7 +345,7 @@ def _band(
 
 def _spread_colors(colors: Any, count: int, per_arrow: int) -> NDArray[np.float32]:
     """Return the colour of each face, (F, 4) linear, given one, or those of arrows."""
-    if isinstance(colors, str) or np.ndim(colors) == 1:
+    if isinstance(colors, str) or unmasked_array("colors", colors).ndim == 1:
         return np.tile(linear_color("colors", colors), (count * per_arrow, 1))
     rows = linear_rows("colors", colors)
     if len(rows) != count:

@@ -160,6 +160,6 @@ def is_file_name(value: Any) -> bool:
 def _dimensions(value: ArrayLike) -> int:
     """Return the number of dimensions of an array; 0 of what is none."""
     try:
-        return np.ndim(value)
+        return unmasked_array("background", value).ndim
     except ValueError:
         return 0

@@ -31,9 +31,11 @@ from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
     finite_number,
+    number_array,
     picture_size,
     positive_number,
     triple,
+    true_or_false,
 )
 from rasterjit.scene.vectors import length
 
@@ -189,7 +191,7 @@ class PerspectiveCamera(Projecting):
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return near / ``stored``, float64, scene units; infinite where ``stored`` is 0."""
         with np.errstate(divide="ignore"):
-            return usual_near(self.near, self.far) / np.asarray(stored, dtype=np.float64)
+            return usual_near(self.near, self.far) / number_array("stored", stored)
 
 
 @says_replace
@@ -265,7 +267,7 @@ class OrthographicCamera(Projecting):
 
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return the depth, float64, scene units: ``near`` at 0, ``far`` at -1."""
-        share = -np.asarray(stored, dtype=np.float64)
+        share = -number_array("stored", stored)
         return self.near * (1.0 - share) + usual_far(self.far, self.near) * share
 
 
@@ -340,13 +342,16 @@ class MatrixCamera(Projecting):
             )
         if self._is_perspective:
             if _are_dependent(clip[[0, 1, 3], :3]):
-                raise ValueError("clip_from_view must have one centre of projection")
+                raise ValueError(
+                    "clip_from_view must have one centre of projection; if it was made of cx and "
+                    "cy, or of shift_x and shift_y, these lie too far beside the picture"
+                )
         elif clip[3, 3] <= 0.0:
             raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
         _freeze(self, _eye=self._find_eye())
-        if self.is_near_open and _pinhole_planes(clip) is None:
+        if true_or_false("is_near_open", self.is_near_open) and _pinhole_planes(clip) is None:
             raise ValueError(
                 "is_near_open must be False where clip_from_view is no pinhole along view space's "
                 f"z axis, got {self.is_near_open!r}"
@@ -469,7 +474,7 @@ class MatrixCamera(Projecting):
         It is measured from the plane w = 0 through the eye for a perspective, and from the origin
         of view space for a parallel projection.
         """
-        share = np.asarray(stored, dtype=np.float64)
+        share = number_array("stored", stored)
         z_row, w_row = self.clip_from_view[2:].tolist()
         if self._is_perspective:
             constant = self.depth_coefficients()[0]

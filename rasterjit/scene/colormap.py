@@ -12,7 +12,14 @@ from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.colormap_tables import TABLES
-from rasterjit.scene.validation import MaskedError, in_short, read_only, unmasked_array
+from rasterjit.scene.validation import (
+    MaskedError,
+    finite_number,
+    in_short,
+    number_array,
+    read_only,
+    unmasked_array,
+)
 
 REVERSED = "_r"
 """What the name of a map ends with that is read from its other end."""
@@ -104,9 +111,10 @@ class Colormap(Guarded):
         low, high : float
             The range, low <= high.
         """
+        low, high = finite_number("low", low), finite_number("high", high)
         count, width = len(self), width_of(low, high)
         with np.errstate(over="ignore", invalid="ignore"):
-            places = (np.asarray(values, np.float64) - low) / width * count
+            places = (number_array("values", values) - low) / width * count
         held = np.clip(np.nan_to_num(places, nan=0.0, posinf=count, neginf=0.0), 0, count - 1)
         return np.where(np.isnan(places), count, np.floor(held).astype(np.int64))
 

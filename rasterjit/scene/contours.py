@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.validation import cut_short, finite_array, in_short, positive_number
+from rasterjit.scene.validation import (
+    cut_short,
+    finite_array,
+    finite_number,
+    in_short,
+    positive_number,
+)
 
 MOST_LEVELS = 4096
 """Most lines of one mesh that are asked for by their number."""
@@ -60,6 +66,7 @@ class Contours:
 
     def values_in(self, low: float, high: float) -> NDArray[np.float64]:
         """Return the values of the lines, ascending, (N,), given the range."""
+        low, high = finite_number("low", low), finite_number("high", high)
         if not isinstance(self.levels, int):
             return np.unique(np.array(self.levels, np.float64))
         inside = low + (high - low) * (np.arange(1, self.levels + 1) / (self.levels + 1))

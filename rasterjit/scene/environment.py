@@ -21,6 +21,7 @@ from rasterjit.scene.validation import (
     bounded_number,
     finite_number,
     read_only,
+    true_or_false,
     unmasked_array,
 )
 from rasterjit.scene.warning import warn_caller
@@ -148,8 +149,7 @@ class Environment:
             )
         object.__setattr__(self, "intensity", intensity)
         object.__setattr__(self, "rotation", finite_number("rotation", self.rotation))
-        if not isinstance(self.background, (bool, np.bool_)):
-            raise ValueError(f"background must be True or False, got {self.background!r}")
+        true_or_false("background", self.background)
 
     @classmethod
     def constant(
@@ -174,7 +174,8 @@ class Environment:
         ValueError
             If the colour is not one, or as `Environment` says.
         """
-        return cls.gradient(color, color, color, intensity=intensity, background=background)
+        light = linear_color("color", color)
+        return cls.gradient(light, light, light, intensity=intensity, background=background)
 
     @classmethod
     def gradient(

@@ -15,6 +15,7 @@ from rasterjit.scene.validation import (
     MaskedError,
     cut_short,
     in_short,
+    number_array,
     read_only,
     unmasked_array,
     with_nan,
@@ -204,8 +205,8 @@ def _range_of(values: NDArray[np.float64]) -> tuple[float, float]:
 def _range(value: Any) -> tuple[float, float]:
     """Return the range that is given, or raise ``ValueError``."""
     try:
-        ends = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
+        ends = number_array("range", value)
+    except ValueError:
         ends = np.empty(0)
     if ends.shape != (2,) or not np.isfinite(ends).all():
         raise ValueError(f"range must be two finite numbers, low and high, got {cut_short(value)}")

@@ -34,6 +34,7 @@ from rasterjit.scene.validation import (
     finite_number,
     one_of,
     positive_number,
+    true_or_false,
     vector,
 )
 from rasterjit.scene.vectors import dot, length
@@ -333,7 +334,7 @@ def fit_camera(
     magnified = positive_number("zoom", zoom)
     wide = positive_number("aspect", aspect)
     what = bounded(scene)
-    chunks = None if steady else _chunks_of(what)
+    chunks = None if true_or_false("steady", steady) else _chunks_of(what)
     center, radius, is_tiny = _sphere(what, chunks)
     is_parallel = projection == "orthographic"
     axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
@@ -359,7 +360,8 @@ def fit_camera(
     if not all(map(math.isfinite, (*shape.values(), *depths.values(), *eye.tolist()))):
         raise ValueError(
             "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
-            f"of {radius * placed.z!r} and {shape}"
+            f"of {radius * placed.z!r} and {shape} for what lies within {radius!r} of "
+            f"{center.tolist()}"
         )
     kind = OrthographicCamera if is_parallel else PerspectiveCamera
     return kind(eye, target, upward, **shape, **depths, min_aspect=placed.min_aspect)

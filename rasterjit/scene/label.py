@@ -16,6 +16,7 @@ from rasterjit.scene.validation import (
     one_of,
     positive_number,
     triple,
+    true_or_false,
 )
 
 Anchor: TypeAlias = Literal[
@@ -116,7 +117,7 @@ class Label:
             "size": _checked_size(self.size),
             "anchor": one_of("anchor", self.anchor, ANCHORS),
             "color": tuple(linear_color("color", self.color).tolist()),
-            "hidden": _checked_flag(self.hidden),
+            "hidden": true_or_false("hidden", self.hidden),
             "offset": _checked_offset(self.offset),
             "font": _checked_font(self.font),
         }
@@ -150,13 +151,6 @@ def _checked_size(value: Any) -> float:
     if size > LARGEST_TEXT:
         raise ValueError(f"size must be at most {LARGEST_TEXT:g} pixels, got {value!r}")
     return size
-
-
-def _checked_flag(value: Any) -> bool:
-    """Return whether something hides, or raise ``ValueError``."""
-    if not isinstance(value, bool):
-        raise ValueError(f"hidden must be True or False, got {in_short(value)}")
-    return value
 
 
 def _checked_font(value: Any) -> str | None:

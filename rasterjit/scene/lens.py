@@ -20,7 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
 from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.validation import bounded_number
+from rasterjit.scene.validation import (
+    bounded_number,
+    number_array,
+)
 
 Float64 = NDArray[np.float64]
 Coefficients = tuple[float, ...]
@@ -601,10 +604,7 @@ def _points(name: str, values: ArrayLike) -> list[Float64]:
 
 def _columns(name: str, values: ArrayLike, count: int) -> list[Float64]:
     """Return the columns of an array, each (...,) float64, or raise ``ValueError``."""
-    try:
-        found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numbers, got {type(values).__name__}") from None
+    found = number_array(name, values)
     if found.ndim == 0 or found.shape[-1] != count:
         raise ValueError(f"{name} must have shape (..., {count}), got {found.shape}")
     return [found[..., k] for k in range(count)]

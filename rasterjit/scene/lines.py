@@ -15,7 +15,15 @@ from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
 from rasterjit.scene.points import UNITS, Unit, color_rows, sizes_of
-from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of, read_only
+from rasterjit.scene.validation import (
+    bounded_number,
+    finite_array,
+    in_short,
+    items,
+    one_of,
+    read_only,
+    unmasked_array,
+)
 
 INK = 0.0, 0.0, 0.0
 """Colour of lines that are given none."""
@@ -359,8 +367,8 @@ def _each_strip(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
     try:
         if isinstance(strips, (str, bytes, Mapping)):
             raise TypeError
-        return list(strips)
-    except TypeError:
+        return list(items("strips", strips))
+    except (TypeError, ValueError):
         raise ValueError(
             f"strips must be a sequence of sequences of point numbers, got {in_short(strips)}"
         ) from None
@@ -369,7 +377,7 @@ def _each_strip(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
 def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> NDArray[np.int32]:
     """Return the numbers of the points of a strip, (N,) int32, or raise ``ValueError``."""
     try:
-        shape = np.shape(strip)
+        shape = unmasked_array(name, strip).shape
     except ValueError:
         raise ValueError(f"{name} must be point numbers, (N,), got {in_short(strip)}") from None
     if shape == ():
@@ -420,7 +428,7 @@ def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> NDArray[np.float6
     """Return dashes and gaps, (D,) float64, (0,) without, or raise ``ValueError``."""
     if dashes is None:
         return np.empty(0)
-    if np.ndim(dashes) != 1 or len(dashes) == 0 or len(dashes) % 2:
+    if unmasked_array("dashes", dashes).ndim != 1 or len(dashes) == 0 or len(dashes) % 2:
         raise ValueError(
             f"dashes must be an even number of lengths, dash, gap ..., got {in_short(dashes)}"
         )

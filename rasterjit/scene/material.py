@@ -16,8 +16,11 @@ from rasterjit.scene.validation import (
     bounded_number,
     finite_number,
     in_short,
+    is_infinite,
     one_of,
     positive_number,
+    true_or_false,
+    unmasked_array,
     vector,
 )
 
@@ -266,8 +269,7 @@ class Material:
             if texture is not None and not isinstance(texture, Texture):
                 raise ValueError(f"{name} must be a Texture or None, got {in_short(texture)}")
         one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
-        if not isinstance(self.double_sided, bool):
-            raise ValueError(f"double_sided must be True or False, got {self.double_sided!r}")
+        true_or_false("double_sided", self.double_sided)
         for name, (low, high) in NUMBERS.items():
             value = getattr(self, name)
             if type(value) is not float or not low <= value <= high:
@@ -300,7 +302,7 @@ class Material:
             if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
                 raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
             object.__setattr__(self, "ior", ior)
-        if self.attenuation_distance != math.inf:
+        if not is_infinite(self.attenuation_distance):
             distance = positive_number("attenuation_distance", self.attenuation_distance)
             object.__setattr__(self, "attenuation_distance", distance)
 
@@ -362,7 +364,11 @@ class Material:
         """
         if self.base_color is not None:
             return cast("tuple[float, float, float, float]", self.base_color)
-        return WHITE if has_colors or self.base_color_texture is not None else LIGHT_GREY
+        return (
+            WHITE
+            if true_or_false("has_colors", has_colors) or self.base_color_texture is not None
+            else LIGHT_GREY
+        )
 
     def textures_read(self) -> tuple[Texture | None, ...]:
         """Return the textures that make a difference, in the order of ``TEXTURE_FIELDS``."""
@@ -412,7 +418,7 @@ class UnsaidMaterial(Material):
 
 def _bright(name: str, value: ColorLike, most: float) -> tuple[float, float, float]:
     """Return a colour as linear RGB, whose parts may be above 1 up to ``most``, or raise."""
-    if not isinstance(value, str) and np.asarray(value).dtype != np.uint8:
+    if not isinstance(value, str) and unmasked_array(name, value).dtype != np.uint8:
         red, green, blue = (
             bounded_number(name, part, 0.0, most) for part in vector(name, value).tolist()
         )

@@ -42,12 +42,14 @@ from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
     cut_short,
+    finite_array,
     finite_number,
     in_short,
     one_of,
     question,
     read_only,
     unmasked_array,
+    word,
 )
 from rasterjit.scene.warning import MADE_NORMALS, warn_caller
 
@@ -388,7 +390,7 @@ class Mesh(Guarded, Previewed):
         name : str or None
             None for the mesh's own.
         """
-        chosen = None if name is None else dict(self._variants).get(name)
+        chosen = None if name is None else dict(self._variants).get(word("name", name))
         default = self.default_material
         self._default_material = None if chosen is None else default
         self._material = default if chosen is None else chosen
@@ -602,9 +604,11 @@ class Mesh(Guarded, Previewed):
         ValueError
             If the mesh has neither.
         """
+        if transform is not None:
+            transform = tuple(finite_array("transform", transform, (6,)).tolist())
+        uv = self.uv_sets[one_of("uv_set", uv_set, (0, 1))]
         if self.tangents is not None:
             return np.repeat(self.tangents[:, np.newaxis], GROUPS, axis=1)
-        uv = self.uv_sets[uv_set]
         if uv is None:
             name = UV_NAMES[uv_set]
             raise ValueError(f"mesh must have {name} or tangents to have tangents, got neither")

@@ -425,11 +425,11 @@ def _placed(
 
 def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> NDArray[np.float64]:
     """Return the transform that takes a node below a parent to a place in the world."""
-    transform = _affine("transform", value)
+    transform = _affine("world_from_model", value)
     if parent is None:
         return transform
     try:
-        return _affine("transform", compose(inverse(parent._world_from_model), transform))
+        return _affine("world_from_model", compose(inverse(parent._world_from_model), transform))
     except ValueError:
         raise ValueError(
             f"world_from_model of {node.name!r} must be within reach of its parent, "

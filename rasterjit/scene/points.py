@@ -252,7 +252,9 @@ def color_rows(colors: ColorLike, count: int) -> ArrayLike:
     """Return one colour as that of so many, (count, 4) float32; rows stay as they are."""
     is_short = isinstance(colors, str) or not isinstance(colors, Sequence) or len(colors) in (3, 4)
     try:
-        is_one = is_short and (isinstance(colors, str) or np.shape(colors) in ((3,), (4,)))
+        is_one = is_short and (
+            isinstance(colors, str) or unmasked_array("colors", colors).shape in ((3,), (4,))
+        )
     except ValueError:
         # Rows of unequal length: refused where they are read.
         return colors
@@ -266,7 +268,7 @@ def sizes_of(name: str, value: ArrayLike, count: int, unit: Unit) -> NDArray[np.
         array = np.array(given, np.float64)
         if given.dtype.kind not in "uif":
             raise TypeError
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(
             f"{name} must be a number or an array of numbers, got {in_short(value)}"
         ) from None

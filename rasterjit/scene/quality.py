@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.validation import bounded_number, one_of
+from rasterjit.scene.validation import (
+    bounded_number,
+    one_of,
+    true_or_false,
+)
 
 SubpixelBits: TypeAlias = Literal[0, 4, 8, 12]
 Samples: TypeAlias = Literal[1, 2, 4, 8, 16, "area", 64, 256]
@@ -226,9 +230,7 @@ def _level(name: str, value: Any) -> Any:
         return int(size)
     levels = LEVELS[name]
     if name == "renormalize":
-        if not isinstance(value, bool):
-            raise ValueError(f"{name} must be True or False, got {value!r}")
-        return value
+        return true_or_false(name, value)
     level = one_of(name, value, levels)
     # One of the levels itself: 8.0 and numpy's 8 are 8.
     return levels[levels.index(level)]
@@ -269,10 +271,10 @@ def differences(quality: Quality, other: Quality) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value != getattr(other, name)}
 
 
-def check_quality(value: Quality | None) -> Quality:
+def check_quality(value: Quality | None, name: str = "quality") -> Quality:
     """Return ``value``, or the standard for ``None``; raise ``ValueError`` for anything else."""
     if value is None:
         return Quality.standard()
     if not isinstance(value, Quality):
-        raise ValueError(f"quality must be a rasterjit.Quality, got {type(value).__name__}")
+        raise ValueError(f"{name} must be a rasterjit.Quality, got {type(value).__name__}")
     return value

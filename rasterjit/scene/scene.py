@@ -36,7 +36,14 @@ from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances, unit_vector
 from rasterjit.scene.trs import TRS, matrix_of
-from rasterjit.scene.validation import finite_number, in_short, index_below, question
+from rasterjit.scene.validation import (
+    finite_number,
+    in_short,
+    index_below,
+    question,
+    word,
+    words,
+)
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -339,13 +346,14 @@ class Scene(Guarded, Previewed):
         ValueError
             If no node has it, or several do.
         """
+        word("name", name)
         every = self.every_node()
         found = [node for node in every if node.name == name]
         if len(found) == 1:
             return found[0]
         if found:
             raise ValueError(f"name must be that of one node, got {name!r} of {len(found)}")
-        near = difflib.get_close_matches(str(name), [str(node.name) for node in every])
+        near = difflib.get_close_matches(name, [str(node.name) for node in every])
         hint = f"; near it are {', '.join(map(repr, near))}" if near else ""
         raise ValueError(f"name must be that of a node of the scene, got {name!r}{hint}")
 
@@ -603,7 +611,7 @@ class Scene(Guarded, Previewed):
 
     def name_variants(self, names: Iterable[str]) -> None:
         """List names among ``variants``, before those that only meshes have."""
-        self._variants = tuple(names)
+        self._variants = words("names", names)
 
     def _know_label(self, node: Node) -> None:
         """List a node that has got a label, and no longer one that has lost its."""

@@ -10,7 +10,12 @@ import numpy as np
 
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.validation import VectorLike, in_short, triple
+from rasterjit.scene.validation import (
+    VectorLike,
+    in_short,
+    triple,
+    true_or_false,
+)
 from rasterjit.scene.vectors import length
 
 MOST_PLANES = 16
@@ -98,10 +103,7 @@ class Plane:
         size = length((x, y, z))
         object.__setattr__(self, "normal", (x / size, y / size, z / size))
         for name in ("cap", "lines"):
-            value = getattr(self, name)
-            if not isinstance(value, (bool, np.bool_)):
-                raise ValueError(f"{name} must be True or False, got {in_short(value)}")
-            object.__setattr__(self, name, bool(value))
+            object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
         if self.cap_color is not None:
             color = tuple(linear_color("cap_color", self.cap_color).tolist())
             object.__setattr__(self, "cap_color", color)

@@ -22,7 +22,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.transforms import inverse, product_of_each
-from rasterjit.scene.validation import finite_array, in_short, number_array, read_only
+from rasterjit.scene.validation import (
+    finite_array,
+    in_short,
+    index_below,
+    number_array,
+    read_only,
+    unmasked_array,
+    words,
+)
 
 WEIGHT_ROUNDING = 1e-5
 """How far the weights of a vertex may be from 1 in all: what files round them by."""
@@ -200,8 +208,8 @@ class MorphTargets(Guarded):
         self._weights: NDArray[np.float64] | None = None
         if weights is not None:
             self._weights = morph_weights(weights, self._shape[0])
-        self._names = tuple(map(str, names))
-        if isinstance(names, str) or len(self._names) not in (0, self._shape[0]):
+        self._names = words("names", names)
+        if len(self._names) not in (0, self._shape[0]):
             raise ValueError(
                 f"names must have one for each of {self._shape[0]} targets, got {in_short(names)}"
             )
@@ -210,7 +218,7 @@ class MorphTargets(Guarded):
         """Return an array of all targets, of a shape with the others, or raise ``ValueError``."""
         if value is None:
             return None
-        given = np.asarray(value)
+        given = unmasked_array(name, value)
         shape = (None, None, 3) if self._shape is None else (*self._shape, 3)
         array = finite_array(name, value, shape)
         if 0 in array.shape:
@@ -261,18 +269,24 @@ class MorphTargets(Guarded):
 
     def of_vertices(self, rows: NDArray[np.integer]) -> MorphTargets:
         """Return the targets of some vertices, (W,) numbers, in their order."""
+        numbers = unmasked_array("rows", rows)
+        if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
+            raise ValueError(f"rows must be (W,) numbers of vertices, got {in_short(rows)}")
+        numbers = numbers.astype(np.int64, copy=False)
+        index_below("rows", max(numbers.tolist(), default=0), self.vertex_count)
+        index_below("rows", min(numbers.tolist(), default=0), self.vertex_count)
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, _shape=(len(self), len(rows)))
+        other.__dict__.update(self.__dict__, _shape=(len(self), len(numbers)))
         for name in ("_positions", "_normals", "_tangents"):
             held = self.__dict__[name]
-            other.__dict__[name] = None if held is None else read_only(held[:, rows])
+            other.__dict__[name] = None if held is None else read_only(held[:, numbers])
         return other
 
     def named(self, weights: ArrayLike | None, names: Sequence[str]) -> MorphTargets:
         """Return the same targets with other weights and names."""
         other = object.__new__(type(self))
         checked = None if weights is None else morph_weights(weights, len(self))
-        other.__dict__.update(self.__dict__, _weights=checked, _names=tuple(names))
+        other.__dict__.update(self.__dict__, _weights=checked, _names=words("names", names))
         return other
 
     def __repr__(self) -> str:
@@ -377,7 +391,7 @@ def check_morph_weights(value: Any, mesh: Any) -> NDArray[np.float64] | None:
         raise ValueError(
             f"weights must be None for a mesh without morph targets, got {in_short(value)}"
         )
-    count = np.size(value) if mesh is None else len(mesh.morph_targets)
+    count = unmasked_array("weights", value).size if mesh is None else len(mesh.morph_targets)
     return morph_weights(value, count)
 
 

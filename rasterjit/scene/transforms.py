@@ -25,9 +25,11 @@ from rasterjit.scene.validation import (
     finite_array,
     finite_number,
     image_size,
+    number_array,
     one_of,
     positive_number,
     triple,
+    unmasked_array,
     vector,
 )
 from rasterjit.scene.vectors import cross, dot
@@ -297,10 +299,11 @@ def scale(factor: float | ArrayLike) -> Matrix:
     ValueError
         If a factor is not finite, or is zero (the matrix would be singular).
     """
-    if np.ndim(factor) == 0:
+    given = unmasked_array("factor", factor)
+    if given.ndim == 0:
         factors = np.full(3, finite_number("factor", factor))
     else:
-        factors = vector("factor", factor)
+        factors = vector("factor", given)
     if not factors.all():
         raise ValueError(f"factor must not be 0, got {factor!r}")
     return np.diag([*factors.tolist(), 1.0])
@@ -783,8 +786,9 @@ def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix, or ``points`` has another shape.
     """
-    single = np.ndim(points) == 1
-    positions = np.asarray(points)[None] if single else np.asarray(points)
+    positions = unmasked_array("points", points)
+    single = positions.ndim == 1
+    positions = positions[None] if single else positions
     homogeneous = transform_points(finite_array("matrix", matrix, (4, 4)), positions)
     with np.errstate(all="ignore"):
         result = homogeneous[:, :3] / homogeneous[:, 3:]
@@ -817,10 +821,12 @@ def transform_points(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64
     Each entry is ((m0 x + m1 y) + m2 z) + m3 with every operation rounded once, so the result
     depends on neither the block size nor the CPU.
     """
-    rows = np.asarray(matrix, dtype=np.float64)
+    rows = number_array("matrix", matrix)
     if rows.shape != (4, 4):
         raise ValueError(f"matrix must have shape (4, 4), got {rows.shape}")
-    source = np.asarray(points)
+    source = unmasked_array("points", points)
+    if source.dtype.kind not in "buif":
+        source = number_array("points", points)
     if source.ndim != 2 or source.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {source.shape}")
     count = len(source)

@@ -27,6 +27,9 @@ MAX_UNITS = 1 << 27
 MATRIX_SIZE = 16
 """Entries of a 4x4 matrix."""
 
+_NO_ARRAY = (TypeError, ValueError, OverflowError, MemoryError)
+"""What NumPy raises about what it can make no array of."""
+
 LONGEST_VALUE = 80
 """Characters of a value that a message shows."""
 
@@ -79,8 +82,8 @@ def unmasked_array(name: str, value: Any) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        Of a masked array, if entries are masked: there is no number where one is needed. As
-        `numpy.asarray` says, if it is none.
+        Of a masked array, if entries are masked: there is no number where one is needed. If it is
+        no array, such as rows of several lengths, or says that it is longer than memory.
     """
     if _is_masked_array(value):
         hidden = int(np.count_nonzero(value.mask))
@@ -89,7 +92,12 @@ def unmasked_array(name: str, value: Any) -> NDArray[Any]:
                 f"{name} must have no masked entries, got {hidden} of {value.size}; its method "
                 "filled() gives them a value"
             )
-    return np.asarray(value)
+    try:
+        return np.asarray(value)
+    except _NO_ARRAY:
+        if isinstance(value, np.ndarray):
+            raise
+        raise ValueError(f"{name} must be an array, got {in_short(value)}") from None
 
 
 def with_nan(value: Any) -> Any:
@@ -119,7 +127,7 @@ def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np
         return aligned(given.astype(np.float64, copy=False))
     except MaskedError:
         raise
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be an array of numbers, got {cut_short(value)}") from None
 
 
@@ -197,6 +205,41 @@ def triple(name: str, value: ArrayLike) -> tuple[float, float, float]:
     return x, y, z
 
 
+def true_or_false(name: str, value: Any) -> bool:
+    """Return ``value`` as a bool, or raise ``ValueError``: 1 and 0 are none."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False, got {in_short(value)}")
+    return bool(value)
+
+
+def word(name: str, value: Any) -> str:
+    """Return ``value`` if it is a text, or raise ``ValueError``."""
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be a text, got {in_short(value)}")
+    return value
+
+
+def words(name: str, value: Any) -> tuple[str, ...]:
+    """Return texts, however many, or raise ``ValueError``; one text alone is none."""
+    return tuple(word(f"each of {name}", one) for one in items(name, value))
+
+
+def items(name: str, value: Any) -> tuple[Any, ...]:
+    """Return what a sequence or an iterator holds, or raise ``ValueError``; of a text nothing."""
+    try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
+        return tuple(value)
+    except (TypeError, MemoryError):
+        # One may say that it is longer than memory.
+        raise ValueError(f"{name} must be a sequence, got {in_short(value)}") from None
+
+
+def is_infinite(value: Any) -> bool:
+    """Tell whether ``value``, which may be anything, is the number of no limit."""
+    return isinstance(value, (float, np.floating)) and value == math.inf
+
+
 def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
     if type(value) is str and value in choices:
@@ -237,12 +280,17 @@ def cut_short(value: Any) -> str:
 
 def index_below(name: str, value: Any, count: int) -> int:
     """Return a whole number in 0..count-1, such as a pixel's column, or raise ``ValueError``."""
+    return whole_number(name, value, 0, count - 1)
+
+
+def whole_number(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number in low..high, or raise ``ValueError``; True and False are none."""
     try:
-        number = -1 if isinstance(value, bool) else operator.index(value)
+        number = low - 1 if isinstance(value, (bool, np.bool_)) else operator.index(value)
     except TypeError:
-        number = -1
-    if not 0 <= number < count:
-        raise ValueError(f"{name} must be a whole number in 0..{count - 1}, got {in_short(value)}")
+        number = low - 1
+    if not low <= number <= high:
+        raise ValueError(f"{name} must be a whole number in {low}..{high}, got {in_short(value)}")
     return number
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from rasterjit.io.meshes import as_scene
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.environment import Environment, Panorama
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.framing import fit_upright
@@ -90,7 +90,7 @@ def plain(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         Default: the scene's own, else one that fits the scene.
     """
-    return Style("plain", with_changes(as_scene(scene)), camera)
+    return Style("plain", with_changes(as_scene(scene, "scene")), camera)
 
 
 def studio(scene: Any, camera: Camera | None = None) -> Style:
@@ -114,7 +114,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
-    posed = posed_scene(as_scene(scene))
+    posed = posed_scene(as_scene(scene, "scene"))
     sharp = painting.sharpened(posed, ANISOTROPY)
     lit, key, adds = _lit(sharp, camera)
     if sharp is not posed:
@@ -154,7 +154,7 @@ def clay(scene: Any, camera: Camera | None = None) -> Style:
         As `studio` takes them.
     """
     material = Material(base_color=CLAY, specular=0.0)
-    made = studio(painting.covered(as_scene(scene), material), camera)
+    made = studio(painting.covered(as_scene(scene, "scene"), material), camera)
     return replace(made, name="clay", adds={**made.adds, "shading": "one material"})
 
 
@@ -167,7 +167,7 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = painting.covered(as_scene(scene), Material(shading="unlit", base_color=PAPER))
+    paper = painting.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
     drawn = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
     adds = {"outline": "lines along edges", "shading": "one colour"}
     return Style("technical", drawn, camera, Quality.standard(), PAPER, adds=adds)
@@ -184,7 +184,7 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
     """
     film = Material(base_color=BLUE_FILM, alpha_mode="blend")
     shown = with_changes(
-        painting.covered(as_scene(scene), film), lights=[], environment=None, fog=None
+        painting.covered(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
     adds = {
         "transparency": "all surfaces are seen through",
@@ -206,7 +206,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
     camera : Camera, optional
         What the depth is seen from. Default: the scene's own, else one that fits the scene.
     """
-    scene = posed_scene(as_scene(scene))
+    scene = posed_scene(as_scene(scene, "scene"))
     # Cameras that look the same way see the same differences of depth.
     painted = painting.painted_by_depth(scene, _seen_from(scene, camera))
     shown = with_changes(painted, environment=None, fog=None, tone_map=None)
@@ -223,7 +223,7 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    painted = painting.painted_by_normal(posed_scene(as_scene(scene)))
+    painted = painting.painted_by_normal(posed_scene(as_scene(scene, "scene")))
     shown = with_changes(painted, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("normals", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
@@ -238,7 +238,7 @@ def wireframe(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = painting.covered(as_scene(scene), Material(shading="unlit", base_color=PAPER))
+    paper = painting.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
     drawn = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
     adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
     return Style("wireframe", drawn, camera, Quality(lines="coverage"), PAPER, adds=adds)
@@ -255,7 +255,9 @@ PAINTED = ("clay", "technical", "xray", "depth", "normals", "wireframe")
 
 def _seen_from(scene: Scene, camera: Camera | None) -> Camera:
     """Return the camera, the scene's, or one that looks from where a fitted one does."""
-    return camera or scene.camera or fit_upright(scene, (1, 1))
+    if camera is not None:
+        return check_camera("camera", camera)
+    return scene.camera or fit_upright(scene, (1, 1))
 
 
 def _is_bare_cloud(scene: Scene) -> bool:

@@ -18,7 +18,7 @@ from rasterjit.scene.background import Background, BackgroundImage, read_backgro
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.framing import fit_upright
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
 from rasterjit.styles.ground import (
@@ -232,6 +232,7 @@ class Style:
         ----------
         quality : Quality
         """
+        quality = check_quality(quality)
         adds = {
             row: text
             for row, text in self.adds.items()

@@ -141,7 +141,7 @@ def test_panorama():
         (lambda: rj.FisheyeLens(field=0), "field must be above 0, got 0"),
         (lambda: rj.FisheyeLens(field=400), "field must be in 0..360, got 400"),
         (lambda: rj.FisheyeLens().distort([1.0]), r"points must have shape \(..., 2\), got \(1,\)"),
-        (lambda: rj.PinholeDistortion().undistort("ab"), "places must be numbers, got str"),
+        (lambda: rj.PinholeDistortion().undistort("ab"), "places must be an array of numbers, got"),
     ],
 )
 def test_what_is_wrong_is_named(make, message):

@@ -85,7 +85,7 @@ def test_a_node_can_be_moved():
     node = Scene().add(triangle())
     node.world_from_model = moved(1, 2, 3)
     assert node.world_from_model[:3, 3].tolist() == [1, 2, 3]
-    with pytest.raises(ValueError, match="transform must have shape"):
+    with pytest.raises(ValueError, match="world_from_model must have shape"):
         node.world_from_model = np.eye(3)
 
 

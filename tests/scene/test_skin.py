@@ -142,7 +142,7 @@ def test_targets_refuse_what_does_not_fit(arguments, said):
         ({"weights": [1.0]}, r"weights must have shape \(2\), got \(1,\)"),
         ({"weights": [1.0, np.nan]}, "weights must be finite"),
         ({"names": ["one"]}, "names must have one for each of 2 targets"),
-        ({"names": "ab"}, "names must have one for each of 2 targets, got 'ab'"),
+        ({"names": "ab"}, "names must be a sequence, got 'ab'"),
     ],
 )
 def test_targets_refuse_weights_and_names_that_do_not_fit(options, said):

@@ -19,7 +19,6 @@ import json
 import math
 import os
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -123,7 +122,7 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     SaveWarning
         Once, naming what the file has not or has otherwise.
     """
-    place = checked_path(path if isinstance(path, str) else Path(path), FORMATS)
+    place = checked_path(path, FORMATS)
     writer = _Writer(scene)
     content = writer.gltf() if place.suffix.lower() == ".gltf" else writer.glb()
     with replacing(place) as temporary:
