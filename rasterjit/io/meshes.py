@@ -130,8 +130,8 @@ def load(
         of an OBJ, PLY, STL or OFF file counts 250 to 600 bytes. Default: 8 GiB.
     isolate : bool
         Whether files that other packages read (LAS, LAZ, DXF, and all that trimesh, meshio and
-        PyVista do) are read in a process of its own, which may take no more memory than
-        ``max_bytes`` says and 15 seconds of the processor and 10 for each megabyte of the file,
+        PyVista do) are read in a process of its own, which may take as much memory as
+        ``max_bytes`` allows, 10 seconds of the processor and 10 for each megabyte of the file,
         reaches no network and, on Linux, no file but those of ``resource_root``. It starts with
         the first such file and waits for the next one. False: they are read in this process,
         without these limits, which is for files that you trust.

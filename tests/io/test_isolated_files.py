@@ -297,6 +297,17 @@ def test_a_process_is_kept_for_the_next_file_and_replaced_when_it_is_gone(tmp_pa
     assert idle() != first
 
 
+def test_where_the_program_is_does_not_matter(tmp_path, monkeypatch):
+    path, gone = small(tmp_path), tmp_path / "gone"
+    monkeypatch.chdir(tmp_path)
+    assert rj.load("a.vtk").nodes
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert rj.load(path).nodes
+    monkeypatch.chdir(tmp_path)
+
+
 def test_threads_read_at_the_same_time(tmp_path):
     path, found = small(tmp_path), []
     threads = [threading.Thread(target=lambda: found.append(rj.load(path))) for _ in range(3)]
@@ -384,12 +395,13 @@ def harmful_laz(folder):
     return path
 
 
-def counted_las(kind):
+def counted(kind, at):
+    """Return what writes a cloud whose head says at a place that there are 2³²-1 of something."""
+
     def make(folder):
         path = cloud(folder / f"a.{kind}", 3)
         content = bytearray(path.read_bytes())
-        # Records beside the points, and points.
-        struct.pack_into("<I", content, 100, 0xFFFFFFFF)
+        struct.pack_into("<I", content, at, 0xFFFFFFFF)
         path.write_bytes(content)
         return path
 
@@ -428,9 +440,11 @@ def bomb(folder, size=1 << 30):
 
 
 HARMFUL = {
-    "laz of many chunks": harmful_laz, "las of many records": counted_las("las"),
-    "laz of many records": counted_las("laz"), "mdpa cut short": cut_mdpa,
+    "laz of many chunks": harmful_laz, "las of many records": counted("las", 100),
+    "laz of many records": counted("laz", 100), "las of many points": counted("las", 107),
+    "laz of many points": counted("laz", 107), "mdpa cut short": cut_mdpa,
     "tec cut short": cut_tec, "vtu bomb": bomb,
+    "vtu of much": lambda folder: bomb(folder, 384 << 20),
 }  # fmt: skip
 
 

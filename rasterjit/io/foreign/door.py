@@ -28,7 +28,7 @@ from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.warning import warn_caller
 
-_SECONDS, _SECONDS_OF_MEGABYTE = 15, 10
+_SECONDS, _SECONDS_OF_MEGABYTE = 10, 10
 """Of the processor: what reading a file may take, and what each megabyte of it adds."""
 
 _WAITING = 20.0 if sys.platform == "linux" else 4.0
@@ -37,6 +37,9 @@ alone some systems are held to it."""
 
 _STARTING = 60.0
 """Seconds in which the process must be ready, and may take to end another one."""
+
+_SMALL = 1 << 20
+"""Bytes of what is found that are not counted: names, numbers and notes."""
 
 _IN_PROCESS = "isolate=False reads it in this process, without limits"
 
@@ -108,7 +111,9 @@ class _Reader:
         answer = self._answer(longest)
         found = None
         if answer["status"] == 0:
-            found = read_found(self._results.fileno())
+            file = self._results.fileno()
+            is_large = os.fstat(file).st_size > request["left"] + _SMALL
+            found = {"error": "MemoryError"} if is_large else read_found(file)
             # Its memory is free again.
             self._results.truncate(0)
         return answer, found
@@ -171,7 +176,16 @@ class _Reader:
 
 def _path() -> list[str]:
     """Return where modules are found, wherever the process is."""
-    return [os.path.abspath(one) for one in sys.path]
+    folder = _folder()
+    return [os.path.join(folder, one) for one in sys.path]
+
+
+def _folder() -> str:
+    """Return where this process is; the topmost folder if it is in one that was removed."""
+    try:
+        return os.getcwd()
+    except OSError:
+        return os.sep
 
 
 def _result_file() -> tuple[Any, str | None]:
@@ -224,7 +238,7 @@ def read_isolated(
     budget, extension = resources.budget, extension_of(path)
     seconds = _SECONDS + _SECONDS_OF_MEGABYTE * path.stat().st_size // 1_000_000
     request = {
-        "path": str(path), "root": str(resources.root), "folder": os.getcwd(),
+        "path": str(path), "root": str(resources.root), "folder": _folder(),
         "sys_path": _path(), "hidden": [name for name, one in sys.modules.items() if one is None],
         "modules": modules_for(extension), "on_damage": on_damage,
         "on_invalid": on_invalid, "max_bytes": budget.max_bytes, "left": budget.left,
