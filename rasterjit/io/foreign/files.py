@@ -53,7 +53,13 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
     said = io.StringIO()
     try:
         # It says why it cannot read a file, and ends the program.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            warnings.catch_warnings(record=True) as told,
+        ):
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", UserWarning)
             mesh: Any = meshio.read(path)
     except (Exception, SystemExit) as error:
         if is_vtk and find_spec("pyvista") is not None:
@@ -66,7 +72,7 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
         raise MeshFileError(f"{path} could not be read as {form}: {reason}{other}") from error
     if _UNREAD in " ".join(said.getvalue().split()) and is_vtk and find_spec("pyvista") is not None:
         return _by_pyvista(path, left_out)
-    for text in said.getvalue().split(_WARNING)[1:]:
+    for text in [*said.getvalue().split(_WARNING)[1:], *(str(one.message) for one in told)]:
         left_out.note(f"what meshio says: {' '.join(text.split())[:LONGEST_REASON]}")
     return things_of_cells(mesh, str(path), left_out)
 
