@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
 
 
@@ -304,10 +302,6 @@ class Surface(NamedTuple):
     -> none does."""
     through: Through | None = None
     """How light goes through the objects | None -> through none in view."""
-    limits: Any = None
-    """(O, 12) float32: ``survey.precision.limits_of_all`` | None -> lit samples take float64."""
-    mixes_precision: bool = False
-    """Whether any object in view may take float64 beside others in float32."""
     layers: Layers | None = None
     """Varnish, fibres, own mirrors | None -> none in view."""
 
@@ -328,9 +322,6 @@ class Imitated(NamedTuple):
     ``lighting.pyrender``."""
 
 
-NO_LAMPS = np.empty((0, 18), np.float32)
-
-
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
@@ -345,9 +336,6 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
-    lamps: Any = NO_LAMPS
-    """(P, 18) float32: those of the lights that have a place, for bounds of lit samples in float32,
-    see ``surface.lamps``."""
     imitated: Imitated | None = None
     """What else pyrender's shader is given, see ``lighting.pyrender`` | None -> it is not
     imitated."""

@@ -18,7 +18,7 @@ from rasterjit.outputs import fill
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
-from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS, PLACED
+from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import (
     Faces,
     Lighting,
@@ -42,17 +42,13 @@ from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, Picture, acting
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.lights import pyramids_of
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.precision import rows_of_lamps
 
 Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 LIGHT_ROWS = "light_rows"
 """Name of the rows of all lights, of which a desk takes those that shine."""
-LAMP_ROWS = "lamp_rows"
-"""Name of ``Lighting.lamps``."""
 
 MOST_CUT = 1024
 """Most faces of a view that are cut in machine code, besides one in 16."""
@@ -106,7 +102,6 @@ class Desk:
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
         self._plan, self._cache, self._calls = plan, cache, BoundCalls()
         self._lights = list(lights)
-        self._has_lamps = plan.lighting is not None and len(plan.lighting.lamps) > 0
         if plan.layers is not None:
             # Objects that others of these views show count as well.
             seen_through = cache.tables.inventory.is_see_through.astype(np.uint8)
@@ -156,11 +151,6 @@ class Desk:
             False for those that must be drawn alone.
         """
         fields = {**fields, LIGHT_ROWS: words_of(lights[:, self._lights])}
-        if self._has_lamps:
-            facts, own = self._plan.facts, lights[:, self._lights]
-            own, pyramids = own[:, own[0, :, PLACED] == 1.0], pyramids_of(facts.lamps)
-            rows = rows_of_lamps(own, pyramids, facts.exposed)
-            fields[LAMP_ROWS] = words_of(rows)
         loads = []
         for name, target, size in self._targets:
             words = fields[name]
@@ -356,9 +346,6 @@ class Desk:
             count = len(lighting.lights)
             lights = self._field(LIGHT_ROWS, (count, LIGHT_COLUMNS), np.float32)
             lighting = lighting._replace(lights=lights)
-            if self._has_lamps:
-                lamps = self._field(LAMP_ROWS, lighting.lamps.shape, np.float32)
-                lighting = lighting._replace(lamps=lamps)
         effects = tuple(
             Active(one.effect, one.effect.share(plan, one.data, self._field))
             for one in plan.planned

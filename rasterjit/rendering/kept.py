@@ -112,7 +112,6 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
         and one.quality == other.quality
         and (one.outputs, one.is_uneven, one.attributes, one.lights, one.has_background)
         == (other.outputs, other.is_uneven, other.attributes, other.lights, other.has_background)
-        and one.lamps == other.lamps
         and one.has_lights == other.has_lights
         and all(map(operator.is_, one.asked.values(), other.asked.values()))
         and made.background.tobytes() == asked.background.tobytes()

@@ -95,7 +95,6 @@ class Shader(NamedTuple):
             lighting = lighting._replace(
                 lights=kept.copied("light rows", lighting.lights),
                 ambient=kept.copied("light from all around", lighting.ambient),
-                lamps=kept.copied("lamps", lighting.lamps),
                 imitated=_kept_imitated(lighting.imitated, kept),
             )
         shading = kept.made(

@@ -47,10 +47,9 @@ from rasterjit.survey.contents import (
 from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of, pyramids_of
+from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
-from rasterjit.survey.precision import rows_of_lamps
 
 Cull: TypeAlias = Literal["none", "back", "front"]
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
@@ -226,10 +225,7 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
     if facts.imitation is not None:
         return imitated_lighting(lighting, facts.imitation, facts.lights, camera)
-    if facts.limits is None or not facts.lamps:
-        return lighting
-    rows = lighting_of(facts.lamps, camera, 0).lights
-    return lighting._replace(lamps=rows_of_lamps(rows, pyramids_of(facts.lamps), facts.exposed))
+    return lighting
 
 
 class KernelRow(NamedTuple):

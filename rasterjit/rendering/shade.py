@@ -177,8 +177,6 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         fields=tables.fields if facts.needs_fields else None,
         through=tables.through if facts.transmits else None,
         in_float32=facts.shown_in_float32,
-        limits=facts.limits,
-        mixes_precision=facts.mixes_precision,
         layers=layers_in_view(tables.layers, facts) if facts.needs_layers else None,
     )
 

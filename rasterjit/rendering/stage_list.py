@@ -37,10 +37,8 @@ from rasterjit.pipeline.surface import (
     contours,
     fields,
     float32_colors,
-    float32_planes,
     maps,
     point_shapes,
-    set_aside,
     texture_gradients,
     texture_lookup,
     texture_places,
@@ -74,26 +72,16 @@ def surface_steps(
     effects: Sequence[Active],
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
-    in_float32 = lighting is not None and surface.limits is not None
-    # Where all is found in float32, float64 is taken for light alone, which lamps make steep.
-    is_planar = in_float32 and not surface.mixes_precision
-    is_exact = not is_planar or len(lighting.lamps) > 0
     # What they are multiplied by comes last: until then they stand alone.
     are_apart = shows_colors_apart(surface, lighting)
     own_materials = surface.materials
     if are_apart:
         surface = surface._replace(materials=whitened(surface.materials))
     materials = surface.materials
-    steps = []
-    # Weights, colours and places.
-    if in_float32:
-        steps += float32_steps(geometry, placement, surface, lighting, effects, is_exact)
-    if is_exact:
-        steps += weight_steps(geometry, placement, surface, lighting, effects)
-    if not is_planar:
-        steps.append(color_step(geometry, surface))
-    if in_float32 and is_exact:
-        steps += [*place_steps(placement, surface), Step(set_aside.take_back_sure, ())]
+    steps = [
+        *weight_steps(geometry, placement, surface, lighting),
+        color_step(geometry, surface),
+    ]
     if are_apart:
         steps += set_colors_apart(own_materials)
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
@@ -127,8 +115,7 @@ def surface_steps(
     if surface.microfacets is not None:
         facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
-    if not in_float32:
-        steps += place_steps(placement, surface)
+    steps += place_steps(placement, surface)
     if surface.points is not None:
         steps.append(Step(point_shapes.find_point_shapes, (*surface.points, placement)))
     if surface.lit_vertices is not None and not acting(effects, "sample"):
@@ -163,44 +150,9 @@ def place_steps(placement: Placement, surface: Surface) -> list[Step]:
     return steps
 
 
-def reads_weights(surface: Surface, effects: Sequence[Active]) -> bool:
-    """Return whether weights of all samples are read in float64, behind those in float32."""
-    is_faded = surface.alphas is not None and surface.vertex_colors is not None
-    return is_faded or bool(acting(effects, "rows") or acting(effects, "light"))
-
-
-def keeps_weights(geometry: Geometry, surface: Surface) -> bool:
-    """Return whether weights are found before what is found in float32, and stay."""
-    own = surface.textures
-    # Where samples lie beside their faces. Steps of textures are found in what else has used.
-    return geometry.viewport.reach != 0 and (own is None or not has_levels(own))
-
-
-def float32_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting,
-    effects: Sequence[Active], is_exact: bool,
-) -> list[Step]:  # fmt: skip
-    """Return the stages that find what objects are like in float32, and set that aside."""
-    colors = surface.vertex_colors
-    colors = np.empty((0, 4), np.float32) if colors is None else colors
-    shown = (
-        geometry, placement, surface.normals, surface.materials, colors, lighting.lamps,
-        lighting.lights, surface.limits,
-    )  # fmt: skip
-    weighed = [Step(weights.find_weights, (geometry, placement))]
-    steps = weighed if geometry.viewport.reach != 0 else []
-    steps = [*steps, Step(float32_planes.find_float32_surface, shown)]
-    if reads_weights(surface, effects) and not keeps_weights(geometry, surface):
-        steps += weighed
-    if is_exact:
-        steps.append(Step(set_aside.set_aside_sure, ()))
-    return steps
-
-
 def weight_steps(
-    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting | None,
-    effects: Sequence[Active],
-) -> list[Step]:  # fmt: skip
+    geometry: Geometry, placement: Placement, surface: Surface, lighting: Lighting | None
+) -> list[Step]:
     """Return the stages that find weights in float64, and what textures are looked up by."""
     own = surface.textures
     if lighting is None:
@@ -210,9 +162,6 @@ def weight_steps(
         if not is_interpolated(surface) or (bare is not None and bool(bare.all())):
             return []
     steps = [] if own is None else coordinate_steps(own, geometry)
-    is_after = lighting is not None and surface.limits is not None
-    if is_after and (reads_weights(surface, effects) or keeps_weights(geometry, surface)):
-        return steps
     return [Step(weights.find_weights, (geometry, placement)), *steps]
 
 

@@ -11,14 +11,7 @@ from numba.extending import intrinsic
 
 from rasterjit.runtime.intrinsics import (
     CHANNELS,
-    COLORS,
     LANES,
-    LEAST_NORMAL,
-    LEAST_POINT,
-    NORMALS,
-    POINTS,
-    RATIO_B,
-    RATIO_C,
 )
 from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
@@ -791,117 +784,6 @@ def blend_run(
     exact, color = types.UniTuple(types.float64, 3), types.UniTuple(types.float32, 3)
     pair, three = types.UniTuple(types.float32, 2), types.UniTuple(color, 3)
     return types.void(red, red, red, exact, exact, pair, three, color), generate
-
-
-@intrinsic
-def blend_planes(
-    typing_context: Any, samples: Any, first: Any, count: Any, start: Any, steps: Any, way: Any,
-    plane: Any,
-) -> Any:  # fmt: skip
-    """
-    Write colours, normals and points of neighbouring samples of one face, in float32.
-
-    Loop by loop, so that what a loop reads of the face stays in registers.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kinds, (array, place, number, exact, gains, ways, row) = signature.args, arguments
-        single = ir.VectorType(ir.FloatType(), LANES)
-        one, none = (ir.Constant(single, [value] * LANES) for value in (1.0, 0.0))
-        groups = builder.add(number, number.type(LANES - 1))
-        groups = builder.lshr(groups, number.type(LANES.bit_length() - 1))
-        length = words(context, builder, kinds[0], array, "shape")[1]
-        end = builder.add(place, builder.mul(groups, groups.type(LANES)))
-        _check(context, builder, end, length)
-        memory = builder.gep(field(context, builder, kinds[0], array, "data"), [place])
-        own = field(context, builder, kinds[6], row, "data")
-
-        def element(n: int) -> Any:
-            value = builder.load(builder.gep(own, [LANE(n)]), align=4)
-            return _all(builder, value, LANES)
-
-        def target(k: int, group: Any) -> Any:
-            at = builder.mul(length, length.type(k))
-            at = builder.add(at, builder.mul(group, group.type(LANES)))
-            return builder.bitcast(builder.gep(memory, [at]), single.as_pointer())
-
-        def positive(value: Any) -> Any:
-            return builder.select(builder.fcmp_ordered(">", value, none), value, none)
-
-        edge, step = (
-            [_all(builder, value, LANES) for value in _elements(builder, tuple_, 3)]
-            for tuple_ in (exact, gains)
-        )
-        begin, stride = _elements(builder, ways, 2)
-        begin = _from(builder, begin, stride, LANES)
-        stride = _all(builder, builder.fmul(stride, stride.type(float(LANES))), LANES)
-        ratio_b, ratio_c = element(RATIO_B), element(RATIO_C)
-        # Weights wait in rows that are written last.
-        held = (0, 1, 2)
-
-        def weigh(group: Any, values: list[Any]) -> list[Any]:
-            parts = [
-                positive(
-                    builder.fptrunc(
-                        builder.fadd(edge[k], builder.fmul(values[0], step[k])), single
-                    )
-                )
-                for k in range(3)
-            ]  # fmt: skip
-            parts = [parts[0], builder.fmul(parts[1], ratio_b), builder.fmul(parts[2], ratio_c)]
-            total = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
-            over = builder.fdiv(one, total)
-            for k, value in zip(held, parts, strict=True):
-                builder.store(builder.fmul(value, over), target(k, group), align=4)
-            return [builder.fadd(values[0], stride)]
-
-        _repeat(builder, groups, [begin], weigh)
-
-        def shares(group: Any) -> list[Any]:
-            return [builder.load(target(k, group), align=4) for k in held]
-
-        found = []
-        for at, written, limit in ((POINTS, 7, LEAST_POINT), (NORMALS, 4, LEAST_NORMAL)):
-            corner = [[element(at + 4 * j + k) for j in range(3)] for k in range(3)]
-            least = element(limit)
-
-            def lay(
-                group: Any, values: list[Any], corner: Any = corner, least: Any = least,
-                written: int = written,
-            ) -> list[Any]:  # fmt: skip
-                _, second, third = shares(group)
-                laid = []
-                for k in range(3):
-                    moved = builder.fadd(
-                        builder.fmul(second, corner[k][1]), builder.fmul(third, corner[k][2])
-                    )
-                    laid.append(builder.fadd(corner[k][0], moved))
-                    builder.store(laid[k], target(written + k, group), align=4)
-                squares = [builder.fmul(value, value) for value in laid]
-                total = builder.fadd(builder.fadd(squares[0], squares[1]), squares[2])
-                return [builder.or_(values[0], builder.fcmp_unordered("<", total, least))]
-
-            bits = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-            found += _repeat(builder, groups, [bits], lay)
-        colors = [[element(COLORS + 4 * j + k) for j in range(5)] for k in range(3)]
-
-        def blend(group: Any, _: list[Any]) -> list[Any]:
-            weights, laid = shares(group), []
-            for own in colors:
-                parts = [builder.fmul(weights[j], own[j]) for j in range(3)]
-                value = builder.fadd(builder.fadd(parts[0], parts[1]), parts[2])
-                value = builder.select(builder.fcmp_ordered(">", value, own[4]), value, own[4])
-                laid.append(builder.select(builder.fcmp_ordered("<", value, own[3]), value, own[3]))
-            for k, value in enumerate(laid):
-                builder.store(value, target(k, group), align=4)
-            return []
-
-        _repeat(builder, groups, [], blend)
-        mask = builder.bitcast(builder.or_(*found), ir.IntType(LANES))
-        return builder.zext(mask, LANE)
-
-    three, two = types.UniTuple(types.float64, 3), types.UniTuple(types.float64, 2)
-    return types.int32(samples, types.int64, types.int64, three, three, two, plane), generate
 
 
 @intrinsic

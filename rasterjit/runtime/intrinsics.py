@@ -29,21 +29,6 @@ Steps from texel to texel, as rows of numbers count them: halves of 8 bytes.
 Addresses of x86-64 take a number times 8 without an instruction more, but none times 16.
 """
 
-COLORS, NORMALS, POINTS, PLANE_ELEMENTS = 0, 20, 32, 44
-"""
-Elements of the planes of a face, of groups of three numbers and one to spare.
-
-Colours of the vertices, their greatest, their least; the first normal, the ways from there to the
-second and third; points likewise.
-"""
-RATIO_B, RATIO_C, LEAST_NORMAL, LEAST_POINT, SIDE = 3, 7, 11, 15, 19
-OFF_NORMAL, OFF_POINT, IS_CALM = 23, 27, 31
-"""
-Elements to spare: w of the first vertex over that of the others; squared lengths of normals and
-points below which these are doubtful; -1 where the back of the face is seen, else 1; what normals
-and points are off by at most; 1 where no sample is at a jump or a steep place of light, else 0.
-"""
-
 _ADDING = lock()
 
 
@@ -268,56 +253,6 @@ def blend_run(
             own = [corner[k] for corner in corners]
             value = first * own[0] + second * own[1] + third * own[2]
             row[n] = base[k] * min(max(value, min(own)), max(own))
-
-
-@intrinsic
-def blend_planes(
-    samples: Any, first: Any, count: Any, start: Any, steps: Any, way: Any, plane: Any
-) -> Any:
-    """
-    Write colours, normals and points of neighbouring samples of one face, in float32.
-
-    Parameters
-    ----------
-    samples : (R, N) float32
-        Written: rows 0 to 2 (colours), 4 to 6 (normals), 7 to 9 (points), from ``first`` on; up to
-        whole groups of ``LANES`` something behind the samples.
-    first, count : int
-    start, steps : (3,) float64
-        Edge functions where ``way`` is 0, positive on the face, and what they gain by 1 of it.
-    way : (2,) float64
-        That of the first sample, and its step from one to the next.
-    plane : (PLANE_ELEMENTS,) float32
-        See ``surface.float32_planes``.
-
-    Returns
-    -------
-    int32
-        Not 0 if any normal or point is doubtful, of the samples or of those behind them.
-    """
-    p, doubtful = plane, False
-    lanes = np.arange(-(-int(count) // LANES) * LANES)
-    ways = way[0] + lanes * way[1]
-    parts = [np.float32(start[k] + ways * steps[k]) for k in range(3)]
-    parts = [np.where(value > 0, value, np.float32(0)) for value in parts]
-    parts = [parts[0], parts[1] * p[RATIO_B], parts[2] * p[RATIO_C]]
-    over = np.float32(1.0) / (parts[0] + parts[1] + parts[2])
-    shares = [value * over for value in parts]
-    some = slice(int(first), int(first) + len(lanes))
-    for k in range(3):
-        own = [p[COLORS + 4 * j + k] for j in range(3)]
-        value = shares[0] * own[0] + shares[1] * own[1] + shares[2] * own[2]
-        most, least = p[COLORS + 12 + k], p[COLORS + 16 + k]
-        value = np.where(value > least, value, least)
-        samples[k, some] = np.where(value < most, value, most)
-    for at, target, limit in ((NORMALS, 4, LEAST_NORMAL), (POINTS, 7, LEAST_POINT)):
-        total = np.float32(0.0)
-        for k in range(3):
-            value = p[at + k] + (shares[1] * p[at + 4 + k] + shares[2] * p[at + 8 + k])
-            samples[target + k, some] = value
-            total = total + value * value
-        doubtful |= not bool((total >= p[limit]).all())
-    return np.int32(doubtful)
 
 
 @intrinsic

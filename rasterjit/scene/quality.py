@@ -124,18 +124,10 @@ class Quality:
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
         on their grid.
     interpolation_precision : {"adaptive", "float64"}
-        Arithmetic that finds what pixels show between vertices. ``"adaptive"`` takes float32 in
-        two cases. In scenes of unlit objects alone, with no texture and none blended, in view or
-        not, it finds the colours with 1, 64 or 256 ``samples``, and moves each by at most a
-        millionth of itself. Of each ``"phong"`` or ``"pbr"`` object of triangles without textures,
-        scalars, layers or transmission, whatever stands beside it, it finds colours, normals and
-        the points that light falls on and highlights are seen from, sample by sample where that
-        moves a colour by at most a sixteenth of an 8-bit step, which a bound for each face tells:
-        faces close to a point or spot light, or very bright in its light, take float64. A very
-        sharp highlight leaves its object to float64; an environment, an exposure above 1, very
-        bright directional light, and with lamps an exposure below 0, leave all to it. Texture
-        coordinates, shadows and the outputs besides ``"color"`` and ``"linear"`` take float64
-        always.
+        Arithmetic that finds colours between those of vertices. ``"adaptive"`` takes float32 in
+        scenes of unlit objects alone, with no texture and none blended, in view or not, with 1, 64
+        or 256 ``samples``: it moves each colour by at most a millionth of itself. All else takes
+        float64 always.
 
     visible_alpha : float
         Where the alpha of a blended surface is below this, 0..1, the surface is not hit: depth,

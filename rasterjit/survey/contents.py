@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.surface.lamps import ALL_LIMITS, BY_LAMPS
-from rasterjit.pipeline.surface.steep import GLOSS, MATT
 from rasterjit.scene.contours import Contours
 from rasterjit.scene.field import ColorScale
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
@@ -24,13 +22,9 @@ from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.scene.validation import cut_short
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
-from rasterjit.survey.precision import Brightness, gloss_of, limits_of_all
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
-
-PLAIN = frozenset(("phong", "pbr"))
-"""Ways of shading by the pixel with normals between those of vertices."""
 
 BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
 """Ways of shading that have a Blinn-Phong highlight."""
@@ -49,10 +43,6 @@ class Contents(NamedTuple):
     phong: int
     pbr: int
     objects: int
-    plain: int
-    """Lit by the pixel, with normals between those of vertices and nothing over a base colour."""
-    furnished: int
-    """All others."""
     laid: int
     """With texture coordinates."""
     unlaid: int
@@ -180,8 +170,6 @@ class Inventory:
         self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
         self._alpha_uses = [alpha_use_of(mesh) for mesh in numbers]
-        self._glosses = [gloss_of(mesh.material) if _is_plain(mesh) else None for mesh in numbers]
-        self._limits: dict[tuple[Brightness, bool], NDArray[np.float32]] = {}
         self._pixels = max((_pixels_of(mesh) for mesh in numbers), default=0.0)
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
@@ -202,23 +190,6 @@ class Inventory:
     def _having(self, field: str) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it counts in a field of `Contents`."""
         return self._rows[self._numbers, Contents._fields.index(field)] > 0
-
-    def limits(self, brightness: Brightness, is_dimmed: bool) -> NDArray[np.float32]:
-        """Return what bounds errors in float32 of each object: see ``precision.limits_of_all``."""
-        key = brightness, is_dimmed
-        if key not in self._limits:
-            own = limits_of_all(self._glosses, *key)
-            # Lights that change have changed for good.
-            self._limits = {key: np.ascontiguousarray(own[self._numbers])}
-        return self._limits[key]
-
-    @cached_property
-    def free_limits(self) -> NDArray[np.float32]:
-        """The same, where errors of float32 are of no account: all that is plain takes it."""
-        bounds = np.array([-1.0 if gloss is None else 0.0 for gloss in self._glosses], np.float32)
-        limits = np.repeat(bounds[self._numbers, np.newaxis], ALL_LIMITS, axis=1)
-        limits[:, BY_LAMPS + GLOSS] = MATT
-        return limits
 
     @cached_property
     def is_bare(self) -> NDArray[np.bool_]:
@@ -319,8 +290,6 @@ def _contents_of(mesh: Mesh) -> Contents:
     return Contents(
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
-        plain=_is_plain(mesh),
-        furnished=not _is_plain(mesh),
         laid=mesh.uv is not None,
         unlaid=bool(unlaid),
         highlights=shines,
@@ -356,21 +325,6 @@ def _contents_of(mesh: Mesh) -> Contents:
         skinned=mesh._is_in_world,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
         textured={name: name in read for name in TEXTURE_FIELDS},
-    )
-
-
-def _is_plain(mesh: Mesh) -> bool:
-    """Tell whether an object is smooth, of triangles, with nothing over a base colour."""
-    material = mesh.material
-    return (
-        material.shading in PLAIN
-        and mesh.primitive == "triangles"
-        and mesh.vertex_field is None
-        and not textures_read(material)
-        and not material.has_clearcoat
-        and not material.has_sheen
-        and not material.has_own_specular
-        and not lets_through(mesh)
     )
 
 

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.encode import Encoding
-from rasterjit.pipeline.surface.steep import EXPOSED
 from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.imitation import Imitation
-from rasterjit.scene.light import AmbientLight, Light
+from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -26,15 +25,12 @@ from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transp
 from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
 from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.lights import (
-    HEADLIGHT_AMBIENT,
-    HEADLIGHT_INTENSITY,
     NO_LIGHTS,
     PlannedLights,
     plan_lights,
 )
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
-from rasterjit.survey.precision import MOST_STOPS, Brightness, brightness_of, is_steep, lamps_among
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -204,73 +200,6 @@ class Facts:
         tones = self.asked["tone_map"]
         has_codes = "color" in self.whole_outputs or self.mixes_codes
         return None if tones is None or tones.is_neutral or not has_codes else tones
-
-    @cached_property
-    def is_exposed(self) -> bool:
-        """Whether light is made much brighter, or dark light much steeper, before it is shown."""
-        return is_steep(self.tones)
-
-    @cached_property
-    def is_dimmed(self) -> bool:
-        """Whether light is made darker before it is shown: that of lamps is very bright, then."""
-        return self.tones is not None and self.tones.exposure < 0.0
-
-    @cached_property
-    def exposed(self) -> float:
-        """What light of lamps is multiplied by at most before it is shown."""
-        return 1.0 if self.tones is None else float(EXPOSED)
-
-    @cached_property
-    def lamps(self) -> tuple[Light, ...]:
-        """The lights that have a place, of those that reach what is seen."""
-        return () if self.imitation is not None else lamps_among(self.lights.lights)
-
-    @cached_property
-    def brightness(self) -> Brightness:
-        """What there is of light that reaches what is seen, without looking at places."""
-        found = brightness_of(self.lights.lights, self.tones, self.fog)
-        if not self.has_headlight:
-            return found
-        return found._replace(straight=HEADLIGHT_INTENSITY, around=HEADLIGHT_AMBIENT)
-
-    @cached_property
-    def own_limits(self) -> NDArray[np.float32]:
-        """What bounds errors of each object in float32, (O, 12); -1 where it takes float64."""
-        if self.imitation is not None:
-            # The other program knows nothing but float32.
-            return self.inventory.free_limits
-        return self.inventory.limits(self.brightness, self.is_dimmed)
-
-    @cached_property
-    def limits(self) -> NDArray[np.float32] | None:
-        """
-        What bounds errors of each lit object in float32; None where all in view take float64.
-
-        Who takes which depends on the objects alone: what is in view decides only whether there
-        are stages of both kinds.
-        """
-        if (
-            self.quality.interpolation_precision == "float64"
-            or self.seen.plain == 0
-            or self.is_surrounded
-            or self.is_exposed
-            or not (self.own_limits[:, 0] >= 0.0).any()
-        ):
-            return None
-        return self.own_limits
-
-    @cached_property
-    def mixes_precision(self) -> bool:
-        """
-        Whether some objects in view may take float64 where others take float32.
-
-        Views in which there are objects of the same properties share stages: of objects that are
-        too bright or too glossy, those out of view count as well.
-        """
-        if self.limits is None:
-            return False
-        is_exact = self.limits[:, 0] < 0.0
-        return self.seen.furnished > 0 or np.count_nonzero(is_exact) > self.contents.furnished
 
     @cached_property
     def needs_gouraud(self) -> bool:
@@ -532,14 +461,13 @@ UNKNOWN_REASON = "not all that is drawn allows float32"
 def float64_reason(facts: Facts) -> str | None:
     """Say why colours are interpolated in float64; None where they are in float32."""
     quality, seen = facts.quality, facts.seen
-    if facts.shown_in_float32 is not None or facts.limits is not None:
+    if facts.shown_in_float32 is not None:
         return None
     reasons = (
         (
             quality.interpolation_precision == "float64",
             "quality.interpolation_precision is 'float64'",
         ),
-        *(smooth_reasons(facts) if facts.is_lit else []),
         (
             quality.samples != 1 and facts.picture_samples is None,
             f"quality.samples is {quality.samples!r}",
@@ -555,39 +483,16 @@ def float64_reason(facts: Facts) -> str | None:
 
 def others_reason(facts: Facts) -> str | None:
     """Say why others in view take float64 where some take float32; None where none do."""
-    shown = facts.shown_in_float32
-    if not facts.mixes_precision and (facts.limits is not None or shown is None or shown.all()):
+    shown, seen = facts.shown_in_float32, facts.seen
+    if shown is None or shown.all():
         return None
-    reasons = smooth_reasons(facts) if facts.limits is None else []
-    reasons += [(facts.seen.blended > 0 and not facts.is_lit, "an object is blended")]
-    return next(reason for is_so, reason in reasons + furnished_reasons(facts) if is_so)
-
-
-def smooth_reasons(facts: Facts) -> list[tuple[bool, str]]:
-    """Return what keeps objects in view that have smooth normals from float32, and if so."""
-    seen = facts.seen
-    if seen.phong + seen.pbr == 0:
-        return []
-    return [
-        (facts.is_surrounded, "the scene has an environment"),
-        (facts.is_exposed, f"the exposure is above {MOST_STOPS:g}, or the tone curve too steep"),
-        (seen.plain > 0, "lights are too bright, or highlights too sharp"),
-        *furnished_reasons(facts),
-    ]
-
-
-def furnished_reasons(facts: Facts) -> list[tuple[bool, str]]:
-    """Return what an object in view may have that takes float64, and if so."""
-    seen = facts.seen
-    return [
+    reasons = (
+        (seen.blended > 0, "an object is blended"),
         (seen.has_textures, "an object has a texture"),
         (seen.with_field > 0, "an object has scalars of its vertices"),
-        (seen.has_layers, "a material has a clearcoat, sheen, ior or specular_ field"),
-        (seen.transmitting > 0, "a material has a transmission"),
-        (bool(seen.primitives), "an object is of points or lines"),
-        (seen.phong + seen.pbr < seen.objects, "an object is not shaded 'phong' or 'pbr'"),
-        (True, "lights are too bright, or highlights too sharp"),
-    ]
+        (True, "an object is lit"),
+    )
+    return next(reason for is_so, reason in reasons if is_so)
 
 
 def settings_asked(facts: Facts, *names: str) -> str:

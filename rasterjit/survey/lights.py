@@ -65,8 +65,8 @@ FIRST_ROWS, MORE_ROWS = 4, 8
 finds something."""
 
 LIGHT_ROUNDING = 2.0**-16
-"""Widening of what a light reaches, as a share of coordinates and of cosines: above that of its
-faces, ``surface.lamps.REACH_ROUNDING``, and of the light that kernels see, which is float32."""
+"""Widening of what a light reaches, as a share of coordinates and of cosines: above that of the
+light that kernels see, which is float32."""
 
 DIAGONAL = math.sqrt(0.5)
 
@@ -315,16 +315,6 @@ def pyramid_of(
     return axes_of(light.direction), np.array([math.sqrt(1.0 - cosine * cosine), cosine])
 
 
-def pyramids_of(lamps: Sequence[Light]) -> NDArray[np.float64]:
-    """Return `pyramid_of` lights, (P, 11): axes, sine and cosine; all 0 of those without a cone."""
-    rows = np.zeros((len(lamps), 11))
-    for row, lamp in zip(rows, lamps, strict=True):
-        if isinstance(lamp, SpotLight):
-            axes, row[9:] = pyramid_of(lamp)
-            row[:9] = axes.ravel()
-    return rows
-
-
 def _is_in_cone(
     light: SpotLight, eye: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
@@ -332,7 +322,7 @@ def _is_in_cone(
     Tell of boxes, (..., O), whether they meet a light's cone.
 
     They do not if all corners lie behind the light, or beyond one side of a pyramid around the
-    cone: then that is so of each face within, as ``surface.lamps`` finds again.
+    cone: then that is so of each face within.
 
     Takes the eye, (..., 3), and the corners of the boxes relative to it, (..., O, 8, 3).
     """

@@ -67,10 +67,7 @@ class Shading(MaterialRow):
         if not shadings:
             return "no object is in view"
         why = float64_reason(facts)
-        found = "colours" if facts.limits is None else "colours, normals and points"
-        colors = f"{found} in float32" if why is None else f"colours in float64: {why}"
-        if facts.limits is not None and facts.lamps and facts.is_dimmed:
-            colors += ", in the light of lamps in float64: the exposure is below 0"
+        colors = "colours in float32" if why is None else f"colours in float64: {why}"
         others = others_reason(facts)
         if others is not None:
             colors += f", others in float64: {others}"

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rasterjit.runtime.intrinsics import PLANE_ELEMENTS
 from rasterjit.runtime.state import float32, float64, int32, int64
 
 RED, GREEN, BLUE, ALPHA = 0, 1, 2, 3
@@ -81,9 +80,7 @@ NEXT_ROW, NEXT_COLUMN, OWNER_AT_HAND = 3, 4, 5
 """Elements of ``counts``: where the next block begins; the object that was listed last."""
 IS_LIT = 6
 """Element of ``counts``: not 0 if light falls on any sample; ``receivers`` of shadows find it."""
-KNOWS_PLANES = 7
-"""Element of ``counts``: not 0 if ``planes`` holds what is of this picture."""
-COUNTS = 8
+COUNTS = 7
 
 KIND, OWNER, START, STOP, FIRST_PATCH, END_PATCH, COLUMN_OF, ROW_OF = range(8)
 """Columns of ``segments``: `SPAN` or `MIXED`, the object, samples and patches; a span's pixel."""
@@ -121,10 +118,6 @@ MOVED, AWAY = 6, 9
 """Rows: the same as one light finds them, see ``effects.shadows.receivers``."""
 RECEIVER_ROWS = 12
 
-PLANES = 512
-"""Faces whose planes a block keeps, from one block of a band to the next; a power of two."""
-EDGE_ELEMENTS = 12
-
 
 class Block(NamedTuple):
     """Some hundred samples, a row for each quantity and a column for each sample."""
@@ -153,7 +146,3 @@ class Block(NamedTuple):
     """What textures show, and more memory to look them up."""
     receivers: float64[RECEIVER_ROWS, ROOM]
     """Points and normals for shadows."""
-    faces: int32[2, PLANES]
-    edges: float64[PLANES, EDGE_ELEMENTS]
-    planes: float32[PLANES, PLANE_ELEMENTS]
-    """What is known of faces that were met: see ``float32_planes``."""
