@@ -12,6 +12,9 @@ budgets, a camera that moves and a machine that slows down and recovers.
 For an error bound nothing is remembered. Frames of ever better qualities are drawn in full size and
 compared with the first pictures of the reference, 4, 16, 64 or all 256: as many as it takes to tell
 whether the error is below the bound. The first that is so is the frame; if none is, the reference.
+What repeats from pixel to pixel, such as wires of a fence, may lie between the samples of all first
+pictures. So two more are drawn whose samples lie elsewhere in each pixel: a frame that differs more
+from both than from the first pictures is compared with more of them.
 """
 
 from __future__ import annotations
@@ -110,6 +113,7 @@ CODES = 255.0
 """Largest 8-bit code."""
 
 Draw: TypeAlias = Callable[[Quality], Frame]
+Sweep: TypeAlias = Callable[[], Iterable[Frame]]
 
 Item = TypeVar("Item")
 
@@ -363,10 +367,13 @@ class Reference:
     ----------
     frames : iterator of Frame
         The mean of the first 4, 16, 64 and all 256 pictures, as `Renderer.refine` yields them.
+    sweep : callable
+        Draws two pictures whose samples sweep over the pixels, each independent of the other.
     """
 
-    def __init__(self, frames: Iterator[Frame]) -> None:
-        self._frames = frames
+    def __init__(self, frames: Iterator[Frame], sweep: Sweep) -> None:
+        self._frames, self._sweep = frames, sweep
+        self._swept: tuple[NDArray[np.float32], ...] = ()
         self._seconds: dict[str, float] = {}
         self._change: NDArray[np.float32] | None = None
         self.pictures = 0
@@ -384,17 +391,40 @@ class Reference:
             self.frame, self._light, self.pictures = frame, light, frame.plan.pictures
 
     def error_of(self, frame: Frame) -> tuple[float, float]:
+        """Return the least and the most that the error of a frame is."""
+        differences = light_of(frame) - self._light
+        found = root_mean_square(differences)
+        if self.pictures == ALL_PICTURES:
+            return found, found
+        least, most = self._bounds(differences, found)
+        square, chance = self._square_between(frame)
+        if square - chance > most**2:
+            return least, math.inf
+        # Samples that all agree may all lie at the same places.
+        return least, most if found > 0.0 else max(most, math.sqrt(max(square + 3.0 * chance, 0.0)))
+
+    def _square_between(self, frame: Frame) -> tuple[float, float]:
         """
-        Return the least and the most that the error of a frame is.
+        Return the mean square error of a frame, and how far that may be off by chance.
+
+        Samples of the two swept pictures are independent, and so the mean of the product of the
+        differences from both is that square.
+        """
+        if not self._swept:
+            self._swept = tuple(light_of(one) for one in self._sweep())
+        light = light_of(frame)
+        one, other = (np.subtract(swept, light, dtype=np.float64) for swept in self._swept)
+        squares = (one * other).mean(axis=2)
+        return float(squares.mean()), float(squares.std()) / math.sqrt(squares.size)
+
+    def _bounds(self, differences: NDArray[np.float32], found: float) -> tuple[float, float]:
+        """
+        Return the least and the most of an error, by the difference from the mean so far.
 
         Its square is that of the difference from the mean so far, less that of the mean's own
         error, but for how the two errors may go together: by chance, less where more pixels
         differ, or since samples lie at the same places. The least and the most allow for that.
         """
-        differences = light_of(frame) - self._light
-        found = root_mean_square(differences)
-        if self.pictures == ALL_PICTURES:
-            return found, found
         if self._change is None:
             return found / ROUGHLY, found * ROUGHLY
         own = FALL * root_mean_square(self._change)
@@ -408,7 +438,7 @@ class Reference:
         return math.sqrt(max(found**2 - own**2 - spread, 0.0)), math.sqrt(found**2 + spread)
 
 
-def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame]) -> Frame:
+def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep: Sweep) -> Frame:
     """
     Draw a frame in the fastest quality whose error is below a bound.
 
@@ -421,13 +451,15 @@ def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame]) -> Fra
     refined : iterator of Frame
         The reference of ever more pictures, as `Renderer.refine` yields it; only as many as it
         takes are drawn.
+    sweep : callable
+        See `Reference`.
 
     Returns
     -------
     Frame
         Its ``choice`` tells which one it is.
     """
-    true, shows_areas = Reference(refined), False
+    true, shows_areas = Reference(refined, sweep), False
     undecided: list[Frame] = []
     for quality in ERROR_LADDER:
         if quality.samples == "area" and not shows_areas:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType, TracebackType
 from typing import Any
@@ -670,11 +671,19 @@ class Renderer(Guarded):
             what, camera, outputs=with_light, background=background, cull=cull, diagnose=diagnose,
             previous=previous, first=(),
         )  # fmt: skip
-        frame = budgets.draw_within_error(
-            bound,
-            lambda quality: self._render(quality, what, camera, with_light, *rest),
-            refined,
-        )
+        drawn: list[Frame] = []
+
+        def draw(quality: Quality) -> Frame:
+            drawn[:] = [self._render(quality, what, camera, with_light, *rest)]
+            return drawn[0]
+
+        def sweep() -> Iterator[Frame]:
+            picture = replace(Quality.reference(), samples=1)
+            for is_turned in (False, True):
+                swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
+                yield self._render(picture, what, swept, with_light, background, cull, False, None)
+
+        frame = budgets.draw_within_error(bound, draw, refined, sweep)
         return keep_outputs(frame, wanted)
 
     def refine(

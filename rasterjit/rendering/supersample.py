@@ -116,6 +116,28 @@ class MovedCamera:
         return self.camera.view_depth(stored)
 
 
+@dataclass(frozen=True)
+class SweptCamera(MovedCamera):
+    """
+    A camera whose samples lie elsewhere in each pixel: across the picture they sweep over it.
+
+    Parameters
+    ----------
+    is_turned : bool
+        Whether they move to the right from row to row, and down from column to column; else to the
+        right from column to column, and down from row to row.
+    """
+
+    is_turned: bool = False
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, enlarged or sheared by a pixel from side to side."""
+        matrix = super().projection_matrix(size)
+        right, down = (1, 0) if self.is_turned else (0, 1)
+        matrix[:2] += matrix[[right, down]] / np.array(size)[:, np.newaxis]
+        return matrix
+
+
 def sample_offsets(samples: int) -> list[Offset]:
     """
     Return where the samples of a pixel lie, the first ones spread as evenly as all of them.

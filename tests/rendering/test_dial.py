@@ -313,7 +313,8 @@ def chosen_within(bound, means=(0.0, 0.0, 0.0, 0.0), errors=ERRORS, **options):
             pictures.append(count)
             yield flat(value, count)
 
-    return draw_within_error(bound, draw, refined()), drawn, pictures
+    swept = [flat(means[-1])] * 2
+    return draw_within_error(bound, draw, refined(), lambda: swept), drawn, pictures
 
 
 @pytest.mark.parametrize(
@@ -475,3 +476,24 @@ def test_what_is_missing_of_an_edge_counts_before_a_background_that_is_seen_thro
     assert frame.choice.quality.samples != 1
     true = exact.linear[:, :, :3] * exact.linear[:, :, 3:]
     np.testing.assert_array_equal(light_of(exact)[:, :, :3], true)
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("slanted", [False, True])
+@pytest.mark.parametrize(("start", "width"), [(0.47, 0.1), (0.1, 0.2), (0.01, 0.05)])
+def test_bars_between_the_samples_of_all_pixels_are_not_missed(start, width, slanted):
+    corners, faces, (columns, rows) = [], [], (64, 48)
+    for left in np.arange(columns) + start:
+        first = len(corners)
+        lean = 0.3 if slanted else 0.0
+        corners += [(left, 0, 0), (left + width, 0, 0)]
+        corners += [(left + width + lean, rows, 0), (left + lean, rows, 0)]
+        faces += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
+    bars = rj.Mesh(corners, faces, material=rj.Material("unlit", "white"))
+    middle = columns / 2, rows / 2
+    camera = rj.OrthographicCamera((*middle, 3), (*middle, 0), height=rows)
+    asked = {"size": (columns, rows), "outputs": ("linear",), "background": "black"}
+    best = rj.render(bars, camera, quality=rj.Quality.reference(), **asked)
+    found = rj.render(bars, camera, max_error=0.02, **asked)
+    error = np.sqrt(np.mean(np.square(found.linear - best.linear, dtype=np.float64)[:, :, :3]))
+    assert error <= 0.02
