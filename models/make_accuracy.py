@@ -63,9 +63,6 @@ def precision_scenes() -> dict[str, rj.Scene]:
     looks = {
         "unlit colours of vertices": (rj.Material("unlit"), {"colors": shares}),
         "lit, Phong": (rj.Material("phong", "#3d7ea6", specular=0.0), {}),
-        "lit, Phong with a highlight": (
-            rj.Material("phong", "#3d7ea6", specular=0.7, shininess=90), {},
-        ),
         "unlit, a bilinear texture": (
             rj.Material("unlit", base_color_texture=picture), {"uv": 4.0 * shares[:, :2]},
         ),

@@ -35,7 +35,7 @@ print(json.dumps(sorted((short_name(module), name) for module, _, name in names)
 """
 
 OF_EVERY_SCENE = {
-    "attributes", "binning", "driver", "encode", "float32_planes", "light_stages", "listing",
+    "attributes", "binning", "driver", "encode", "light_stages", "listing",
     "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
@@ -159,15 +159,7 @@ GONE = {
 }  # fmt: skip
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
-FLOAT32 = {
-    "float32_planes.find_float32_surface", "set_aside.set_aside_sure",
-    "set_aside.take_back_sure",
-}  # fmt: skip
-"""What finds objects in float32, where no environment lights them."""
-
 INSTEAD = {
-    "environment": FLOAT32,
-    "environment light": FLOAT32,
     "textures": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},

@@ -418,7 +418,6 @@ ALLOWED = {
     ("styles/ground.py", "dot"): "our own, three terms of Python",
     ("styles/painting.py", "dot"): "our own, three terms of Python",
     ("io/cameras.py", "dot"): "our own, three terms of Python",
-    ("pipeline/surface/lamps.py", "dot"): "our own, three terms of Python",
     ("io/dxf.py", "sum"): "whole numbers: counts of entities and corners",
     ("animation/tracks.py", "sum"): "between two keys all is SciPy's affair",
     ("animation/tracks.py", "@"): "between two keys all is SciPy's affair",

@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 
 from rasterjit.runtime.intrinsics import (
-    LEAST_NORMAL,
-    LEAST_POINT,
-    PLANE_ELEMENTS,
-    RATIO_B,
-    RATIO_C,
     blend_clipped_run,
-    blend_planes,
     blend_run,
     copy_pair,
     draw_box,
@@ -59,11 +53,6 @@ def compiled_least_in_rows(values, first, stride, rows, left, right):
 @helper
 def compiled_blend_run(red, green, blue, edges, steps, ratios, corners, base):
     blend_run(red, green, blue, edges, steps, ratios, corners, base)
-
-
-@helper
-def compiled_blend_planes(samples, first, count, start, steps, way, plane):
-    return blend_planes(samples, first, count, start, steps, way, plane)
 
 
 @helper
@@ -262,34 +251,6 @@ def test_colours_of_runs(count):
         blend_run.function(*other, *given)
         assert_same(one, other)
         assert np.isfinite(one).all()
-
-
-@pytest.mark.parametrize("count", [1, 8, 21])
-@pytest.mark.parametrize("first", [0, 3])
-def test_planes_of_runs(count, first):
-    random = np.random.default_rng(count)
-    answers = set()
-    for _ in range(50):
-        # Edge functions are positive up to the last sample, or a rounding below.
-        starts, ends = random.integers(0, 2**38, (2, 3))
-        plane = np.float32(random.normal(0, 1, PLANE_ELEMENTS))
-        plane[[RATIO_B, RATIO_C]] = 2.0 ** random.uniform(-9, 9, 2)
-        plane[[LEAST_NORMAL, LEAST_POINT]] = 10.0 ** random.uniform(-9, 1, 2)
-        given = (
-            tuple(map(np.float64, starts)), tuple(map(np.float64, (ends - starts) // (count + 7))),
-            (0.0, 1.0), plane,
-        )  # fmt: skip
-        one, other = np.full((2, 10, 40), np.nan, np.float32)
-        found = compiled_blend_planes(one, first, count, *given)
-        assert (found != 0) == (blend_planes.function(other, first, count, *given) != 0)
-        answers.add(found != 0)
-        assert_same(one, other)
-        written = [0, 1, 2, 4, 5, 6, 7, 8, 9]
-        assert np.isfinite(one[written, first : first + count]).all()
-        assert np.isnan(one[:, :first]).all()
-        assert np.isnan(one[3]).all()
-        assert np.isnan(one[:, first + -(-count // 8) * 8 :]).all()
-    assert answers == {False, True}
 
 
 @pytest.mark.parametrize("count", [8, 16, 40])

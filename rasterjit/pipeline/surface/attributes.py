@@ -119,7 +119,7 @@ def owner_end(block, k):
     """
     Return one past the last of the segments from ``k`` on that belong to the same object.
 
-    They follow each other without a gap: `set_aside_sure` may have hidden what lies between.
+    They follow each other without a gap.
     """
     owner, stop = block.segments[k, OWNER], block.segments[k, START]
     while k < block.counts[SEGMENTS]:
