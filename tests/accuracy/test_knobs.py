@@ -135,7 +135,7 @@ def test_a_setting_without_effect_has_its_reason(setting, scene, words):
 def test_what_a_plain_scene_needs():
     assert set(LEVELS) - set(idle(one())) == {
         "subpixel_bits", "samples", "interpolation", "depth_format", "precision", "shading",
-        "renormalize", "interpolation_precision",
+        "renormalize",
     }  # fmt: skip
 
 

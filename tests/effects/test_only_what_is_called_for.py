@@ -36,7 +36,7 @@ print(json.dumps(sorted((short_name(module), name) for module, _, name in names)
 
 OF_EVERY_SCENE = {
     "attributes", "binning", "driver", "encode", "light_stages", "listing",
-    "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches",
+    "nearest", "packing", "projection", "setup", "tile_depths", "triangle_batches", "weights",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
 

@@ -310,8 +310,8 @@ def test_every_reason_is_spelled_out(cube, camera):
         "culling                  none",
         "near                     0.5 (given)",
         "far                      20 (given)",
-        "shading                  in  (gouraud, phong, unlit; colours, normals and points "
-        "in float32, others in float64: an object has a texture)",
+        "shading                  in  (gouraud, phong, unlit; colours in float64: "
+        "an object is lit)",
         "lights                   in  (2 PointLight, 1 AmbientLight)",
         "shadows                  out (no light casts them)",
         "smooth normals           in  (shading gouraud, phong)",
