@@ -35,6 +35,9 @@ PAST = 2
 MOST_NAMED = 8
 """Missing characters that a warning names."""
 
+RIGHT_TO_LEFT = ("R", "AL")
+"""Bidirectional classes of letters of Unicode: Hebrew and the like, Arabic and the like."""
+
 MOST_LAYOUTS = 1024
 """Texts whose layout is kept."""
 
@@ -65,6 +68,8 @@ class Layout(NamedTuple):
     placed: tuple[Placed, ...]
     missing: str
     """Characters that no font has."""
+    turned: str
+    """Characters of scripts that run from right to left, which stand from left to right."""
 
 
 class Glyph(NamedTuple):
@@ -100,7 +105,13 @@ def lay_out(
 
 
 def warn_of_missing(layout: Layout) -> None:
-    """Warn of characters of a text that no font has."""
+    """Warn of characters of a text that no font has, and of those that stand the wrong way."""
+    if layout.turned:
+        warn_caller(
+            f"texts run from left to right, and characters are not joined: {layout.turned[0]!r} "
+            f"(U+{ord(layout.turned[0]):04X}) is of a script that runs from right to left",
+            kind=EACH_FRAME,
+        )
     if layout.missing:
         named = ", ".join(f"{one!r} (U+{ord(one):04X})" for one in layout.missing[:MOST_NAMED])
         more = f" and {len(layout.missing) - MOST_NAMED} more" * (len(layout.missing) > MOST_NAMED)
@@ -121,7 +132,11 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
     pitch = max(1, math.floor(scale * (font.ascent + font.descent + font.gap) + 0.5))
     found, units = [], []
     for line in lines:
-        shown = [one for one in line if unicodedata.category(one) not in ("Cc", "Cf")]
+        shown = [
+            " " if unicodedata.category(one) == "Zs" else one
+            for one in line
+            if unicodedata.category(one) not in ("Cc", "Cf")
+        ]
         glyphs = [_glyph(one, font, missing) for one in shown]
         # Where each character begins, and the last one ends, units of the font.
         starts = [0.0]
@@ -141,7 +156,8 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
             column, quarter = divmod(quarters, QUARTERS)
             placed.append(Placed(own, glyph, column, quarter, ascent + number * pitch))
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
-    return Layout(width, height, tuple(placed), "".join(missing))
+    turned = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT]
+    return Layout(width, height, tuple(placed), "".join(missing), "".join(dict.fromkeys(turned)))
 
 
 def _glyph(character: str, font: Font, missing: dict[str, None]) -> tuple[Font, int]:

@@ -154,6 +154,20 @@ def test_kerning_is_that_of_freetype():
         assert units == pytest.approx(found, abs=1.0), pair
 
 
+@pytest.mark.parametrize("text", ["שלום", "10 مرحبا"])
+def test_texts_that_run_from_right_to_left_are_warned_of(text):
+    scene = rj.Scene()
+    scene.add(rj.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]))
+    scene.add(rj.Label((0.2, 0.2, 0.0), text))
+    with pytest.warns(UserWarning, match="is of a script that runs from right to left"):
+        rj.render(scene, size=(64, 48))
+
+
+def test_every_kind_of_space_is_as_wide_as_a_space():
+    usual = lettering.lay_out("a b", 20.0)
+    assert lettering.lay_out("a\u00a0b", 20.0) == lettering.lay_out("a\u202fb", 20.0) == usual
+
+
 def test_what_a_font_lacks_comes_from_another(tmp_path, monkeypatch):
     snow = write_font(tmp_path / "snow.ttf", {"\N{SNOWMAN}": 700}, names=("Snow", "Book"))
     monkeypatch.setattr(fonts, "font_files", lambda: (str(snow),))
