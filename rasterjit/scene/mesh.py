@@ -27,7 +27,6 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
     crease_normals,
-    grouped_normals,
     is_creased,
     normal_groups,
     repaired_normals,
@@ -575,9 +574,7 @@ class Mesh(Guarded, Previewed):
 
     def _made_normals(self) -> NDArray[np.float32]:
         """Return the normals that follow from the faces, (V, 3)."""
-        if self._normal_groups is None:
-            return smooth_normals(self.vertices, self.faces, self._scale())
-        return grouped_normals(self.vertices, self.faces, self._normal_groups, self._scale())
+        return smooth_normals(self.vertices, self.faces, self._scale(), self._normal_groups)
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0

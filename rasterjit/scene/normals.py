@@ -51,6 +51,12 @@ Edges that are neither smooth nor creases, to one crease. Solids with flat sides
 scans have more than one as soon as their noise makes creases.
 """
 
+_SMALL = 2.0**-30
+"""Share of the largest face that a sum of faces is at most, if it is asked whether they cancel."""
+
+_NOTHING = 2.0**-40
+"""Share of all faces that is left where they cancel: rounding of up to thousands of them."""
+
 _TANGENT_CHUNK = 1 << 18
 """Faces handled at once: large enough for NumPy, small beside the mesh."""
 
@@ -144,7 +150,10 @@ def safe_scale(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
 
 
 def smooth_normals(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    scale: float,
+    groups: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float32]:
     """
     Average the normals of the faces around every vertex, weighted by area.
@@ -155,18 +164,32 @@ def smooth_normals(
     faces : (F, 3) int32
     scale : float
         Factor on the vertices, from `safe_scale`.
+    groups : (V,) int32, optional
+        The number of each vertex's group, to average over the faces around all of a group. Default:
+        each is alone.
 
     Returns
     -------
     (V, 3) float32
-        Unit normals; zero where no face with an area touches the vertex. The sums run in face
-        order, so the result is the same bits on every run.
+        Unit normals; zero where no face with an area touches the vertex. Where faces cancel, as
+        those of a sheet whose faces are there both ways round, that of those turned as the first
+        of them. The sums run in face order, so the result is the same bits on every run.
     """
-    sums = np.zeros((3, len(vertices)), dtype=np.float64)
+    count = len(vertices) if groups is None else int(groups.max()) + 1
+    sums, largest = np.zeros((3, count), dtype=np.float64), 0.0
     for start in range(0, len(faces), _CHUNK):
         chunk = faces[start : start + _CHUNK]
-        _add_at_corners(sums, chunk, area_vectors(vertices, chunk, scale))
-    return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)
+        vectors = area_vectors(vertices, chunk, scale)
+        largest = max(largest, float(vectors.max()), -float(vectors.min()))
+        _add_at_corners(sums, chunk if groups is None else groups[chunk], vectors)
+    found = np.ascontiguousarray(sums.T)
+    # Few are so small that faces may cancel there.
+    is_small = np.abs(sums, out=sums).max(axis=0) <= _SMALL * largest
+    if is_small.any():
+        own = np.arange(count, dtype=np.int32) if groups is None else groups
+        _take_one_side(found, is_small, vertices, faces, own, scale)
+    normals = unit_rows(found).astype(np.float32)
+    return normals if groups is None else normals[groups]
 
 
 def repaired_normals(
@@ -199,29 +222,46 @@ def repaired_normals(
     return np.where(is_zero[:, np.newaxis], made, normals), int(np.count_nonzero(is_zero))
 
 
-def grouped_normals(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], groups: NDArray[np.int32], scale: float
-) -> NDArray[np.float32]:
+def _take_one_side(
+    sums: NDArray[np.float64],
+    is_asked: NDArray[np.bool_],
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    groups: NDArray[np.int32],
+    scale: float,
+) -> None:
     """
-    Average the normals of the faces around all vertices of a group, weighted by area.
+    Replace sums of faces that cancel by those of one side: that of the first face.
 
     Parameters
     ----------
-    vertices, faces, scale
-        As `smooth_normals` takes them.
-    groups : (V,) int32
-        The number of each vertex's group.
-
-    Returns
-    -------
-    (V, 3) float32
-        Unit normals; zero where no face with an area touches one of the group.
+    sums : (G, 3) float64
+        Changed.
+    is_asked : (G,) bool
+        Which of them may be replaced.
+    vertices, faces, groups, scale
+        As `smooth_normals` takes them, one group of each vertex alone, too.
     """
-    sums = np.zeros((3, int(groups.max()) + 1), dtype=np.float64)
-    for start in range(0, len(faces), _CHUNK):
-        chunk = faces[start : start + _CHUNK]
-        _add_at_corners(sums, groups[chunk], area_vectors(vertices, chunk, scale))
-    return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)[groups]
+    is_corner = is_asked[groups[faces]]
+    around = faces[is_corner.any(axis=1)]
+    vectors = area_vectors(vertices, around, scale)
+    has_area = vectors.any(axis=1)
+    around, vectors = around[has_area], vectors[has_area]
+    owners, vectors = groups[around].ravel(), np.repeat(vectors, 3, axis=0)
+    is_corner = is_asked[owners]
+    owners, vectors = owners[is_corner], vectors[is_corner]
+    total = np.zeros(len(sums))
+    np.add.at(total, owners, np.abs(vectors).max(axis=1))
+    cancel = is_asked & (total > 0.0) & (np.abs(sums).max(axis=1, initial=0.0) <= _NOTHING * total)
+    is_corner = cancel[owners]
+    owners, vectors = owners[is_corner], vectors[is_corner]
+    number, first = np.unique(owners, return_index=True)
+    side = np.zeros_like(sums)
+    side[number] = vectors[first]
+    is_same = dot_rows(vectors, side[owners]) > 0.0
+    sums[cancel] = 0.0
+    for axis in range(3):
+        np.add.at(sums[:, axis], owners[is_same], vectors[is_same, axis])
 
 
 def normal_groups(vertices: NDArray[np.float64], normals: NDArray[np.float32]) -> NDArray[np.int32]:

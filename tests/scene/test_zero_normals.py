@@ -14,6 +14,8 @@ PLACES, FACES = np.array(BALL.vertices), np.array(BALL.faces)
 IS_ZERO = np.linalg.norm(PLACES - (0, 0, 1), axis=1) < 0.5
 NORMALS = np.where(IS_ZERO[:, None], 0.0, PLACES)
 ZEROS = int(IS_ZERO.sum())
+CLOSE = 1e-6
+"""A few units in the last place of float32."""
 
 
 def rows(name, values):
@@ -85,6 +87,57 @@ def test_vertices_of_no_face_and_of_faces_without_area_are_left_alone():
         warnings.simplefilter("error")
         mesh = rj.Mesh(places, [(0, 1, 2), (0, 1, 4)], normals=normals)
     assert not mesh.normals[3:].any()
+
+
+def turned(order, normals=None):
+    """Return a ball of faces that are there both ways round, in an order."""
+    faces = np.stack([FACES, FACES[:, ::-1]])
+    if order == "in turn":
+        faces = faces.transpose(1, 0, 2)
+    return rj.Mesh(PLACES, faces.reshape(-1, 3), normals=normals)
+
+
+@pytest.mark.parametrize("order", ["side by side", "in turn"])
+def test_faces_that_cancel_have_the_normals_of_the_side_that_comes_first(order):
+    plain = rj.Mesh(PLACES, FACES).vertex_normals()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.allclose(turned(order).vertex_normals(), plain, atol=CLOSE)
+    with pytest.warns(UserWarning, match=rf"^{ZEROS} normals of length 0 of Mesh\("):
+        mesh = turned(order, NORMALS)
+    assert np.allclose(mesh.normals[IS_ZERO], plain[IS_ZERO], atol=CLOSE)
+
+
+@pytest.mark.parametrize("size", [1e-30, 1.0, 1e30])
+@pytest.mark.parametrize("normals", [None, np.zeros((8, 3))])
+@pytest.mark.filterwarnings("ignore:.* of length 0:UserWarning")
+def test_a_sheet_of_both_sides_is_lit_beside_faces_of_any_size(size, normals):
+    square = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    places = np.concatenate([square, size * square - (0, 0, 3 * size)])
+    both = np.concatenate([faces, faces[:, ::-1], faces + 4])
+    mesh = rj.Mesh(places, both, normals=normals, material=rj.Material("phong"))
+    assert np.array_equal(mesh.vertex_normals(), [(0, 0, 1)] * 8)
+    for side in (1, -1):
+        camera = rj.OrthographicCamera((0, 0, 2 * side), (0, 0, 0), height=1.0, near=0.1, far=3.0)
+        frame = rj.render(
+            rj.Mesh(square, both[:4], material=rj.Material("phong")), camera, size=(8, 8),
+            outputs=("color", "normal"),
+        )  # fmt: skip
+        assert frame.color[..., :3].min() > 100
+        assert np.abs(frame.normal[..., 2]).min() == 1.0
+
+
+def test_normals_are_means_of_the_faces_around_by_area():
+    random = np.random.default_rng(5)
+    places, faces = random.normal(size=(40, 3)), random.integers(0, 40, (300, 3))
+    sums = np.zeros((40, 3))
+    for face in faces:
+        a, b, c = places[np.roll(face, -np.lexsort(places[face].T[::-1])[0])]
+        for corner in face:
+            sums[corner] += np.cross(b - a, c - a)
+    sums /= np.linalg.norm(sums, axis=1, keepdims=True)
+    assert np.abs(rj.Mesh(places, faces).vertex_normals() - sums).max() < CLOSE
 
 
 def test_normals_that_are_not_finite_are_refused_as_ever():
