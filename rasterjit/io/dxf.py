@@ -21,6 +21,7 @@ from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.parts import Part, Thing, linear_rgba, triangles
+from rasterjit.scene.validation import in_short
 
 _BYTES, _ENTITY_BYTES, _POINT_BYTES = 40, 4096, 64
 """What a byte of a file takes, an entity at each of its places, and a point of a curve."""
@@ -54,10 +55,12 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]
 
     resources.budget.take("the file", path.stat().st_size * _BYTES)
     try:
-        document, _ = recover.readfile(path)
+        document, auditor = recover.readfile(path)
     except Exception as error:
         # It raises errors of several kinds about a damaged file.
         raise MeshFileError(f"{path} could not be read as .dxf: {reason_of(error)}") from error
+    for entry in auditor.errors + auditor.fixes:
+        left_out.note(f"damage that ezdxf names {_named(entry.code)}")
     found = _Found(document, resources, left_out)
     for layout in document.layouts:
         if layout.name != document.modelspace().name:
@@ -66,7 +69,7 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]
             left_out.note("entity of a page, beside the model", count)
     count = _Count(document.blocks).places(document.modelspace())
     resources.budget.take("all that its blocks hold, wherever they stand,", count * _ENTITY_BYTES)
-    for entity in _flat(document.modelspace(), 0, left_out):
+    for entity in _flat(document.modelspace(), 0, left_out, _Layers(document)):
         found.add(entity)
     things = found.things(path.name)
     if not things:
@@ -75,11 +78,55 @@ def read_dxf(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]
     return things
 
 
-def _flat(entities: Iterable[Any], depth: int, left_out: LeftOut) -> Iterator[Any]:
-    """Yield entities, those of blocks where these are inserted."""
+def _named(code: int) -> str:
+    """Return the name of a damage, as ezdxf numbers them."""
+    from ezdxf.audit import AuditError
+
+    names = (name for name, number in vars(AuditError).items() if number == code)
+    return next(names, str(code)).lower().replace("_", " ")
+
+
+class _Layers:
+    """Which layers of a document are shown."""
+
+    def __init__(self, document: Any) -> None:
+        self._layers = document.layers
+
+    def hides(self, entity: Any, layer: str) -> str:
+        """Return why an entity on a layer is not shown; nothing if it is."""
+        is_block = entity.dxftype() == "INSERT"
+        if entity.dxf.get("invisible", 0):
+            return "invisible"
+        entry = self._layers.get(layer) if self._layers.has_entry(layer) else None
+        if entry is not None and entry.is_frozen():
+            return "on a frozen layer"
+        # What a block holds on layers of its own is seen even if the block's is off.
+        return (
+            "on a layer that is off"
+            if entry is not None and entry.is_off() and not is_block
+            else ""
+        )
+
+
+def _flat(
+    entities: Iterable[Any], depth: int, left_out: LeftOut, layers: _Layers, above: str = "0"
+) -> Iterator[Any]:
+    """
+    Yield entities that are shown, those of blocks where these are inserted.
+
+    What a block holds on the layer 0 is on that of the block, ``above``.
+    """
     for entity in entities:
-        if entity.dxftype() != "INSERT":
+        layer = str(entity.dxf.get("layer", "0"))
+        layer = above if layer == "0" else layer
+        if hidden := layers.hides(entity, layer):
+            left_out.note(f"entity {hidden}")
+        elif entity.dxftype() != "INSERT":
             yield entity
+        elif entity.block() is None:
+            left_out.note(
+                f"block {in_short(entity.dxf.get('name', ''))} that the file does not have"
+            )
         elif depth == _DEEPEST:
             left_out.note("block inside too many others")
         else:
@@ -90,7 +137,7 @@ def _flat(entities: Iterable[Any], depth: int, left_out: LeftOut) -> Iterator[An
                 left_out.note("block that cannot be inserted", reason=f": {reason_of(error)}")
                 continue
             left_out.note("text of a drawing", len(getattr(entity, "attribs", ())))
-            yield from _flat(inner, depth + 1, left_out)
+            yield from _flat(inner, depth + 1, left_out, layers, layer)
 
 
 class _Count:

@@ -113,6 +113,9 @@ class Planned(NamedTuple):
         """Why the frame needs it."""
         return self.effect.reason(self.facts, True)
 
+    def __repr__(self) -> str:
+        return f"Planned({self.name}: {self.reason})"
+
 
 class Absent(NamedTuple):
     """An effect that a frame does not need."""
@@ -131,6 +134,9 @@ class Absent(NamedTuple):
     def reason(self) -> str:
         """Why the frame does not need it."""
         return self.effect.reason(self.facts, False)
+
+    def __repr__(self) -> str:
+        return f"Absent({self.name}: {self.reason})"
 
 
 class Picture(NamedTuple):

@@ -42,7 +42,7 @@ NORMAL_OUTPUTS = ("normal", "normal_camera")
 """Outputs that show vertex normals."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Facts:
     """
     What is known of a scene and the outputs when a frame is planned.
@@ -86,6 +86,10 @@ class Facts:
     """Names of what the frame holds of which this is a picture, or which it is."""
     imitation: Imitation | None = None
     """As which other program's shader the scene is lit and shown; ``None`` -> as none."""
+
+    def __repr__(self) -> str:
+        seen, count = int(self.in_view.sum()), len(self.in_view)
+        return f"Facts({seen} of {count} objects in view: {', '.join(self.outputs)})"
 
     @property
     def encoding(self) -> Encoding:

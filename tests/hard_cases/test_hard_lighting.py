@@ -121,6 +121,7 @@ def test_a_face_without_area_adds_nothing_to_its_vertices(flat):
 
 @pytest.mark.case("N05")
 @pytest.mark.parametrize("shading", ["gouraud", "phong"])
+@pytest.mark.filterwarnings("ignore::rasterjit.ViewWarning")
 def test_a_zero_normal_is_that_of_its_faces(shading):
     lights = [rj.AmbientLight(intensity=0.25), rj.DirectionalLight((0, 0, -1)),
               rj.PointLight((0, 0, 1))]  # fmt: skip

@@ -136,6 +136,62 @@ def test_blocks_of_a_dxf_file_are_drawn_wherever_they_are_inserted(tmp_path):
     assert ends == [[0, 0, 1, 0], [0, 10, 1, 10], [5, 5, 7, 5]]
 
 
+@pytest.mark.parametrize("hide", ["off", "freeze"])
+@pytest.mark.parametrize("is_inside", [False, True])
+def test_what_is_hidden_in_a_dxf_file_is_left_out_and_counted(tmp_path, hide, is_inside):
+    def build(document, space):
+        getattr(document.layers.add("hidden"), hide)()
+        document.layers.add("other")
+        block = document.blocks.new("B") if is_inside else space
+        block.add_line((0, 0), (1, 0))
+        block.add_line((0, 1), (1, 1), dxfattribs={"layer": "hidden"})
+        block.add_line((0, 2), (1, 2), dxfattribs={"layer": "other"})
+        block.add_circle((9, 9), 1, dxfattribs={"invisible": 1})
+        block.add_point((7, 7), dxfattribs={"layer": "HIDDEN"})
+        if is_inside:
+            space.add_blockref("B", (0, 0), dxfattribs={"layer": "other"})
+
+    with pytest.warns(rj.LoadWarning) as caught:
+        (lines,) = drawn(tmp_path / "a.dxf", build)
+    assert sorted(set(lines.vertices[:, 1])) == [0.0, 2.0]
+    layer = "on a layer that is off" if hide == "off" else "on a frozen layer"
+    assert caught[0].message.left_out == {f"entity {layer}": 2, "entity invisible": 1}
+
+
+@pytest.mark.parametrize(("hide", "seen"), [("off", [1.0]), ("freeze", [])])
+def test_a_block_on_a_hidden_layer_hides_what_has_no_layer_of_its_own(tmp_path, hide, seen):
+    def build(document, space):
+        getattr(document.layers.add("hidden"), hide)()
+        document.layers.add("other")
+        block = document.blocks.new("B")
+        block.add_line((0, 0), (1, 0))
+        block.add_line((0, 1), (1, 1), dxfattribs={"layer": "other"})
+        space.add_blockref("B", (0, 0), dxfattribs={"layer": "hidden"})
+        space.add_line((0, 5), (1, 5))
+
+    with pytest.warns(rj.LoadWarning, match=r"left out entity on a .* \(1\)"):
+        (lines,) = drawn(tmp_path / "a.dxf", build)
+    assert sorted(set(lines.vertices[:, 1])) == [*seen, 5.0]
+
+
+def test_a_block_that_a_dxf_file_lacks_is_named(tmp_path):
+    def build(_, space):
+        space.add_line((0, 0), (1, 0))
+        space.add_blockref("NONE", (0, 0))
+        space.add_blockref("NONE", (1, 0))
+
+    with pytest.warns(rj.LoadWarning, match=r"undefined block \(2\)"):
+        drawn(tmp_path / "a.dxf", build)
+
+
+def test_damage_that_ezdxf_mends_is_named(tmp_path):
+    def build(_, space):
+        space.add_line((0, 0), (1, 0), dxfattribs={"linetype": "NONE"})
+
+    with pytest.warns(rj.LoadWarning, match=r"damage that ezdxf names undefined linetype \(1\)"):
+        drawn(tmp_path / "a.dxf", build)
+
+
 def test_colours_of_a_dxf_file_are_those_of_entities_or_layers(tmp_path):
     def build(document, space):
         document.layers.add("blue", color=5)

@@ -41,11 +41,33 @@ def opacities(file):
         (["d 1\nTr 1", "Tr 1"], [1.0, 0.0]),
         (["Tr 1.000000"], [1.0]),
         (["Tr 1", "Tr 1.0"], [1.0, 1.0]),
-        (["Tr nonsense", "d 0.5"], [1.0, 0.5]),
     ],
 )
 def test_tr_is_the_inverse_of_d_unless_all_would_be_invisible(tmp_path, statements, expected):
     assert opacities(write(tmp_path, *statements)) == expected
+
+
+@pytest.mark.parametrize(
+    ("said", "named"),
+    [
+        ("Tr nonsense", "Tr 'nonsense' of material 'm0'"),
+        ("Tr", "Tr without a value of material 'm0'"),
+        ("d nan", "d 'nan' of material 'm0'"),
+        ("d -halo 0.5", "-halo of d of material 'm0'"),
+        ("Kd spectral foo.rfl 1", "Kd 'spectral foo.rfl 1' of material 'm0'"),
+        ("Ks xyz .1 .2 .3", "Ks 'xyz .1 .2 .3' of material 'm0'"),
+        ("Kd 1 0", "Kd '1 0' of material 'm0'"),
+        ("Kd inf 0 0", "Kd 'inf 0 0' of material 'm0'"),
+        ("Ns abc", "Ns 'abc' of material 'm0'"),
+        ("Ns 1 2 # two", "Ns '1 2' of material 'm0'"),
+    ],
+)
+def test_numbers_that_are_none_are_named_and_others_count(tmp_path, said, named):
+    with pytest.warns(LoadWarning) as caught:
+        scene = rj.load(write(tmp_path, said))
+    assert caught[0].message.left_out == {named: 1}
+    (red, *_, alpha) = scene.nodes[0].mesh.material.base_color
+    assert (red, alpha) == (1.0, 0.5 if "halo" in said else 1.0)
 
 
 def test_meshlab_writes_opacity(tmp_path):

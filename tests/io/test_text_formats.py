@@ -392,7 +392,8 @@ def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path):
 def test_materials_of_every_library_are_found(tmp_path):
     (tmp_path / "b.mtl").write_text("newmtl blue\nKd 0 0 1\nKs nonsense\n")
     text = f"mtllib a.mtl\nmtllib b.mtl\n{SQUARE}usemtl blue\nf 1 2 3\n"
-    (node,) = rj.load(write(tmp_path, "obj", text)).nodes
+    with pytest.warns(LoadWarning, match="left out Ks 'nonsense' of material 'blue'"):
+        (node,) = rj.load(write(tmp_path, "obj", text)).nodes
     assert node.mesh.material.base_color == (0.0, 0.0, 1.0, 1.0)
 
 
@@ -660,7 +661,8 @@ def test_numbers_of_a_material_that_are_not_finite_are_not_taken(tmp_path, diffu
     statements = f"Kd {diffuse}\nKs 1 1 1\nNs nan\nd nan\n"
     (tmp_path / "a.mtl").write_text(f"newmtl m\n{statements}")
     (tmp_path / "a.obj").write_text(f"{SQUARE}mtllib a.mtl\nusemtl m\nf 1 2 3 4\n")
-    material = rj.load(tmp_path / "a.obj").nodes[0].mesh.material
+    with pytest.warns(LoadWarning, match="Ns 'nan' of .*, d 'nan' of material 'm'"):
+        material = rj.load(tmp_path / "a.obj").nodes[0].mesh.material
     assert np.isfinite([*material.base_color_over(False), material.shininess]).all()
     assert material.base_color_over(False)[3] == 1.0
 

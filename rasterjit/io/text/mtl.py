@@ -25,6 +25,7 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import FileSizeError
 from rasterjit.scene.texture import FARTHEST_MOVE, Texture
+from rasterjit.scene.validation import in_short
 
 GREY = (102, 102, 102, 255)
 """The colour that a material has whose file names none, as in trimesh."""
@@ -54,7 +55,7 @@ _CHANNEL = "-imfchan"
 _LAID = {"-s": "scale", "-o": "offset", "-clamp": "wrap"}
 """Options that a texture keeps, and as what."""
 
-_NUMBERS = ("kd", "ks", "ns")
+_NUMBERS, _OPACITIES = ("kd", "ks", "ns"), ("d", "tr")
 
 _NEUTRAL = {
     "ke": 0.0, "tf": 1.0, "pr": 0.0, "pm": 0.0, "ps": 0.0, "pc": 0.0, "pcr": 0.0, "aniso": 0.0,
@@ -94,25 +95,23 @@ class MtlMaterial:
     """Statements that are not shown."""
 
     def take(self, statement: str, words: list[str]) -> None:
-        """Keep what a statement says, unless it is no number where one belongs."""
+        """Keep what a statement says; one without the numbers that belong there is not shown."""
         key = statement.lower()
         if key in _MAPS:
             self.said[key] = PictureUse.of(words)
             return
         words = without_comment(words)
-        if key in ("d", "tr"):
+        if key in _OPACITIES and words and _is_finite(words[-1]):
             self.said[key] = words
+            self.unread += [f"{' '.join(words[:-1])} of {statement}"] * (len(words) > 1)
+        elif key in _OPACITIES:
+            self.unread.append(_in_words(statement, words))
         elif key.startswith("map_") or key in _PICTURES or key not in _NUMBERS:
             is_neutral = key in _NEUTRAL and all(_is_number(one, _NEUTRAL[key]) for one in words)
             if key not in _WITHOUT_EFFECT and not is_neutral:
                 self.unread.append(statement)
         elif key in _NUMBERS:
-            try:
-                numbers = [float(word) for word in words]
-            except ValueError:
-                return
-            if not all(map(math.isfinite, numbers)):
-                return
+            numbers = [float(word) for word in words] if all(map(_is_finite, words)) else []
             if key == "ns" and len(numbers) == 1:
                 self.glossiness = numbers[0]
             elif key != "ns" and (len(numbers) in (3, 4) or numbers == [0.0]):
@@ -124,6 +123,7 @@ class MtlMaterial:
                 else:
                     self.specular = rgba
             else:
+                self.unread.append(_in_words(statement, words))
                 return
             self.said[key] = numbers
 
@@ -175,17 +175,14 @@ def material_from_mtl(
 
 def _opacity(said: dict[str, Any], tr_is_opacity: bool) -> float:
     """Return the opacity that ``d`` of an MTL file gives, or ``Tr``, which most write as 1 - d."""
-    try:
-        if "d" in said:
-            opacity = float(said["d"][-1])
-        elif "tr" in said:
-            opacity = float(said["tr"][-1])
-            opacity = opacity if tr_is_opacity else 1.0 - opacity
-        else:
-            return 1.0
-    except (TypeError, ValueError, IndexError):
+    if "d" in said:
+        opacity = float(said["d"][-1])
+    elif "tr" in said:
+        opacity = float(said["tr"][-1])
+        opacity = opacity if tr_is_opacity else 1.0 - opacity
+    else:
         return 1.0
-    return min(max(opacity, 0.0), 1.0) if math.isfinite(opacity) else 1.0
+    return min(max(opacity, 0.0), 1.0)
 
 
 class MtlLibrary:
@@ -269,7 +266,10 @@ class MtlLibrary:
         material, found = None, {}
         for line in text.splitlines():
             words = line.split()
-            if len(words) < 2 or words[0].startswith("#"):
+            if not words or words[0].startswith("#"):
+                continue
+            if len(words) == 1 and words[0].lower() not in (*_NUMBERS, *_OPACITIES):
+                # It says nothing.
                 continue
             if words[0].lower() == "newmtl":
                 name = " ".join(words[1:])
@@ -463,6 +463,19 @@ def _is_number(word: str, number: float) -> bool:
         return float(word) == number
     except ValueError:
         return False
+
+
+def _is_finite(word: str) -> bool:
+    """Tell a word that is a finite number."""
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
+
+
+def _in_words(statement: str, words: list[str]) -> str:
+    """Return a statement with what it says, in short."""
+    return f"{statement} {in_short(' '.join(words))}" if words else f"{statement} without a value"
 
 
 def _is_same(word: str, usual: str) -> bool:
