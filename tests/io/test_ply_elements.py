@@ -182,3 +182,42 @@ def test_what_vertices_and_faces_have_besides_becomes_attributes(tmp_path):
     mesh = only_mesh(ply(tmp_path, [("vertex", named, rows), ("face", face, "4 0 1 2 3 5 6\n")]))
     assert set(mesh.vertex_attributes) == {"u", "red"}
     assert set(mesh.face_attributes) == {"nx", "quality"}
+
+
+@pytest.mark.parametrize("case", [str.lower, str.upper, str.title])
+@pytest.mark.parametrize("form", ["pcd", "ply"])
+def test_names_of_values_mean_the_same_in_any_case(tmp_path, case, form):
+    normals = ("nx", "ny", "nz") if form == "ply" else ("normal_x", "normal_y", "normal_z")
+    names = [*map(case, ("x", "y", "z", *normals)), "T", "t"]
+    rows = "".join(f"{n} {n + 1} {n + 2} 0 0 1 {n + 7} {n + 8}\n" for n in range(3))
+    if form == "ply":
+        path = ply(tmp_path, [("vertex", "".join(f"property float {n}\n" for n in names), rows)])
+    else:
+        each = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
+        head = "".join(f"{key} {' '.join([one] * len(names))}\n" for key, one in each.items())
+        path = tmp_path / "a.pcd"
+        path.write_text(
+            f"VERSION .7\nFIELDS {' '.join(names)}\n{head}WIDTH 3\nHEIGHT 1\nPOINTS 3\n"
+            f"DATA ascii\n{rows}"
+        )
+    mesh = only_mesh(path)
+    assert mesh.vertices.tolist() == [[0, 1, 2], [1, 2, 3], [2, 3, 4]]
+    assert mesh.normals.tolist() == [[0, 0, 1]] * 3
+    # Each is alone, and means nothing.
+    assert {name: mesh.attributes[name].ravel().tolist() for name in ("T", "t")} == {
+        "T": [7, 8, 9], "t": [8, 9, 10],
+    }  # fmt: skip
+
+
+def test_pictures_and_corners_are_found_by_names_in_capitals(tmp_path):
+    Image.new("RGB", (2, 2), "red").save(tmp_path / "skin.png")
+    found = []
+    for case in (str.lower, str.upper):
+        properties = XYZ + f"property float {case('u')}\nproperty float {case('v')}\n"
+        places = "".join(f"{row} {row[0]} {row[2]}\n" for row in SQUARE.splitlines())
+        corners = f"property list uchar int {case('vertex_indices')}\n"
+        elements = [("vertex", properties, places), ("face", corners, "4 0 1 2 3\n")]
+        mesh = only_mesh(ply(tmp_path, elements, comments="comment TextureFile skin.png\n"))
+        assert mesh.material.base_color_texture is not None
+        found.append(mesh.uv.tolist())
+    assert found[0] == found[1]

@@ -170,6 +170,8 @@ def test_reports_show_themselves_as_their_text(cube, camera):
         assert repr(report) == str(report)
         assert html.unescape(report._repr_html_()) == f"<pre>{report}</pre>"
     assert len(repr(frame.choice)) < 200
+    for part in (*frame.plan.effects, *frame.plan.planned, frame.plan.facts):
+        assert len(repr(part)) < 200
     assert repr(scene) == "Scene(1 objects, 12 faces, 0 lights)"
 
 

@@ -23,6 +23,7 @@ from rasterjit.io.point_clouds.lzf import unpack_lzf
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, line_end, number_rows
+from rasterjit.io.text.parts import meant_names
 from rasterjit.scene.color import srgb_to_linear
 
 _TYPES = {
@@ -37,7 +38,7 @@ _COLORS = ("rgb", "rgba")
 
 _PADDING = "_"
 
-_MEANT = {*_POSITION, *_NORMAL, *_COLORS}
+_MEANT = (_POSITION, _NORMAL, *((name,) for name in _COLORS))
 """Fields that mean the same in capitals."""
 
 _VIEWPOINT = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -122,12 +123,12 @@ def _head(data: bytes) -> _Head:
             f"{len(types)} and {len(counts)}"
         )
     fields = []
+    names = meant_names(names, _MEANT)
     for name, size, kind, count in zip(names, sizes, types, counts, strict=True):
         known = _TYPES.get((kind.upper(), _whole("SIZE", size)))
         if known is None:
             raise ValueError(f"field {name[:40]!r} must be of a known type, got {kind} of {size}")
-        meant = name.lower() if name.lower() in _MEANT and name.lower() not in names else name
-        fields.append(_Field(meant, np.dtype(known), _whole("COUNT", count)))
+        fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
     if not 0 < sum(one.count for one in fields) <= _MOST_VALUES:
         raise ValueError(f"COUNT must name 1 to {_MOST_VALUES} values of a point")
     shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -201,6 +201,29 @@ def without_textures(name: str, material: Material, left_out: LeftOut) -> Materi
         return material
     left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
     return replace(material, **dict.fromkeys(fields))
+
+
+def meant_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> list[str]:
+    """
+    Return names, in small letters those of groups that are there whole, written in whatever case.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the values of a row, each once.
+    groups : iterable of sequence of str
+        Names in small letters that mean something together.
+
+    Examples
+    --------
+    >>> meant_names(["X", "Y", "z", "T"], [("x", "y", "z"), ("s", "t")])
+    ['x', 'y', 'z', 'T']
+    """
+    found = {name.lower(): name for name in reversed(names)}
+    found |= {name: name for name in names if name == name.lower()}
+    whole = (group for group in groups if all(one in found for one in group))
+    meant = {found[one]: one for group in whole for one in group}
+    return [meant.get(name, name) for name in names]
 
 
 def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:

@@ -32,6 +32,7 @@ from rasterjit.io.text.parts import (
     Thing,
     joined,
     linear_rgba,
+    meant_names,
     sound_polygons,
     srgb_bytes,
     strip_triangles,
@@ -70,6 +71,12 @@ _ENDS = ("vertex1", "vertex2")
 """Names of the ends of an edge."""
 
 _STRIPS = "tristrips"
+
+_MEANT = (
+    _POSITION, _NORMAL, *_COLORS, *_UV, _ENDS,
+    *((name,) for name in (*_CORNER_UV, *_NUMBER, *_CORNERS)),
+)  # fmt: skip
+"""Names of properties that mean the same in capitals."""
 
 _RESTART = -1
 """The corner behind which a strip begins anew; as it is, or in a type without a sign."""
@@ -277,7 +284,9 @@ def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     if order is None:
         raise ValueError("its head has no format")
     for element in elements:
-        for one in element.properties:
+        names = meant_names([one.name for one in element.properties], _MEANT)
+        for one, name in zip(element.properties, names, strict=True):
+            one.name = name
             one.kind = one.kind.newbyteorder(order)
             if one.count_kind is not None:
                 one.count_kind = one.count_kind.newbyteorder(order)
