@@ -49,6 +49,16 @@ FORMATS: dict[str, tuple[str, str, str]] = {
         "[the standard and extensions](gltf.md)",
         "`extras`; extensions without a picture",
     ),
+    "3MF": (
+        "3mf",
+        "meshes, components, colours, textures, composites, multi-properties, lattices of beams",
+        "thumbnails, metadata",
+    ),
+    "COLLADA": (
+        "dae",
+        "meshes, materials, pictures, the scene, its upward axis",
+        "`extra`",
+    ),
     "binvox": ("binvox", "voxels as their sides", ""),
     "DXF": (
         "dxf",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -93,6 +94,35 @@ def svg(folder):
     return text("a.svg", f"{begin}<text>a</text><text>b</text></svg>")(folder)
 
 
+def threemf(folder):
+    """Write a triangle with a slice stack, which is another way to say what it is."""
+    core, slices = (
+        f"http://schemas.microsoft.com/3dmanufacturing/{name}"
+        for name in ("core/2015/02", "slice/2015/07")
+    )
+    corners = "".join(f'<vertex x="{a}" y="{b}" z="0"/>' for a, b in ((0, 0), (1, 0), (0, 1)))
+    content = (
+        f'<model unit="millimeter" xmlns="{core}" xmlns:s="{slices}"><resources>'
+        f'<s:slicestack id="1"/><object id="9"><mesh><vertices>{corners}</vertices><triangles>'
+        '<triangle v1="0" v2="1" v3="2"/></triangles></mesh></object></resources>'
+        '<build><item objectid="9"/></build></model>'
+    )
+    with zipfile.ZipFile(folder / "a.3mf", "w") as package:
+        package.writestr("3D/3dmodel.model", content)
+    return folder / "a.3mf"
+
+
+def collada(folder):
+    """Write a triangle with an animation."""
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("collada")
+    trimesh.Trimesh(np.eye(3), [(0, 1, 2)]).export(folder / "a.dae")
+    content = (folder / "a.dae").read_text()
+    moving = "<library_animations><animation/></library_animations><library_geometries>"
+    (folder / "a.dae").write_text(content.replace("<library_geometries>", moving))
+    return folder / "a.dae"
+
+
 def cells(name, *further, **more):
     def write(folder):
         meshio = pytest.importorskip("meshio")
@@ -149,6 +179,8 @@ PLANTED = {
         lambda folder: gltf(folder, attributes={"COLOR_1": 0}), {"attribute 'COLOR_1'": 2}
     ),
     "gltf, entry": (lambda folder: gltf(folder, odd=[1]), {"entry 'odd'": 1}),
+    "3mf": (threemf, {"slicestack of a model": 1}),
+    "dae": (collada, {"animation": 1}),
     "dxf": (dxf, {"HATCH entity": 3}),
     "svg": (svg, {"text element": 2}),
     "object of meshio": (

@@ -75,7 +75,7 @@ def test_every_reader_of_ours_is_planted_with_something():
         "laz": "las", "glb": "gltf", "vrm": "gltf", **dict.fromkeys(ROW_FORMATS, "xyz"),
         **dict.fromkeys(CELL_FORMATS, "vtu"),
     }  # fmt: skip
-    ours = {*OWN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg"}
+    ours = {*OWN_FORMATS, *GLTF_FORMATS, *CELL_FORMATS, "binvox", "dxf", "svg", "3mf"}
     assert {alike.get(form, form) for form in ours} <= formats
 
 
