@@ -109,6 +109,9 @@ or less."""
 ALL_PICTURES = int(Quality.reference().samples)
 """Pictures of the reference."""
 
+LIGHT = "color", "linear"
+"""Outputs by which frames are compared: see `light_of`."""
+
 CODES = 255.0
 """Largest 8-bit code."""
 

@@ -665,7 +665,7 @@ class Renderer(Guarded):
             )
         outputs, background, cull, diagnose, previous = options
         wanted = table.check_outputs(outputs)
-        with_light = tuple(dict.fromkeys((*wanted, "color", "linear")))
+        with_light = tuple(dict.fromkeys((*wanted, *budgets.LIGHT)))
         rest = background, cull, diagnose, previous
         refined = self.refine(
             what, camera, outputs=with_light, background=background, cull=cull, diagnose=diagnose,
@@ -681,7 +681,9 @@ class Renderer(Guarded):
             picture = replace(Quality.reference(), samples=1)
             for is_turned in (False, True):
                 swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
-                yield self._render(picture, what, swept, with_light, background, cull, False, None)
+                yield self._render(
+                    picture, what, swept, budgets.LIGHT, background, cull, False, None
+                )
 
         frame = budgets.draw_within_error(bound, draw, refined, sweep)
         return keep_outputs(frame, wanted)

@@ -24,6 +24,8 @@ import rasterjit as rj
 from rasterjit.io.foreign import door, wire
 
 ROOT = Path(__file__).parents[2]
+HDF5 = "h5py"
+"""What meshio asks for; the tests do without."""
 LONGEST = 40.0
 """Seconds of the processor and by the clock in which what never ends is given up."""
 
@@ -184,15 +186,15 @@ NAMING = {"inp": (make_include, SHEET.encode()), "xdmf": (make_xdmf, SQUARE[:3].
 def all_of_meshio(tmp_path, monkeypatch):
     """Let meshio read all kinds of XDMF, of which it reads none without h5py."""
     pytest.importorskip("meshio")
-    is_there = importlib.util.find_spec("h5py") is not None
+    is_there = importlib.util.find_spec(HDF5) is not None
     if not is_there:
         (tmp_path / "beside").mkdir()
-        (tmp_path / "beside" / "h5py.py").write_text("")
+        (tmp_path / "beside" / f"{HDF5}.py").write_text("")
         monkeypatch.syspath_prepend(tmp_path / "beside")
     yield
     door._end_all()
     if not is_there:
-        sys.modules.pop("h5py", None)
+        sys.modules.pop(HDF5, None)
 
 
 @pytest.mark.usefixtures("all_of_meshio")

@@ -370,7 +370,7 @@ def test_there_is_a_reason_where_colours_stay_float64_and_nowhere_else(
     colors = mesh.vertex_colors[:, :3]
     scene.add(rj.Mesh(mesh.vertices, mesh.faces, colors=colors, uv=uv, material=material))
     facts = rj.explain(scene, CAMERAS[1], quality, size=(64, 48)).facts
-    is_quick = facts.shown_in_float32 is not None or facts.limits is not None
+    is_quick = facts.shown_in_float32 is not None
     assert (float64_reason(facts) is None) == is_quick
     assert float64_reason(facts) != UNKNOWN_REASON
 

@@ -215,9 +215,7 @@ def test_what_a_block_held_before_changes_no_bit(garbage):
 
 
 def test_rows_have_room_for_what_is_written_behind_the_last_sample():
-    of_faces = {"faces", "edges", "planes"}
-    others = {"counts", "segments", "intervals", *of_faces}
-    assert {*Block._fields} - {*ACROSS_SAMPLES} == others
+    assert {*Block._fields} - {*ACROSS_SAMPLES} == {"counts", "segments", "intervals"}
     for name, kind in zip(Block._fields, BLOCK.fields, strict=True):
         if name in ACROSS_SAMPLES:
             room = kind.shape[-1] if kind.shape[-1] < 4 * ROOM else kind.shape[-1] // 4

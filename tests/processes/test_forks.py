@@ -103,24 +103,26 @@ def test_locks_that_another_thread_holds_are_free_in_a_child():
 
 
 def test_a_child_imports_what_another_thread_was_looking_for(tmp_path, monkeypatch):
+    looked_for = "a_module_of_this_test"
+
     class Slow(importlib.abc.MetaPathFinder):
         def find_spec(self, name, path, target=None):
             """Take a while over the module of this test; find nothing."""
-            if name == "looked_for":
+            if name == looked_for:
                 begun.set()
                 time.sleep(0.3)
 
     begun = threading.Event()
-    (tmp_path / "looked_for.py").touch()
+    (tmp_path / f"{looked_for}.py").touch()
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "meta_path", [Slow(), *sys.meta_path])
-    other = threading.Thread(target=importlib.import_module, args=("looked_for",))
+    other = threading.Thread(target=importlib.import_module, args=(looked_for,))
     other.start()
     assert begun.wait(5)
     child = os.fork()
     if child == 0:
         faulthandler.dump_traceback_later(20, exit=True)
-        importlib.import_module("looked_for")
+        importlib.import_module(looked_for)
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0
     other.join()
