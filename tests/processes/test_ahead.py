@@ -507,7 +507,7 @@ def test_what_a_frame_will_call_is_compiled_beside_it(cube, monkeypatch):
     listed = [task.arguments[1] for task in list_tasks(rj.explain(scene, camera))]
     assert listed[0] == "write_opaque_codes"
     assert listed[-1] == "transform_vertices"
-    assert {"draw_tiles", "list_samples", "find_float32_surface"} <= {*listed}
+    assert {"draw_tiles", "list_samples", "find_points"} <= {*listed}
     assert not {"clip_faces", "read_textures", "find_layers"} & {*listed}
     assert len({*listed}) == len(listed)
 
@@ -531,7 +531,7 @@ def test_on_a_terminal_a_render_says_how_far_compiling_is(tmp_path, is_terminal)
     # A store that lacks one kernel.
     tmp_path.chmod(0o700)
     for entry in store.folder().glob("*.kernel"):
-        if not entry.name.startswith("find_float32_surface_"):
+        if not entry.name.startswith("find_points_"):
             shutil.copy(entry, tmp_path)
     ours, theirs = os.openpty() if is_terminal else os.pipe()
     with open(ours, "rb", buffering=0) as shown:
