@@ -47,7 +47,7 @@ def peak_of(path, most):
         if path.endswith((".hdr", ".exr")):
             kept = rj.Environment.from_file(path, max_bytes=most)
         else:
-            kept = load(path, max_bytes=most)
+            kept = load(path, max_bytes=most, isolate=False)
         said = "loaded"
     except ValueError as error:
         said = str(error)
