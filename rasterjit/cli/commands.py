@@ -153,7 +153,6 @@ def program(context: click.Context, version: bool) -> None:
     f"Default: for --depth, {DEPTH_SCALE} if that fits and keeps {FEWEST_CODES} codes, else the "
     "smallest power of ten that fits; for other outputs, what fits the values best.",
 )  # fmt: skip
-@click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
     "--mask", "mask_file", type=PlaceType("mask"), metavar="FILE",
     help="Write a mask of the objects as .png: 255 where they cover the whole pixel, less where "

@@ -30,9 +30,9 @@ from rasterjit.cli.program import (
     load_scene,
     plan_files,
     reason,
+    refuse_idle_scale,
     size_behind,
     told_codes,
-    units_per_code,
     warn,
     write_files,
 )
@@ -63,7 +63,6 @@ class Picture(NamedTuple):
     outputs: tuple[str, ...]
     depth_file: Path | None
     scale: float | None
-    codes_per_unit: float | None
     mask_file: Path | None
     mask_of: str
     colorbar: bool
@@ -212,7 +211,7 @@ def render_file(
         refuse_idle(["mask_of"], "it is for --mask")
     besides = {"--depth": (asked.depth_file, "depth"), "--mask": (asked.mask_file, asked.mask_of)}
     wanted, places = plan_files(output, asked.outputs, besides)
-    scale = units_per_code(places, asked.scale, asked.codes_per_unit)
+    refuse_idle_scale(places)
     if "picture" not in places.values():
         refuse_idle(["colorbar"], f"{output} is no picture of the colour")
     title = look.scalars if asked.colorbar else None
@@ -241,7 +240,7 @@ def render_file(
         exposure = told_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
-        chosen = write_files(frame, places, scale, title)
+        chosen = write_files(frame, places, asked.scale, title)
     saved = time.perf_counter()
     for notice in notices_of_frame(frame).values():
         warn(notice, quiet)

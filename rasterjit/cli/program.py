@@ -199,7 +199,7 @@ debug_option = click.option(
 )  # fmt: skip
 quiet_option = click.option(
     "-q", "--quiet", is_flag=True,
-    help="Print only errors and deprecated spellings.",
+    help="Print only errors.",
 )  # fmt: skip
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
@@ -235,11 +235,6 @@ def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
         click.echo("warning: " + " ".join(message.split()), err=True)
-
-
-def say_deprecated(old: str, new: str) -> None:
-    """Print, also with --quiet, what to write in place of a spelling that goes on working."""
-    warn(f"{old} is deprecated and will be an error; write {new}", quiet=False)
 
 
 def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
@@ -333,21 +328,10 @@ def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
     return (".npz", ".exr") if outputs[0] == "linear" else (".png", ".npz", ".exr")
 
 
-def units_per_code(
-    places: Places, scale: float | None, codes_per_unit: float | None
-) -> float | None:
-    """Return ``--scale``, also where its old name is given, or raise click's usage error."""
+def refuse_idle_scale(places: Places) -> None:
+    """Raise click's usage error for a ``--scale`` that no file takes."""
     if not any(_takes_scale(place, content) for place, content in places.items()):
-        refuse_idle(["scale", "codes_per_unit"], "no output is written to a 16-bit .png")
-    if codes_per_unit is None:
-        return scale
-    if scale is not None:
-        raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
-    say_deprecated(
-        f"--depth-scale {codes_per_unit:g} (codes per unit)",
-        f"--scale {1.0 / codes_per_unit:.12g} (units per code)",
-    )
-    return 1.0 / codes_per_unit
+        refuse_idle(["scale"], "no output is written to a 16-bit .png")
 
 
 def write_files(

@@ -26,7 +26,7 @@ SETTINGS = ".rasterjit-render"
 """The file in the folder of pictures that tells with which settings they are drawn."""
 
 ALONE = (
-    "lens", "outputs", "depth_file", "scale", "codes_per_unit", "mask_file", "mask_of", "diagnose",
+    "lens", "outputs", "depth_file", "scale", "mask_file", "mask_of", "diagnose",
 )  # fmt: skip
 """Options of one file's picture alone."""
 

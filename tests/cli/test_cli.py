@@ -649,28 +649,10 @@ def test_a_scale_is_that_of_frame_save_and_of_one_output_as_well(tmp_path):
     assert path.read_bytes() == (tmp_path / "saved.png").read_bytes()
 
 
-def test_the_old_depth_scale_goes_on_with_one_warning_that_names_the_new_one(tmp_path):
-    arguments = ("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36", "--depth")
-    result = run(*arguments, tmp_path / "old.png", "--depth-scale", 100)
-    assert result.exit_code == 0
-    said = (
-        "warning: --depth-scale 100 (codes per unit) is deprecated and will be an error; "
-        "write --scale 0.01 (units per code)\n"
-    )
-    assert result.stderr == said
-    quiet = run(*arguments, tmp_path / "old.png", "--depth-scale", 100, "-q")
-    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (0, "", said)
-    assert run(*arguments, tmp_path / "new.png", "--scale", 0.01).stderr == ""
-    assert (tmp_path / "old.png").read_bytes() == (tmp_path / "new.png").read_bytes()
-    assert_one_line(run(*arguments, tmp_path / "a.exr", "--scale", 1, "--depth-scale", 1), 2)
-
-
-@pytest.mark.parametrize("option", [("--depth-scale", 0.001), ("--scale", 1000)])
-def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
-    arguments = ("--depth", tmp_path / "depth.png", *option)
+def test_a_scale_that_loses_the_depth_is_refused(tmp_path):
+    arguments = ("--depth", tmp_path / "depth.png", "--scale", 1000)
     result = run("render", CUBE, "-o", tmp_path / "a.png", *SMALL, *arguments)
-    *before, _ = result.stderr.splitlines()
-    assert (result.exit_code, len(before)) == (1, option[0] == "--depth-scale")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
     assert "--scale must take depth to codes in 1..65535" in result.stderr
     assert "--scale 1000" in result.stderr
     assert result.stderr.endswith("; choose 0.001, .exr or .npz\n")
@@ -915,7 +897,6 @@ def test_eye_dome_lighting_is_an_option(tmp_path):
 IDLE = [
     ("render", "a.png", "--scale", 0.1),
     ("render", "a.png", "--depth", "a.npy", "--scale", 0.1),
-    ("render", "a.png", "--depth", "a.npy", "--depth-scale", 10),
     ("render", "a.png", "--outputs", "color,depth", "--scale", 0.1),
     ("render", "a.npz", "--outputs", "depth", "--background", "red"),
     ("render", "a.npz", "--outputs", "depth", "--shading", "flat"),
