@@ -70,12 +70,12 @@ class Drawn:
     def stages(self) -> list[str]:
         """Return the names of the stages of shading that the plan lists."""
         import rasterjit as rj
-        from rasterjit.rendering.sketch import list_stages
+        from rasterjit.rendering.plan import list_passes
 
         plan = rj.explain(
             self.scene, self.cameras[1], size=self.size, quality=self.quality, outputs=self.outputs
         )
-        return [stage.name for stage in list_stages(plan)]
+        return [stage.name for stage in list_passes(plan)]
 
 
 def changed(scene: Any, random: np.random.Generator) -> tuple[Any, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.surface.samples import COUNTS, NEXT_COLUMN, SAMPLES, Block
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import float32

@@ -9,7 +9,7 @@ import numpy as np
 
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.pipeline.surface.samples import COUNTS, KIND, SEGMENTS, START, STOP, Block
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS, Shading
+from rasterjit.rendering.shading import BLOCK, BLOCKS, Shading
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage
 from rasterjit.runtime.state import arrays_of_block, int64

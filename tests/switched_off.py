@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 
 import rasterjit as rj
-from rasterjit.rendering.plan import list_kernels
-from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.plan import list_kernels, list_passes
 from rasterjit.scene.material import TEXTURE_FIELDS
 
 SIZE = (8, 6)
@@ -216,7 +215,7 @@ def told(scene, samples):
     plan = rj.explain(
         scene, CAMERA, rj.Quality(samples=samples), size=SIZE, outputs=("color", "linear")
     )
-    return {one.name for one in (*list_kernels(plan), *list_stages(plan))}
+    return {one.name for one in (*list_kernels(plan), *list_passes(plan))}
 
 
 def told_with_and_without():

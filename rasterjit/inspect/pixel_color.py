@@ -14,17 +14,18 @@ from rasterjit.pipeline import records
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.passes import ShadingNeeds
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.primitives import Primitives
-from rasterjit.rendering import layers, stage_list
+from rasterjit.rendering import layers
 from rasterjit.rendering import shade as shading
 from rasterjit.rendering.behind import look_behind
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.rendering.renderer import find_visible
-from rasterjit.rendering.stage_list import Shading
+from rasterjit.rendering.shading import Shading, light_vertices
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.scene import Scene
@@ -278,28 +279,31 @@ def shade(
     """
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
     face = int(drawn.coverage.face_id[y, x]) if face is None else face
+    needs = plan.shading.of(surface, lit.lighting)
 
     def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
-        return _lit_vertices(drawn, surface, Lit(lighting, lit.effects), face)
+        return _lit_vertices(drawn, needs, surface, Lit(lighting, lit.effects), face)
 
     surface = shading.light_surface(plan, surface, lit.lighting, light)
     row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     stages = Shading(
-        geometry, placement, surface, lit.lighting, lit.effects, plan.facts.encoding,
+        needs, geometry, placement, surface, lit.lighting, lit.effects, plan.facts.encoding,
         plan.background,
     )  # fmt: skip
     stages.shade(row, y, linear, no_color)
     return linear[0, x].copy()
 
 
-def _lit_vertices(drawn: Drawn, surface: Surface, lit: Lit, face: int) -> NDArray[np.float32]:
+def _lit_vertices(
+    drawn: Drawn, needs: ShadingNeeds, surface: Surface, lit: Lit, face: int
+) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
     for vertex in drawn.arrays.faces[face].tolist():
-        stage_list.light_vertices(
-            (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface,
+        light_vertices(
+            needs, (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface,
             lit.lighting, lit.effects, vertices,
         )  # fmt: skip
     return vertices
@@ -389,7 +393,7 @@ def _find_samples(
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     shader = layers.Shader(
-        geometry, drawn.placement, surface, lit.lighting, plan.background, (),
+        plan.shading, geometry, drawn.placement, surface, lit.lighting, plan.background, (),
         None if alpha_tests is None else alpha_tests._replace(geometry=geometry),
     )  # fmt: skip
     lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)

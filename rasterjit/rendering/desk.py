@@ -30,10 +30,10 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import layering, mixing, notices, shade, stage_list
+from rasterjit.rendering import layering, mixing, notices, shade
 from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.mixing import Lists
-from rasterjit.rendering.stage_list import BLOCK, Shading
+from rasterjit.rendering.shading import BLOCK, Shading, vertex_steps
 from rasterjit.runtime.driver import StageList, block_memory
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
@@ -358,14 +358,9 @@ class Desk:
             count = len(placement.positions)
             lit = np.zeros((count, 2, 3), np.float32)
             listed = (0, count), cache.shapes.arrays.vertex_starts
-            self._calls.run(
-                StageList(
-                    stage_list.vertex_steps(
-                        listed, placement, surface, lighting, effects, lit, viewer
-                    )
-                ),
-                block,
-            )
+            own = placement, surface, lighting, effects
+            steps = vertex_steps(plan.shading, listed, *own, lit, viewer)
+            self._calls.run(StageList(steps), block)
             return lit
 
         surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
@@ -373,8 +368,8 @@ class Desk:
         if plan.layers is not None:
             finder = bands.at_samples(finder, plan.layers.samples)
         shading = Shading(
-            finder.geometry, placement, surface, lighting, effects, plan.facts.encoding,
-            plan.background, viewer,
+            plan.shading, finder.geometry, placement, surface, lighting, effects,
+            plan.facts.encoding, plan.background, viewer,
         )  # fmt: skip
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
         color = self._face_id.view(np.uint32)

@@ -22,7 +22,7 @@ from rasterjit.pipeline.visibility import nearest
 from rasterjit.rendering.bound_calls import ALWAYS, BoundCalls, When
 from rasterjit.rendering.layers import ROWS_AT_ONCE, parts_of
 from rasterjit.rendering.mixing import Lists
-from rasterjit.rendering.stage_list import Shading
+from rasterjit.rendering.shading import Shading
 from rasterjit.survey.effect import Active, Picture, acting
 from rasterjit.survey.plan import RenderPlan
 

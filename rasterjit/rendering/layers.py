@@ -28,6 +28,7 @@ from rasterjit.pipeline.fragments.bands import (
     part_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.passes import ShadingNeeds
 from rasterjit.pipeline.records import (
     AlphaTests,
     Geometry,
@@ -37,7 +38,7 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.visibility.draw import Coverage
-from rasterjit.rendering.stage_list import Shading
+from rasterjit.rendering.shading import Shading
 from rasterjit.runtime.threads import Kept, Memory, Workers
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.effect import Active, Rows, acting, shown_as_given
@@ -59,6 +60,7 @@ SEVERAL = "a pixel shows several faces"
 class Shader(NamedTuple):
     """Everything needed to shade an image of face numbers."""
 
+    needs: ShadingNeeds
     geometry: Geometry
     placement: Placement
     surface: Surface
@@ -85,7 +87,7 @@ class Shader(NamedTuple):
 
     def ready(self, kept: Kept | None = None) -> Shader:
         """Return this shader with its stages made, or with those of the picture before."""
-        read = self.geometry, self.placement, self.surface, self.lighting, self.effects
+        read = self.needs, self.geometry, self.placement, self.surface, self.lighting, self.effects
         encoding, background = self.encoding, self.background
         if kept is None or not kept.lasts:
             return self._replace(shading=Shading(*read, encoding, background))
@@ -98,7 +100,7 @@ class Shader(NamedTuple):
                 imitated=_kept_imitated(lighting.imitated, kept),
             )
         shading = kept.made(
-            "stages", Shading, *read[:3], lighting, self.effects, encoding,
+            "stages", Shading, *read[:4], lighting, self.effects, encoding,
             kept.made("color behind", _color_of, background.tobytes()),
             kept.copied("viewer", viewer, np.float32),
         )  # fmt: skip

@@ -22,7 +22,7 @@ from rasterjit.pipeline.records import Faces, Objects, ScreenVertices
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.layers import ROWS_MIXED_AT_ONCE, parts_of
-from rasterjit.rendering.stage_list import Shading
+from rasterjit.rendering.shading import Shading
 from rasterjit.runtime.state import WORD
 from rasterjit.survey.effect import Active, Picture, acting
 from rasterjit.survey.plan import RenderPlan

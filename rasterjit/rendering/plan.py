@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from rasterjit.outputs import diagnostics, fill
 from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
 from rasterjit.pipeline.fragments.bands import peeling_kernels
+from rasterjit.pipeline.passes import Pass, short_name
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
-from rasterjit.rendering import shade, supersample
+from rasterjit.rendering import shade, shading_passes, supersample
 from rasterjit.rendering.effects import answer_effects
-from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
@@ -45,7 +45,7 @@ from rasterjit.survey.contents import (
     take_inventory,
 )
 from rasterjit.survey.depth_format import check_near, depth_format
-from rasterjit.survey.effect import Absent, Planned, Planning, Rows
+from rasterjit.survey.effect import Absent, Active, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
@@ -294,13 +294,30 @@ def lens_kernels(outputs: Sequence[str]) -> Rows:
     return rows
 
 
+def list_passes(plan: RenderPlan) -> list[Pass]:
+    """
+    Return the passes that shade the samples of a frame, in order.
+
+    Those of vertices come first; those that shadows call for run if a map is drawn.
+    """
+    if not plan.facts.is_colored or plan.mixes_plain_codes:
+        return []
+    if plan.pictures > 1:
+        plan = supersample.plan_picture(plan, {})
+    if plan.layers is None and not plan.facts.draws_faces and not plan.at("background"):
+        # All pixels are alike.
+        return []
+    effects = tuple(Active(one.effect, one.data) for one in plan.planned if one.effect.places)
+    return shading_passes.list_passes(plan.shading, effects, plan.layers, plan.outputs)
+
+
 def list_tasks(plan: RenderPlan) -> list[Task]:
     """Return tasks that compile what a frame will call in any case, the last first."""
     known = {
         f"{short_name(one.__module__)}.{one.__name__}": one for one in (*jit.KERNELS, *jit.STAGES)
     }
     names = [told.name for told in list_kernels(plan) if not (told.variant or told.condition)]
-    names += [told.name for told in list_stages(plan)]
+    names += [one.name for one in list_passes(plan)]
     # Where a module is not imported yet, it is no loss.
     found = [known[name] for name in dict.fromkeys(names) if name in known]
     return ahead.compiling(found[::-1], usual=True)
@@ -350,7 +367,7 @@ def describe(plan: RenderPlan) -> str:
         for buffer in list_buffers(plan)
     ]
     parts = [str(plan)]
-    stages = [(stage.name, ", ".join(stage.reads)) for stage in list_stages(plan)]
+    stages = [(one.name, ", ".join(one.stage.names)) for one in list_passes(plan)]
     for title, rows in (("kernels", kernels), ("stages", stages), ("buffers", buffers)):
         if not rows:
             continue

@@ -23,7 +23,7 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
 )
-from rasterjit.rendering import layers, srgb8, stage_list
+from rasterjit.rendering import layers, shading, srgb8
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
@@ -81,7 +81,8 @@ def shade_faces(
 
     def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
         starts = cache.shapes.arrays.vertex_starts
-        return light_vertices(starts, placement, surface, lighting, effects, workers)
+        own = starts, placement, surface, lighting, effects
+        return light_vertices(plan, *own, workers)
 
     kept = kept or Kept(workers.memory, lasts=False)
     surface = kept.made(
@@ -92,7 +93,7 @@ def shade_faces(
     if plan.facts.shades_points:
         surface = surface._replace(points=coverage.points.read)
     shader = layers.Shader(
-        geometry, placement, surface, plan.lighting, plan.background, effects,
+        plan.shading, geometry, placement, surface, plan.lighting, plan.background, effects,
         find_alpha_tests(plan, cache), encoding=plan.facts.encoding,
     )  # fmt: skip
     if plan.mixes_plain_codes:
@@ -210,15 +211,14 @@ def light_surface(
     """
     if lighting is None or not plan.facts.needs_gouraud:
         return surface
-    # Vertices are lit without facets.
-    bare, diffuse = surface._replace(microfacets=None, layers=None), None
-    lit = light(bare, lighting)
+    diffuse, lit = None, light(surface, lighting)
     if plan.facts.needs_diffuse_light:
-        diffuse = light(bare, lighting._replace(highlights=None))
+        diffuse = light(surface, lighting._replace(highlights=None))
     return surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
 
 
 def light_vertices(
+    plan: RenderPlan,
     vertex_starts: NDArray[np.int64],
     placement: Placement,
     surface: Surface,
@@ -233,7 +233,8 @@ def light_vertices(
 
     def light_some(first: int) -> None:
         some = first, min(first + per_task, count)
-        stage_list.light_vertices(some, vertex_starts, placement, surface, lighting, effects, lit)
+        own = vertex_starts, placement, surface, lighting, effects
+        shading.light_vertices(plan.shading, some, *own, lit)
 
     workers.run(light_some, [(n,) for n in range(0, count, per_task)])
     return lit

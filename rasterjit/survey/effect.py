@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
@@ -37,13 +37,13 @@ PLACES = (
 """
 Where effects act, in order; what each function in `Effect.places` takes and returns:
 
-- rows: ``(record, look) -> steps`` before any light: shares of light, from OCCLUSION on.
-- light: ``(record, look, n) -> steps`` before light ``n`` is added: row SHADOW.
-- around: ``(record, look) -> steps`` after the lights: light that comes from all sides.
-- seen: ``(record, shown) -> steps`` on the three rows of colours that samples show, lit or not:
+- rows: ``(record, needs) -> passes`` before any light: shares of light, from OCCLUSION on.
+- light: ``(record, needs, n, of_vertices) -> passes`` before light ``n`` is added: row SHADOW.
+- around: ``(record, needs) -> passes`` after the lights: light that comes from all sides.
+- seen: ``(record, shown) -> passes`` on the three rows of colours that samples show, lit or not:
   where it is alone no light and no point is found.
-- sample: ``(record, look) -> steps`` on the colours of lit samples, which have points.
-- pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
+- sample: ``(record, needs) -> passes`` on the colours of lit samples, which have points.
+- pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
 - mixed: ``(record, linear, background, shown)``: the same on rows that are mixed of several faces,
   linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes what
@@ -51,7 +51,9 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - background: ``(record, face_id, first_row, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 
-``steps`` is a list of `rasterjit.runtime.driver.Step`; ``look`` a `Look`.
+``passes`` is a list of `rasterjit.pipeline.passes.Pass`, ``needs`` are `ShadingNeeds`. Passes are
+listed before a picture is prepared, too: ``record`` is then what the plan knows of the effect, and
+only a pass's own function reads what `Effect.prepare` adds to that.
 """
 
 
@@ -68,18 +70,6 @@ class Planning(NamedTuple):
     camera: Camera
     boxes: Boxes
     """The boxes around the objects, seen from the eye."""
-
-
-class Look(NamedTuple):
-    """What samples are lit with and look like, as stages are told."""
-
-    placement: Placement
-    surface: Surface
-    lighting: Lighting
-    viewer: Any
-    """(4,) float32: ``placement.toward_viewer``."""
-    is_of_vertices: bool = False
-    """Whether the samples are vertices: they have no pixel, and no face of their own."""
 
 
 class FrameContext(NamedTuple):
@@ -353,10 +343,6 @@ class Effect:
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return its large arrays: name, channels, dtype, and (width, height)."""
         return []
-
-    def sketch(self, facts: Facts, data: Any) -> Any:
-        """Return a placeholder record that yields the same stages."""
-        return data
 
     def neutral(self, record: Any) -> Any:
         """Return a record with which it changes nothing."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.pipeline.passes import ShadingNeeds
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
@@ -22,6 +23,7 @@ from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.shading_needs import shading_needs
 
 GEOMETRY = ("depth_format", "precision", "interpolation")
 """Settings of the way from vertices to weights that a plan names where they are not standard."""
@@ -29,6 +31,7 @@ GEOMETRY = ("depth_format", "precision", "interpolation")
 
 FOLLOWING = (
     "planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions", "keeps_faces",
+    "shading",
 )  # fmt: skip
 """What plans of whole frames say by their effects and facts alone."""
 
@@ -154,6 +157,11 @@ class RenderPlan(Printed):
         """Return the kernels that effects call at a place besides stages, each once."""
         told = (row for one in self.planned for row in one.effect.kernels(self).get(place, ()))
         return list(dict.fromkeys(told))
+
+    @cached_property
+    def shading(self) -> ShadingNeeds:
+        """What decides which passes shade it."""
+        return shading_needs(self.facts, self.layers, self.lighting)
 
     @property
     def whole(self) -> list[Planned]:

@@ -21,7 +21,7 @@ import rasterjit as rj
 from rasterjit.pipeline.lighting import blinn_phong, layered, light_stages, sheen
 from rasterjit.pipeline.records import Layers
 from rasterjit.pipeline.surface import samples as rows
-from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.plan import list_passes
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.material import LAYER_TEXTURES
 
@@ -436,7 +436,7 @@ def test_a_varnish_has_stages_of_its_own_and_no_others():
     layered = rj.explain(
         scene_of(ball(rj.Material("pbr", roughness=0.8, clearcoat=0.5)), lights), CAMERA
     )
-    stages = {told.name for told in list_stages(layered)}
+    stages = {told.name for told in list_passes(layered)}
     assert "clearcoat.lay_coats" in stages
     assert not any("sheen" in name or "dielectrics" in name for name in stages)
 

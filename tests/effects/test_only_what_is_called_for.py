@@ -24,7 +24,7 @@ import rasterjit as rj
 from rasterjit.runtime import store
 
 sys.path.append(sys.argv[1])
-from rasterjit.rendering.sketch import short_name
+from rasterjit.pipeline.passes import short_name
 
 mesh = rj.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
 scene = rj.Scene()

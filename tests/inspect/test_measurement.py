@@ -13,9 +13,9 @@ from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.inspect import measure
+from rasterjit.pipeline.passes import short_name
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.sketch import short_name
 from rasterjit.runtime import jit
 from rasterjit.runtime.driver import StageList
 from rasterjit.scene.material import CORE_TEXTURES
@@ -346,7 +346,7 @@ def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
     told = planning.list_kernels(plan)
     assert set(called) <= {kernel.name for kernel in told}
     assert {kernel.name for kernel in told if not kernel.condition} <= set(called)
-    stages = [stage.name.partition(".")[2] for stage in planning.list_stages(plan)]
+    stages = [stage.name.partition(".")[2] for stage in planning.list_passes(plan)]
     untouched = {*stages} - {name for names in ran for name in names}
     # Of several samples with glass among them, rows of tiles without glass alone are mixed so.
     has_glass = {"rich", "everything"} & {*case.split()}

@@ -26,8 +26,8 @@ from rasterjit.pipeline.surface.samples import (
 )
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.sketch import list_stages
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering.plan import list_passes
+from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
@@ -383,7 +383,7 @@ def test_nothing_is_weighed_without_something_to_interpolate():
     )  # fmt: skip
     scene = rj.Scene()
     scene.add(tinted)
-    names = {told.name for told in list_stages(rj.explain(scene, CAMERAS[1], size=(64, 48)))}
+    names = {told.name for told in list_passes(rj.explain(scene, CAMERAS[1], size=(64, 48)))}
     assert "attributes.multiply_face_colors" in names
     assert "weights.find_weights" not in names
 
@@ -391,11 +391,11 @@ def test_nothing_is_weighed_without_something_to_interpolate():
 def test_explain_names_it_and_the_stages():
     plan = rj.explain(hills(), CAMERAS[1], size=(64, 48))
     assert "colours in float32" in str(plan)
-    names = [told.name for told in list_stages(plan)]
+    names = [told.name for told in list_passes(plan)]
     assert f"float32_colors.{find_float32_colors.__name__}" in names
     assert not {"weights.find_weights", "attributes.show_vertex_colors"} & {*names}
     plan = rj.explain(hills(), CAMERAS[1], FLOAT64, size=(64, 48))
     assert "colours in float64: quality.interpolation_precision is 'float64'" in str(plan)
     assert {"weights.find_weights", "attributes.show_vertex_colors"} <= {
-        told.name for told in list_stages(plan)
+        told.name for told in list_passes(plan)
     }

@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface.samples import (
     VECTOR,
     Block,
 )
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.runtime import intrinsics, jit
 
 SIZE = (200, 12)

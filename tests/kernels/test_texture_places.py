@@ -11,6 +11,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD, NEAR
+from rasterjit.pipeline.passes import Pass, ShadingNeeds
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import texture_gradients, texture_places
 from rasterjit.pipeline.surface.listing import list_samples
@@ -41,9 +42,9 @@ from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.surface.textures import vertex_place
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering import stage_list
-from rasterjit.rendering.sketch import list_stages
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering import shading_passes
+from rasterjit.rendering.plan import list_passes
+from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
@@ -260,7 +261,7 @@ def test_pictures_are_those_by_weights(monkeypatch, squares, side, filter):
     scene = ground(filter, squares=squares, side=side)
     outputs = "color", "linear"
     quick = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
-    monkeypatch.setattr(stage_list, "reads_places_alone", lambda *_: False)
+    monkeypatch.setattr(ShadingNeeds, "reads_places_alone", False)
     slow = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
     assert np.ptp(slow.color[..., 0]) > 100
     # Positions are rounded to 2**-24 texel: hardly any rounds otherwise.
@@ -272,13 +273,14 @@ def test_pictures_are_those_by_weights(monkeypatch, squares, side, filter):
 @pytest.mark.parametrize("shading", ["unlit", "phong"])
 def test_steps_on_clipped_faces_are_those_of_each_sample(monkeypatch, squares, shading):
     scene = ground("trilinear", shading, squares, repeats=30.0)
-    outputs, steps = ("color", "linear"), stage_list.coordinate_steps
+    outputs, passes = ("color", "linear"), shading_passes.coordinate_passes
     quick = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
 
-    def steps_and_twin(own, geometry):
-        return [*steps(own, geometry), Step(step_slowly, (own.uv, geometry))]
+    def passes_and_twin(needs, kind=None):
+        slow = Pass(step_slowly, lambda a: (a.surface.textures.uv, a.geometry))
+        return [*passes(needs, kind), slow]
 
-    monkeypatch.setattr(stage_list, "coordinate_steps", steps_and_twin)
+    monkeypatch.setattr(shading_passes, "coordinate_passes", passes_and_twin)
     slow = rj.render(scene, CAMERA, size=(160, 120), outputs=outputs)
     assert quick.stats.clipped > 0
     assert quick.linear.tobytes() == slow.linear.tobytes()
@@ -296,7 +298,7 @@ def test_regions_and_threads_change_no_bit():
 
 def is_quick(scene, **quality):
     plan = rj.explain(scene, CAMERA, rj.Quality(**quality), size=(64, 48))
-    names = {told.name for told in list_stages(plan)}
+    names = {told.name for told in list_passes(plan)}
     by_weights = {"weights.find_weights", "texture_gradients.find_coordinates"}
     assert by_weights <= names or not by_weights & names
     return "texture_places.find_places" in names and not by_weights & names

@@ -21,7 +21,7 @@ from rasterjit.pipeline.surface.samples import (
 from rasterjit.pipeline.surface.weights import find_weights
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.rendering.shading import BLOCK, BLOCKS
 from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering import sketch
+from rasterjit.rendering import plan as planning
 from rasterjit.scene.material import CORE_TEXTURES
 from rasterjit.survey import arrays
 
@@ -231,7 +231,7 @@ def test_scenes_of_one_set_join_and_run_nothing_more(monkeypatch):
         joined.clear()
         material = rj.Material("pbr", **textures(sets))
         frame = rj.render(scene_of(material, 0, 1), CAMERA, size=SIZE, threads=1)
-        stages[sets] = [stage.name for stage in sketch.list_stages(frame.plan)]
+        stages[sets] = [stage.name for stage in planning.list_passes(frame.plan)]
         assert joined == ([0] if len(set(sets)) == 1 else [0, 3])
     one, other, apart = stages.values()
     assert one == other

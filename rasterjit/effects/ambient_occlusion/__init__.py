@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
 from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
+from rasterjit.pipeline.passes import Pass, ShadingNeeds, fixed
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import draw
-from rasterjit.runtime.driver import Step
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -29,7 +29,6 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
-    Look,
     Planned,
     Planning,
     Rows,
@@ -162,10 +161,6 @@ class Occlusion(Effect):
         """Return what it is found in."""
         return [("ambient occlusion, smooth, rough and its range", 3, "float32", plan.size)]
 
-    def sketch(self, facts: Facts, data: AmbientOcclusion) -> NDArray[np.float32]:
-        """Return shares of no pixel."""
-        return np.empty((0, 0), np.float32)
-
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return shares that let all light through."""
         return np.ones_like(record)
@@ -175,9 +170,9 @@ class Occlusion(Effect):
         return "on", add_to_field(scene, self.field, AmbientOcclusion())
 
     @staticmethod
-    def dim(occlusion: NDArray[np.float32], look: Look) -> list[Step]:
+    def dim(occlusion: NDArray[np.float32], needs: ShadingNeeds) -> list[Pass]:
         """Return the stage that multiplies row OCCLUSION."""
-        return [Step(ambient_occlusion_stage.occlude_samples, (occlusion,))]
+        return [fixed(ambient_occlusion_stage.occlude_samples, occlusion)]
 
     places: ClassVar = {"rows": dim}
 

@@ -22,7 +22,7 @@ from rasterjit.effects.environment.stage import EnvironmentRecord
 from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.encode import encoding_table
-from rasterjit.runtime.driver import Step
+from rasterjit.pipeline.passes import Pass, ShadingNeeds
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
@@ -34,7 +34,6 @@ from rasterjit.survey.effect import (
     Field,
     FrameContext,
     KernelCall,
-    Look,
     Picture,
     Planned,
     Planning,
@@ -178,10 +177,6 @@ class EnvironmentLight(Effect):
         names = "average_columns", "add_ring", "project_rows"
         return {"prepare": [(f"prefilter_stage.{name}", "", used) for name in names]}
 
-    def sketch(self, facts: Facts, data: Environment) -> EnvironmentRecord:
-        """Return an environment that is not filtered."""
-        return backdrop_record(data)
-
     def neutral(self, record: EnvironmentRecord) -> EnvironmentRecord:
         """Return an environment without light."""
         return record._replace(intensity=np.float32(0.0))
@@ -193,18 +188,20 @@ class EnvironmentLight(Effect):
         return with_field(scene, "environment", alone)
 
     @staticmethod
-    def shed(around: EnvironmentRecord, look: Look) -> list[Step]:
-        """Return the stages that add light from all sides, and what microfacets mirror of it."""
-        shed = around.irradiance, around.turn, around.intensity
-        steps = [Step(environment_stage.shed_light, shed)]
-        if look.surface.microfacets is None:
-            return steps
-        mirrored = Step(environment_stage.mirror_environment, (around, look.viewer))
-        if look.surface.layers is None:
-            return [*steps, mirrored]
+    def shed(around: EnvironmentRecord, needs: ShadingNeeds) -> list[Pass]:
+        """Return the passes that add light from all sides, and what microfacets mirror of it."""
+        shed = Pass(
+            environment_stage.shed_light,
+            lambda _: (around.irradiance, around.turn, around.intensity),
+        )
+        if not needs.microfacets:
+            return [shed]
+        mirrored = Pass(environment_stage.mirror_environment, lambda a: (around, a.viewer))
+        if not needs.layers:
+            return [shed, mirrored]
         from rasterjit.pipeline.lighting import layered
 
-        return steps + layered.around_steps(look.surface.layers, look.viewer, mirrored, *steps)
+        return [shed, *layered.around_passes(needs, mirrored, shed)]
 
     places: ClassVar = {"around": shed}
 

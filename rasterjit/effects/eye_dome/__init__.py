@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.eye_dome import stage as eye_dome_stage
-from rasterjit.runtime.driver import Step
+from rasterjit.pipeline.passes import Pass, fixed
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.eye_dome import EyeDome
@@ -160,10 +160,6 @@ class EyeDomeLighting(Effect):
         """Return what it is found in."""
         return [("nearness and what it leaves of light", 2, "float32", plan.size)]
 
-    def sketch(self, facts: Facts, data: EyeDome) -> NDArray[np.float32]:
-        """Return shares of no pixel."""
-        return np.empty((0, 0), np.float32)
-
     def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return shares that keep all light."""
         return np.ones_like(record)
@@ -173,9 +169,9 @@ class EyeDomeLighting(Effect):
         return "on", add_to_field(scene, self.field, EyeDome())
 
     @staticmethod
-    def darken(shares: NDArray[np.float32], shown: int) -> list[Step]:
+    def darken(shares: NDArray[np.float32], shown: int) -> list[Pass]:
         """Return the stage that multiplies three rows of colours."""
-        return [Step(eye_dome_stage.darken_samples, (shares, shown))]
+        return [fixed(eye_dome_stage.darken_samples, shares, shown)]
 
     places: ClassVar = {"seen": darken}
 

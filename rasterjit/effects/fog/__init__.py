@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.fog import stage as fog_stage
+from rasterjit.pipeline.passes import Pass, ShadingNeeds
 from rasterjit.pipeline.surface import attributes
-from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Absent, Effect, Field, Look, Planned, Planning
+from rasterjit.survey.effect import Absent, Effect, Field, Planned, Planning
 from rasterjit.survey.facts import DISTANCE_ROUNDING, Facts
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
@@ -130,20 +130,21 @@ class FogEffect(Effect):
         return record._replace(mode=fog_stage.EXPONENTIAL, density=zero, falloff=zero)
 
     @staticmethod
-    def cover(fog: FogRecord, look: Look) -> list[Step]:
-        """Return the stages that lay fog over what is seen."""
-        placement, viewer, steps = look.placement, look.viewer, []
+    def cover(fog: FogRecord, needs: ShadingNeeds) -> list[Pass]:
+        """Return the passes that lay fog over what is seen."""
+        passes = []
         if fog.flat is not None:
             # Find the points of what was lit at the middles of faces.
-            steps.append(Step(attributes.gather_positions, (placement.positions,)))
-            materials = look.surface.materials
-            steps.append(Step(attributes.find_points, (placement, materials, 1)))
+            passes = [
+                Pass(attributes.gather_positions, lambda a: (a.placement.positions,)),
+                Pass(attributes.find_points, lambda a: (a.placement, a.surface.materials, 1)),
+            ]
         if fog.mode == fog_stage.LINEAR:
-            own = fog.end, fog.per_range, fog.color, viewer
-            return [*steps, Step(fog_stage.cover_linearly, own)]
+            own = fog.end, fog.per_range, fog.color
+            return [*passes, Pass(fog_stage.cover_linearly, lambda a: (*own, a.viewer))]
         squares = np.float32(fog.mode == fog_stage.EXPONENTIAL_SQUARED)
-        own = fog.density, squares, fog.above, fog.falloff, fog.color, viewer
-        return [*steps, Step(fog_stage.cover_exponentially, own)]
+        own = fog.density, squares, fog.above, fog.falloff, fog.color
+        return [*passes, Pass(fog_stage.cover_exponentially, lambda a: (*own, a.viewer))]
 
     places: ClassVar = {"sample": cover}
 

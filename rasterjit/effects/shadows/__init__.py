@@ -11,16 +11,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import point_shapes
 from rasterjit.pipeline.surface.samples import MOVED, POINT
 from rasterjit.pipeline.visibility import draw
-from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
@@ -29,7 +29,6 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
-    Look,
     Planned,
     Planning,
     Rows,
@@ -43,6 +42,8 @@ from rasterjit.survey.plan import RenderPlan
 
 MOST_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""
+
+Shadows: TypeAlias = maps.ShadowRecord | maps.PlannedShadows
 
 Seen = Sequence[tuple[Camera, visible_depth.SeenDepth]]
 
@@ -61,6 +62,26 @@ def describe_shadows(lights: Sequence[Light]) -> str:
     return f"{listed}, {texels * TEXEL_BYTES / 1e6:.1f} MB"
 
 
+def mapped_lights(facts: Facts) -> list[Light]:
+    """Return the lights that have a row in ``Lighting.lights``."""
+    return [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
+
+
+def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find what shadows fall on: once, whatever lights there are."""
+    has_facets = int(needs.microfacets)
+
+    def found(a: ShadingArrays) -> tuple[Any, ...]:
+        return a.placement.positions, a.placement.relative_from_model, has_facets
+
+    passes = [Pass(receivers.find_receivers, found)]
+    if needs.points:
+        passes.append(
+            Pass(point_shapes.find_point_receivers, lambda a: (*a.surface.points, a.placement))
+        )
+    return passes
+
+
 class ShadowMaps(Effect):
     """Let each light through as far as nothing is in its way."""
 
@@ -72,7 +93,9 @@ class ShadowMaps(Effect):
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light may cast shadows on what is seen."""
-        return Planned(self, facts) if facts.casts_shadows else Absent(self, facts)
+        if not facts.casts_shadows:
+            return Absent(self, facts)
+        return Planned(self, facts, maps.plan_shadows(mapped_lights(facts)))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say which maps are drawn, or why none is."""
@@ -128,10 +151,9 @@ class ShadowMaps(Effect):
             facts.inventory.casts_shadows, is_whole, is_open, np.concatenate(cells), plan.camera,
             plan.size, alpha_tests, arrays.primitives,
         )  # fmt: skip
-        lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
         normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
-        return maps.draw_shadows(lights, eye, scenery, normals, workers)
+        return maps.draw_shadows(mapped_lights(facts), eye, scenery, normals, workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
@@ -155,18 +177,6 @@ class ShadowMaps(Effect):
             (f"shadow map, {own.size} texels", sides, "float32", (own.size, own.size))
             for own, sides in shadows
         ]
-
-    def sketch(self, facts: Facts, data: Any) -> maps.ShadowRecord:
-        """Return maps without texels, one for each light that may cast shadows."""
-        lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
-        places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
-        for place, light in zip(places, lights, strict=True):
-            if light.shadow is not None:
-                place[:] = 0, 0, maps.FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
-        rows, texels = np.zeros((len(lights), shadows_stage.MAP_COLUMNS)), np.empty(0, np.float32)
-        nothing = np.empty((len(lights), 0, 0), np.float32)
-        normals = np.empty((0, 3), np.float32) if facts.shades_smoothly else None
-        return maps.ShadowRecord(rows, places, texels, texels, texels, nothing, normals)
 
     def neutral(self, record: maps.ShadowRecord) -> maps.ShadowRecord:
         """Return shadows of lights that have no map."""
@@ -199,42 +209,47 @@ class ShadowMaps(Effect):
         return what, with_field(scene, "lights", lights) if count and is_bounded else None
 
     @staticmethod
-    def dim(shadows: maps.ShadowRecord, look: Look, n: int) -> list[Step]:
-        """Return the stages that write row SHADOW before a light is added; none: it stays."""
+    def dim(shadows: Shadows, needs: ShadingNeeds, n: int, of_vertices: bool) -> list[Pass]:
+        """Return the passes that write row SHADOW before a light is added; none: it stays."""
         first, size, kind, sides = shadows.places[n].tolist()
         has_map = shadows.places[: n + 1, shadows_stage.FIRST] >= 0
         if first < 0:
             # Do not let the shadow of the light before fall on this one.
-            return [Step(shadows_stage.let_light_through, ())] if has_map[:-1][-1:].any() else []
-        matrices, steps = look.placement.relative_from_model, []
-        if has_map.sum() == 1 and not look.is_of_vertices:
-            has_facets = int(look.surface.microfacets is not None)
-            found = look.placement.positions, matrices, has_facets
-            steps.append(Step(receivers.find_receivers, found))
-            if look.surface.points is not None:
-                own = *look.surface.points, look.placement
-                steps.append(Step(point_shapes.find_point_receivers, own))
-        point, row = POINT, shadows.maps[n]
+            return [fixed(shadows_stage.let_light_through)] if has_map[:-1][-1:].any() else []
+        passes = []
+        if has_map.sum() == 1 and not of_vertices:
+            passes += receiver_passes(needs)
+        point = POINT
         # A vertex's own plane faces the light where it is lit.
-        if shadows.normals is not None and not look.is_of_vertices:
-            moved = look.lighting.lights[n], shadows.normals, matrices
-            steps.append(Step(receivers.move_turned, moved))
+        if needs.normals and not of_vertices:
+
+            def moved(a: ShadingArrays) -> tuple[Any, ...]:
+                light, matrices = a.lighting.lights[n], a.placement.relative_from_model
+                return light, shadows.normals, matrices
+
+            passes.append(Pass(receivers.move_turned, moved))
             point = MOVED
         if sides == 1:
-            steps.append(Step(shadows_stage.place_on_map, (point, row)))
+            passes.append(Pass(shadows_stage.place_on_map, lambda _: (point, shadows.maps[n])))
         else:
-            steps.append(Step(shadows_stage.place_on_cube, (point, row, size)))
-        texels = shadows.texels[first : first + sides * size * size]
-        own = texels, size, sides, int(not look.is_of_vertices)
+            passes.append(
+                Pass(shadows_stage.place_on_cube, lambda _: (point, shadows.maps[n], size))
+            )
+        softness = int(not of_vertices)
+
+        def own(_: ShadingArrays) -> tuple[Any, ...]:
+            texels = shadows.texels[first : first + sides * size * size]
+            return texels, size, sides, softness
+
+        def soft(a: ShadingArrays) -> tuple[Any, ...]:
+            width = np.float32(shadows.maps[n][shadows_stage.WIDENING])
+            return *own(a), width, shadows.highest[n], shadows.pattern, shadows.spiral
+
         if kind == filters.HARD:
-            steps.append(Step(shadows_stage.filter_hard, own))
-        elif kind == filters.PCF:
-            steps.append(Step(shadows_stage.filter_pcf, own))
-        else:
-            width = np.float32(row[shadows_stage.WIDENING])
-            soft = *own, width, shadows.highest[n], shadows.pattern, shadows.spiral
-            steps.append(Step(shadows_stage.filter_soft, soft))
-        return steps
+            return [*passes, Pass(shadows_stage.filter_hard, own)]
+        if kind == filters.PCF:
+            return [*passes, Pass(shadows_stage.filter_pcf, own)]
+        return [*passes, Pass(shadows_stage.filter_soft, soft)]
 
     places: ClassVar = {"light": dim}
 

@@ -104,6 +104,22 @@ class Window(NamedTuple):
     far: float
 
 
+class PlannedShadows(NamedTuple):
+    """The shadow maps of all lights, before any is drawn."""
+
+    places: NDArray[np.int64]
+    """As those of `ShadowRecord`: the first texel is 0 for each light that may have maps."""
+
+
+def plan_shadows(lights: Sequence[Light]) -> PlannedShadows:
+    """Return which lights, those of ``Lighting.lights``, may have maps, and of which kind."""
+    places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
+    for place, light in zip(places, lights, strict=True):
+        if light.shadow is not None:
+            place[:] = 0, 0, FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
+    return PlannedShadows(places)
+
+
 class ShadowRecord(NamedTuple):
     """The shadow maps of all lights; see ``stage`` for the columns."""
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.tone_map import stage as tone_map_stage
 from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
+from rasterjit.pipeline.passes import Pass, fixed
 from rasterjit.pipeline.surface.samples import NORMAL_X
-from rasterjit.runtime.driver import Step
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
@@ -91,9 +91,9 @@ class ToneMapping(Effect):
         return [(tone_map_stage.show_over, (linear, background, record, shown))]
 
     @staticmethod
-    def show(tone: ToneRecord, shown: int) -> tuple[list[Step], int]:
+    def show(tone: ToneRecord, shown: int) -> tuple[list[Pass], int]:
         """Return the stages that map three rows of samples, and where the result goes."""
-        return [Step(tone_map_stage.show_tones, (shown, tone))], NORMAL_X
+        return [fixed(tone_map_stage.show_tones, shown, tone)], NORMAL_X
 
     @staticmethod
     def show_over(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.transmission import stage as transmission_stage
-from rasterjit.runtime.driver import Step
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixels import clip_from_relative
@@ -27,7 +27,6 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
-    Look,
     Planned,
     Planning,
     Rows,
@@ -197,13 +196,6 @@ class Transmission(Effect):
             ("what is looked up of it", 3, "float32", plan.size),
         ]
 
-    def sketch(self, facts: Facts, data: Any) -> Behind:
-        """Return a picture of no pixels."""
-        return Behind(
-            np.empty((0, 3), np.float32), np.empty((0, 3), np.int64), np.empty(0),
-            np.empty((4, 4)), np.empty(2), np.empty(2, np.int64),
-        )  # fmt: skip
-
     def neutral(self, record: Behind) -> Behind:
         """Return what lets nothing through."""
         return record._replace(amount=np.float32(0.0))
@@ -213,21 +205,23 @@ class Transmission(Effect):
         return without_transmission(scene)
 
     @staticmethod
-    def hold_back(record: Behind, look: Look) -> list[Step]:
-        """Return the stage that takes what goes through out of the base colour."""
-        if look.surface.through is None:
+    def hold_back(record: Behind, needs: ShadingNeeds) -> list[Pass]:
+        """Return the pass that takes what goes through out of the base colour."""
+        if not needs.through:
             return []
-        return [Step(transmission_stage.hold_back, (record.amount,))]
+        return [Pass(transmission_stage.hold_back, lambda _: (record.amount,))]
 
     @staticmethod
-    def transmit(record: Behind, look: Look) -> list[Step]:
-        """Return the stage that adds what is seen through samples, behind fog before them."""
-        if look.surface.through is None:
+    def transmit(record: Behind, needs: ShadingNeeds) -> list[Pass]:
+        """Return the pass that adds what is seen through samples, behind fog before them."""
+        if not needs.through:
             return []
-        *picture, _ = record
-        texels, levels, *placed = picture
-        own = texels, levels, look.surface.through.factors, *placed, look.viewer
-        return [Step(transmission_stage.transmit, own)]
+
+        def own(a: ShadingArrays) -> tuple[Any, ...]:
+            texels, levels, *placed, _ = record
+            return texels, levels, a.surface.through.factors, *placed, a.viewer
+
+        return [Pass(transmission_stage.transmit, own)]
 
     places: ClassVar = {"rows": hold_back, "sample": transmit}
 

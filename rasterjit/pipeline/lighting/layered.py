@@ -1,5 +1,5 @@
 """
-List the stages that light varnish, fibres and own mirrors, around those that light all surfaces.
+List the passes that light varnish, fibres and own mirrors, around those that light all surfaces.
 
 Only what is in view has stages; where nothing is, nobody imports this.
 """
@@ -9,155 +9,160 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rasterjit.pipeline.lighting import clearcoat, dielectrics, sheen
-from rasterjit.pipeline.records import Layers, Through
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import layers as moves
 from rasterjit.pipeline.surface import samples as rows
-from rasterjit.runtime.driver import Step
 
 BASE, LIT_TO_ROUGHNESS, COLOR, NORMAL = 3, 6, 3, 3
 """How many rows go together."""
 
-
-def kept(source: int, target: int, number: int = COLOR) -> Step:
-    """Return the stage that copies rows."""
-    return Step(moves.copy_rows, (source, target, number))
+ON_COAT = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL)
+"""Exchanges the normals of surfaces and of the varnish over them."""
 
 
-def exchanged(base: int, lit: int, steps: list[Step]) -> list[Step]:
-    """Return stages with the rows of a layer in place of those of the surface."""
+def kept(source: int, target: int, number: int = COLOR) -> Pass:
+    """Return the pass that copies rows."""
+    return fixed(moves.copy_rows, source, target, number)
+
+
+def darkened(target: int) -> Pass:
+    """Return the pass that makes a colour black."""
+
+    def black(a: ShadingArrays) -> tuple[Any, ...]:
+        return np.zeros((len(a.surface.layers.stand_ins), COLOR), np.float32), target
+
+    return Pass(moves.fill_rows, black)
+
+
+def exchanged(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
+    """Return passes with the rows of a layer in place of those of the surface."""
     change = [
-        Step(moves.exchange_rows, (rows.RED, base, BASE)),
-        Step(moves.exchange_rows, (rows.LIT, lit, LIT_TO_ROUGHNESS)),
+        fixed(moves.exchange_rows, rows.RED, base, BASE),
+        fixed(moves.exchange_rows, rows.LIT, lit, LIT_TO_ROUGHNESS),
     ]
-    return [*change, *steps, *change]
+    return [*change, *passes, *change]
 
 
-def on_varnish(steps: list[Step]) -> list[Step]:
-    """Return stages that light the varnish instead of the surface."""
-    turned = Step(moves.exchange_rows, (rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL))
-    return [turned, *exchanged(rows.COAT_RED, rows.COAT_LIT, steps), turned]
+def on_varnish(passes: list[Pass]) -> list[Pass]:
+    """Return passes that light the varnish instead of the surface."""
+    return [ON_COAT, *exchanged(rows.COAT_RED, rows.COAT_LIT, passes), ON_COAT]
 
 
-def on_stand_ins(layers: Layers, steps: list[Step]) -> list[Step]:
-    """Return stages that light a white surface as rough as the sample's, and no other."""
+def on_stand_ins(passes: list[Pass]) -> list[Pass]:
+    """Return passes that light a white surface as rough as the sample's, and no other."""
     return [
-        Step(moves.fill_rows, (layers.stand_ins, rows.LAYER_RED)),
+        Pass(moves.fill_rows, lambda a: (a.surface.layers.stand_ins, rows.LAYER_RED)),
         kept(rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
-        *exchanged(rows.LAYER_RED, rows.LAYER_LIT, steps),
+        *exchanged(rows.LAYER_RED, rows.LAYER_LIT, passes),
     ]
 
 
-def starting_steps(layers: Layers, normalize: Step) -> list[Step]:
-    """Return the stages before any light."""
-    if layers.coats is None:
-        return []
-    turned = Step(moves.exchange_rows, (rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL))
-    return [turned, normalize, turned]
+def starting_passes(needs: ShadingNeeds, normalize: Pass) -> list[Pass]:
+    """Return the passes before any light."""
+    return [ON_COAT, normalize, ON_COAT] if needs.coats else []
 
 
-def light_steps(
-    layers: Layers,
-    shiny: list[Step],
-    facets: Step,
-    lit_by: tuple[NDArray[Any], int, NDArray[Any]],
-) -> list[Step]:
+def light_passes(needs: ShadingNeeds, n: int, shiny: Pass, facets: Pass) -> list[Pass]:
     """
-    Return the stages that add one light.
+    Return the passes that add one light.
 
     Parameters
     ----------
-    layers : Layers
-    shiny : list of Step
-        Those of Blinn-Phong materials.
-    facets : Step
+    needs : ShadingNeeds
+    n : int
+        The number of the light.
+    shiny : Pass
+        That of Blinn-Phong materials.
+    facets : Pass
         That of microfacets.
-    lit_by : ((L, 13) float32, int, (2,) float32)
-        All lights, the number of this one, and ``Microfacets.parts``.
     """
-    steps = [*shiny]
-    if layers.sheens is not None:
-        steps.append(kept(rows.OUT_RED, rows.BELOW_RED))
-    if layers.dielectrics is not None:
-        steps.append(kept(rows.OUT_RED, rows.BEFORE_RED))
-    steps.append(facets)
-    if layers.dielectrics is not None:
-        steps.append(Step(dielectrics.light_own_mirrors, lit_by))
-    if layers.sheens is not None:
-        steps.append(Step(sheen.light_fibres, (*lit_by, layers.albedo)))
-    if layers.coats is not None:
-        steps += on_varnish([facets])
-    return steps
+
+    def lit_by(a: ShadingArrays) -> tuple[Any, ...]:
+        return a.lighting.lights, n, a.surface.microfacets.parts
+
+    passes = [shiny]
+    if needs.sheens:
+        passes.append(kept(rows.OUT_RED, rows.BELOW_RED))
+    if needs.dielectrics:
+        passes.append(kept(rows.OUT_RED, rows.BEFORE_RED))
+    passes.append(facets)
+    if needs.dielectrics:
+        passes.append(Pass(dielectrics.light_own_mirrors, lit_by))
+    if needs.sheens:
+        fibres = Pass(sheen.light_fibres, lambda a: (*lit_by(a), a.surface.layers.albedo))
+        passes.append(fibres)
+    if needs.coats:
+        passes += on_varnish([facets])
+    return passes
 
 
-def around_steps(
-    layers: Layers, viewer: NDArray[Any], facets: Step, matt: Step, is_first: bool = False
-) -> list[Step]:
+def around_passes(
+    needs: ShadingNeeds, facets: Pass, matt: Pass, is_first: bool = False
+) -> list[Pass]:
     """
-    Return the stages that show light from all sides.
+    Return the passes that show light from all sides.
 
     Parameters
     ----------
-    layers : Layers
-    viewer : (4,) float32
-    facets, matt : Step
+    needs : ShadingNeeds
+    facets, matt : Pass
         Those that show it on microfacets, and on what LIT tells.
     is_first : bool
         Whether nothing was shown before: what is seen is written, not added to.
     """
-    steps: list[Step] = []
-    fibres, mirrors = layers.sheens is not None, layers.dielectrics is not None
-    dark = np.zeros((len(layers.stand_ins), COLOR), np.float32)
-    for is_there, target in ((fibres, rows.BELOW_RED), (mirrors, rows.BEFORE_RED)):
-        if is_there and is_first:
-            steps.append(Step(moves.fill_rows, (dark, target)))
-        elif is_there:
-            steps.append(kept(rows.OUT_RED, target))
-    steps.append(facets)
-    if mirrors:
-        steps += on_stand_ins(layers, [facets])
-        steps.append(kept(rows.LAYER_OUT, rows.WHITE_RED))
-    if mirrors or (fibres and is_first):
-        steps += on_stand_ins(layers, [matt])
-    if mirrors:
-        steps.append(Step(dielectrics.show_around_on_own_mirrors, (viewer,)))
-    if fibres and not is_first:
+    passes: list[Pass] = []
+    for is_there, target in (
+        (needs.sheens, rows.BELOW_RED),
+        (needs.dielectrics, rows.BEFORE_RED),
+    ):
+        if is_there:
+            passes.append(darkened(target) if is_first else kept(rows.OUT_RED, target))
+    passes.append(facets)
+    if needs.dielectrics:
+        passes += on_stand_ins([facets])
+        passes.append(kept(rows.LAYER_OUT, rows.WHITE_RED))
+    if needs.dielectrics or (needs.sheens and is_first):
+        passes += on_stand_ins([matt])
+    if needs.dielectrics:
+        passes.append(Pass(dielectrics.show_around_on_own_mirrors, lambda a: (a.viewer,)))
+    if needs.sheens and not is_first:
         # Ambient light is the same whatever leans.
-        leaning = Step(moves.exchange_rows, (rows.NORMAL_X, rows.LEANING_X, NORMAL))
-        steps += [Step(sheen.lean_normals, (viewer,)), leaning]
-        steps += [*on_stand_ins(layers, [matt]), leaning]
-    if fibres:
-        steps.append(Step(sheen.show_around_on_fibres, (viewer, layers.albedo)))
-    if layers.coats is not None:
-        steps += on_varnish([facets])
-    return steps
+        leaning = fixed(moves.exchange_rows, rows.NORMAL_X, rows.LEANING_X, NORMAL)
+        passes += [Pass(sheen.lean_normals, lambda a: (a.viewer,)), leaning]
+        passes += [*on_stand_ins([matt]), leaning]
+    if needs.sheens:
+        passes.append(fibres_around())
+    if needs.coats:
+        passes += on_varnish([facets])
+    return passes
 
 
-def finishing_steps(
-    layers: Layers, viewer: NDArray[Any], through: Through | None = None
-) -> list[Step]:
+def fibres_around() -> Pass:
+    """Return the pass that shows light from all sides on fibres."""
+    return Pass(sheen.show_around_on_fibres, lambda a: (a.viewer, a.surface.layers.albedo))
+
+
+def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
     """
-    Return the stages behind all light, and behind what surfaces send out.
+    Return the passes behind all light, and behind what surfaces send out.
 
-    Parameters
-    ----------
-    layers : Layers
-    viewer : (4,) float32
-    through : Through or None
-        If light goes through the objects, it goes through what lies over them as well.
+    If light goes through the objects, it goes through what lies over them as well.
     """
-    steps: list[Step] = []
-    if through is not None:
-        dark = np.zeros((len(layers.stand_ins), COLOR), np.float32)
-        steps.append(Step(moves.fill_rows, (dark, rows.BELOW_RED)))
-        if layers.sheens is not None:
-            turned = Step(moves.exchange_rows, (rows.OUT_RED, rows.TINT_RED, COLOR))
-            under = Step(sheen.show_around_on_fibres, (viewer, layers.albedo))
-            steps += [Step(moves.fill_rows, (dark, rows.LAYER_OUT)), turned, under, turned]
-    if layers.coats is not None:
-        steps.append(Step(clearcoat.lay_coats, (viewer, rows.COAT_OUT, rows.OUT_RED)))
-        if through is not None:
-            steps.append(Step(clearcoat.lay_coats, (viewer, rows.BELOW_RED, rows.TINT_RED)))
-    return steps
+    passes: list[Pass] = []
+    if needs.through:
+        passes.append(darkened(rows.BELOW_RED))
+        if needs.sheens:
+            turned = fixed(moves.exchange_rows, rows.OUT_RED, rows.TINT_RED, COLOR)
+            passes += [darkened(rows.LAYER_OUT), turned, fibres_around(), turned]
+    if needs.coats:
+        passes.append(coated(rows.COAT_OUT, rows.OUT_RED))
+        if needs.through:
+            passes.append(coated(rows.BELOW_RED, rows.TINT_RED))
+    return passes
+
+
+def coated(coat: int, below: int) -> Pass:
+    """Return the pass that lays varnish over three rows of colours."""
+    return Pass(clearcoat.lay_coats, lambda a: (a.viewer, coat, below))

@@ -1,0 +1,171 @@
+"""
+A pass is a stage and where its arguments come from; `ShadingNeeds` decide which passes shade.
+
+Lists of passes are made before anything is drawn: `explain` reads them, `bind` hands them the
+arrays of a picture. So a list is written once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.runtime.driver import Step
+from rasterjit.runtime.jit import Stage
+
+
+class ShadingArrays(NamedTuple):
+    """What the passes of a picture read."""
+
+    geometry: Geometry | None
+    """None: vertices are shaded."""
+    placement: Placement
+    surface: Surface
+    lighting: Lighting | None
+    viewer: NDArray[np.float32]
+    """(4,) float32: ``placement.toward_viewer``."""
+    seen: Placement
+    """The placement that normals are found with: of no back faces, where these are not told."""
+    lit_base: NDArray[np.float32]
+    """``surface.materials`` as light falls on them: white where colours are multiplied later."""
+
+
+Arguments: TypeAlias = Callable[[ShadingArrays], tuple[Any, ...]]
+
+
+class Pass(NamedTuple):
+    """A row of the list of what shades a picture."""
+
+    stage: Stage
+    arguments: Arguments
+    """What the stage is called with, besides the block of samples."""
+
+    @property
+    def name(self) -> str:
+        """Module and function of the stage."""
+        return f"{short_name(self.stage.__module__)}.{self.stage.__name__}"
+
+
+def short_name(module: str) -> str:
+    """Return how a plan names a module: the last part of its name, or its folder's."""
+    parts = module.split(".")
+    return parts[-2] if parts[-1] == "stage" else parts[-1]
+
+
+def fixed(stage: Stage, *arguments: Any) -> Pass:
+    """Return a pass whose arguments are the same whatever picture is shaded."""
+    return Pass(stage, lambda _: arguments)
+
+
+def bind(passes: Iterable[Pass], arrays: ShadingArrays) -> list[Step]:
+    """Return passes with the arrays of a picture."""
+    return [Step(one.stage, one.arguments(arrays)) for one in passes]
+
+
+class ImitatedNeeds(NamedTuple):
+    """What pyrender's shader is given: see `records.Imitated`."""
+
+    faces_viewer: bool
+    has_squares: bool
+    has_gains: bool
+    mapped: tuple[int, ...]
+    """Numbers of the lights with a shadow map."""
+
+
+class ShadingNeeds(NamedTuple):
+    """
+    What decides which passes shade a picture.
+
+    Of all objects of the scene, but for `points`, `coats`, `sheens`, `dielectrics`, which are of
+    those in view.
+    """
+
+    lights: int | None
+    """How many there are; None: nothing is lit."""
+    highlights: bool = False
+    """Whether lights are mirrored by Blinn-Phong materials."""
+    renormalizes: bool = False
+    imitated: ImitatedNeeds | None = None
+    """None: pyrender is not imitated."""
+    flat: bool = False
+    """Whether any object is shaded flat."""
+    smooth: bool = False
+    """Whether any object is shaded with its vertices' normals at each pixel."""
+    others: bool = False
+    """Whether any object is shaded otherwise."""
+    normals: bool = False
+    """Whether vertices have normals that are read."""
+    gouraud: bool = False
+    """Whether the light on vertices is read."""
+    diffuse_apart: bool = False
+    """Whether that without highlights is read too."""
+    vertex_colors: bool = False
+    face_colors: bool = False
+    some_in_float32: bool = False
+    """Whether colours of vertices are mixed in float32 where an object allows it."""
+    all_in_float32: bool = False
+    fields: bool = False
+    """Whether colours are looked up for scalars."""
+    contours: bool = False
+    textures: bool = False
+    mipped: bool = False
+    """Whether any texture has levels to choose from."""
+    kinds: frozenset[int] = frozenset()
+    """The kinds of texture that any object has."""
+    apart: frozenset[int] = frozenset()
+    """Those that any object has at coordinates of their own."""
+    maps: bool = False
+    alphas: bool = False
+    """Whether samples have an alpha of their own."""
+    on_faces: bool = True
+    """Whether all samples lie on their faces: at the centres of pixels."""
+    microfacets: bool = False
+    points: bool = False
+    through: bool = False
+    """Whether light goes through any object."""
+    layers: bool = False
+    """Whether anything lies over microfacets: coats, sheens or dielectrics."""
+    coats: bool = False
+    sheens: bool = False
+    dielectrics: bool = False
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether light falls on anything."""
+        return self.lights is not None
+
+    @property
+    def multiplies_vertex_colors(self) -> bool:
+        """Whether colours of vertices multiply what is seen, not what light falls on."""
+        return self.imitated is not None and self.vertex_colors
+
+    @property
+    def reads_places_alone(self) -> bool:
+        """Whether weights would be found for texture coordinates alone, of samples on faces."""
+        others = self.is_lit or self.vertex_colors or self.fields or self.mipped
+        return self.textures and self.on_faces and not others
+
+    def has(self, kind: int) -> bool:
+        """Tell whether maps of a kind are read."""
+        return self.textures and self.maps and kind in self.kinds
+
+    def of_vertices(self, has_highlights: bool) -> ShadingNeeds:
+        """Return what decides how vertices are lit: without facets, with highlights or not."""
+        return self._replace(microfacets=False, layers=False, highlights=has_highlights)
+
+    def of(self, surface: Surface, lighting: Lighting | None) -> ShadingNeeds:
+        """Return the needs of a surface that lacks some of its records, and of other lights."""
+        layers = surface.layers
+        return self._replace(
+            lights=None if lighting is None else len(lighting.lights),
+            fields=surface.fields is not None,
+            textures=surface.textures is not None,
+            layers=layers is not None,
+            coats=layers is not None and self.coats,
+            sheens=layers is not None and self.sheens,
+            dielectrics=layers is not None and self.dielectrics,
+        )

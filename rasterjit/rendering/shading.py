@@ -1,0 +1,318 @@
+"""
+Run the passes that shade a picture: over the samples of its pixels, and over its vertices.
+
+See ``runtime/driver.py`` for what runs them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.encode import Encoding, code_of, encoding_table
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind
+from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.rendering import shading_passes
+from rasterjit.runtime.driver import BlockMemory, StageList, Step
+from rasterjit.runtime.state import size_of, type_named
+from rasterjit.runtime.team import Call
+from rasterjit.runtime.threads import Workers
+from rasterjit.survey.effect import Active
+
+BLOCK = type_named(Block)
+"""The types of the arrays of a block of samples."""
+
+BLOCKS = BlockMemory(BLOCK)
+"""The block of each thread."""
+
+
+def shading_arrays(
+    needs: ShadingNeeds,
+    geometry: Geometry | None,
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting | None,
+    viewer: NDArray[np.float32] | None = None,
+) -> ShadingArrays:
+    """
+    Return what the passes of a picture read.
+
+    ``viewer`` is ``placement.toward_viewer`` in float32, where both are filled later.
+    """
+    seen, lit_base = placement, surface.materials
+    if needs.imitated is not None:
+        seen = shading_passes.without_sides(placement, needs)
+    if needs.multiplies_vertex_colors:
+        lit_base = shading_passes.whitened(surface.materials)
+    viewer = np.float32(placement.toward_viewer) if viewer is None else viewer
+    return ShadingArrays(geometry, placement, surface, lighting, viewer, seen, lit_base)
+
+
+def light_vertices(
+    needs: ShadingNeeds,
+    vertices: tuple[int, int],
+    vertex_starts: NDArray[np.int64],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    effects: Sequence[Active],
+    lit_vertices: NDArray[np.float32],
+) -> None:
+    """
+    Light the vertices of the objects shaded by Gouraud.
+
+    Parameters
+    ----------
+    needs : ShadingNeeds
+        Of the picture.
+    vertices : (int, int)
+        The first, and one past the last; they may belong to several objects.
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    placement, surface, lighting : records
+        ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
+    effects : sequence of Active
+        Those that act on lights and on light from all sides count, not those that act on pixels.
+    lit_vertices : (V, 2, 3) float32
+        Written for those vertices: linear colour, for a viewer in front and one behind.
+    """
+    listed = vertices, vertex_starts
+    steps = vertex_steps(needs, listed, placement, surface, lighting, effects, lit_vertices)
+    BLOCKS.block[: rows.COUNTS] = 0
+    StageList(steps).run(BLOCKS.block, BLOCK)
+
+
+def vertex_steps(
+    needs: ShadingNeeds,
+    listed: tuple[tuple[int, int], NDArray[np.int64]],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    effects: Sequence[Active],
+    lit_vertices: NDArray[np.float32],
+    viewer: NDArray[np.float32] | None = None,
+) -> list[Step]:
+    """Return the stages that light some vertices, of those that begin with each object."""
+    needs = needs.of_vertices(lighting.highlights is not None)
+    arrays = shading_arrays(needs, None, placement, surface, lighting, viewer)
+    return bind(shading_passes.vertex_passes(needs, effects, listed, lit_vertices), arrays)
+
+
+class Shading:
+    """
+    The passes that shade the faces of a picture, with all that they read.
+
+    It shades any image of face numbers, in several threads at once.
+
+    Parameters
+    ----------
+    needs : ShadingNeeds
+    geometry, placement, surface, lighting : records
+        ``lighting`` None: every object shows its own colour.
+    effects : sequence of Active
+    encoding : str
+        What codes show: see ``encode.Encoding``.
+    background : (4,) float32, linear
+        What `shade` paints where no face is.
+    viewer : (4,) float32, optional
+        ``placement.toward_viewer``, where both are filled later.
+    """
+
+    def __init__(
+        self,
+        needs: ShadingNeeds,
+        geometry: Geometry,
+        placement: Placement,
+        surface: Surface,
+        lighting: Lighting | None,
+        effects: Sequence[Active],
+        encoding: Encoding,
+        background: NDArray[np.float32],
+        viewer: NDArray[np.float32] | None = None,
+    ) -> None:
+        self._needs = needs._replace(on_faces=geometry.viewport.reach == 0)
+        own = self._needs, geometry, placement, surface, lighting, viewer
+        self._arrays = shading_arrays(*own)
+        passes, self._shown = shading_passes.shading_passes(self._needs, effects)
+        self._stages = StageList(bind(passes, self._arrays))
+        self._faces, self._face_starts = geometry.faces, placement.face_starts
+        self._effects, self._table = tuple(effects), encoding_table(encoding)
+        self._painted = background, code_of(background, encoding)
+        self._spare: defaultdict[tuple[bool, bool], list[StageList]] = defaultdict(list)
+
+    def shade(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+        background: tuple[NDArray[np.float32], int] | None = None,
+    ) -> None:
+        """
+        Write the colour of some rows of a frame; or of several images of these rows.
+
+        Parameters
+        ----------
+        faces : (R, W) int32, or (J, R, W)
+            The visible faces of these rows, -1 where none is.
+        first_row : int
+            Where they lie in the frame.
+        linear : (R, W, 4) float32, or (R, 0, 4); or (J, R, W, 4), (J, R, 0, 4)
+            Written: red, green, blue in linear light, and alpha.
+        color : (R, W) uint32, or (R, 0); or (J, R, W), (J, R, 0)
+            Written: what is to be shown of it in sRGB codes, RGBA bytes from the lowest up.
+        background : ((4,) float32, int), optional
+            Where no face is: linear, and as it is shown. Default: that of the frame.
+        """
+        height = faces.shape[-2]
+        if faces.ndim == 3:
+            count = height * len(faces)
+            faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
+            linear = linear.reshape(count, linear.shape[2], 4)
+        painted = self._painted if background is None else background
+        stages = self._take(faces, first_row, height, painted, linear, color)
+        stages.run(BLOCKS.block, BLOCK)
+        self._put_back(stages, linear, color)
+
+    def shade_bands(
+        self,
+        face_id: NDArray[np.int32],
+        rows_of_band: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+        workers: Workers,
+    ) -> None:
+        """
+        Write the colour of a frame in bands of rows, shared among threads.
+
+        Parameters
+        ----------
+        face_id : (H, W) int32
+        rows_of_band : int
+        linear, color : arrays
+            As `shade` takes them.
+        workers : Workers
+        """
+        listed = []
+
+        def calls() -> Iterator[Call]:
+            for first in range(0, len(face_id), rows_of_band):
+                band = slice(first, first + rows_of_band)
+                faces, parts = face_id[band], (linear[band], color[band])
+                stages = self._take(faces, first, len(faces), self._painted, *parts)
+                listed.append(stages)
+                yield stages.call()
+
+        count = -(-len(face_id) // rows_of_band)
+        workers.call_machine(calls(), count, size_of(BLOCK))
+        for stages in listed:
+            self._put_back(stages, linear, color)
+
+    def _take(self, *own: Any) -> StageList:
+        """Return a list of stages that is not in use, for what `listed` takes."""
+        *_, linear, color = own
+        try:
+            stages = self._spare[bool(linear.shape[1]), bool(color.shape[1])].pop()
+        except IndexError:
+            return self.listed(*own)
+        stages.renew(self._output(*own))
+        return stages
+
+    def _put_back(
+        self, stages: StageList, linear: NDArray[np.float32], color: NDArray[np.uint32]
+    ) -> None:
+        # The pictures are not for it to keep.
+        stages.let_go()
+        self._spare[bool(linear.shape[1]), bool(color.shape[1])].append(stages)
+
+    def listed(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int] | None,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> StageList:
+        """Return the stages that `shade` runs, of images one below the other, each so high."""
+        painted = painted or self._painted
+        return StageList(self._output(faces, first_row, height, painted, linear, color))
+
+    def _output(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int],
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> list[Step | StageList]:
+        """Return the stages from listing samples to writing colours, an empty block at hand."""
+        steps = self._list(faces, first_row, height, painted, linear, color)
+        own = self._needs, self._shown, self._table, self._effects
+        return steps + self._bound(shading_passes.output_passes(*own, linear, color))
+
+    def mix(self, *arguments: Any) -> None:
+        """Lay shares of the faces of some rows over what is behind; takes what `mixing` does."""
+        self.mixing(*arguments).run(BLOCKS.block, BLOCK)
+
+    def mixing(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        shares: NDArray[np.float32],
+        rest: NDArray[np.float32],
+        mixed: NDArray[np.float32],
+        has_codes: bool,
+    ) -> StageList:
+        """
+        Return the stages that lay shares of the faces of some rows over what is behind.
+
+        Parameters
+        ----------
+        faces : (J, R, W) int32
+            The faces of each pixel, -1 behind the last.
+        first_row : int
+        shares : (J, R, W) float32
+            The share that a face has in its pixel.
+        rest : (R, W) float32
+            The share that shows no face.
+        mixed : (R, 4, W) float32
+            Changed: linear colour with straight alpha, or codes of it.
+        has_codes : bool
+            Whether codes are mixed: the tones of each colour are mapped, it is rounded to codes.
+        """
+        layers, height, width = faces.shape
+        faces = faces.reshape(layers * height, width)
+        no_linear = np.empty((len(faces), 0, 4), np.float32)
+        no_color = np.empty((len(faces), 0), np.uint32)
+        steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
+        own = self._needs, self._shown, self._table, self._effects
+        mixed_by = shading_passes.mixing_passes(*own, has_codes, (shares, rest, mixed))
+        return StageList(steps + self._bound(mixed_by))
+
+    def _bound(self, passes: Sequence[Pass]) -> list[Step]:
+        return bind(passes, self._arrays)
+
+    def _list(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int],
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> list[Step | StageList]:
+        """Return the stages from listing samples to their colours, with an empty block at hand."""
+        BLOCKS.block[: rows.COUNTS] = 0
+        listed = (
+            faces, first_row, height, self._faces, self._face_starts, *painted, linear, color,
+        )  # fmt: skip
+        return [Step(list_samples, listed), self._stages]

@@ -1,0 +1,679 @@
+"""
+The passes that shade a picture, in order.
+
+A pass stands in the list only if `ShadingNeeds` or an effect call for it; the arrays that it reads
+are known later. See ``pipeline/surface/samples.py`` for the block of samples that all work on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
+from rasterjit.pipeline.lighting import light_stages as lights
+from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
+from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
+from rasterjit.pipeline.surface import (
+    attributes,
+    contours,
+    fields,
+    float32_colors,
+    maps,
+    point_shapes,
+    texture_gradients,
+    texture_lookup,
+    texture_places,
+    textures,
+    weights,
+)
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.survey.blending import Layers
+from rasterjit.survey.effect import Active, acting
+
+DIFFUSE = rows.OUT_RED
+"""First row of the light on vertices without highlights: what is seen is not known yet there."""
+
+
+def shading_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> tuple[list[Pass], int]:
+    """Return the passes from listed samples to their colours, and the first row of these."""
+    passes = surface_passes(needs, effects)
+    if not needs.is_lit:
+        return passes + seen_passes(effects, rows.RED), rows.RED
+    return passes + light_passes(needs, effects), rows.OUT_RED
+
+
+def list_passes(
+    needs: ShadingNeeds,
+    effects: Sequence[Active],
+    layers: Layers | None,
+    outputs: Sequence[str],
+) -> list[Pass]:
+    """
+    Return all passes that shade a picture before anything is drawn.
+
+    Those of vertices come first; then those of samples, up to those that write or mix colours.
+    """
+    passes, no_arrays, table = [], np.empty((0, 4), np.float32), encoding_table()
+    for has_highlights in (True,) * needs.gouraud + (False,) * needs.diffuse_apart:
+        own = needs.of_vertices(has_highlights and needs.highlights)
+        listed = (0, 0), np.zeros(1, np.int64)
+        passes += vertex_passes(own, effects, listed, no_arrays)
+    shading, shown = shading_passes(needs, effects)
+    passes += [fixed(list_samples), *shading]
+    has_linear, has_color = "linear" in outputs, "color" in outputs
+    if layers is not None:
+        has_linear, has_color = not layers.mixes_codes, layers.mixes_codes
+        if layers.samples != 1:
+            mixed = mixing_passes(needs, shown, table, effects, layers.mixes_codes, ())
+            passes += mixed
+            if not layers.has_blended:
+                return passes
+    linear, color = np.empty((0, int(has_linear), 4)), np.empty((0, int(has_color)))
+    return passes + output_passes(needs, shown, table, effects, linear, color)
+
+
+# Surfaces: weights, colours, normals, points.
+
+
+def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+    """Return the passes that find what the surfaces are like."""
+    passes = [*weight_passes(needs), color_pass(needs)]
+    if needs.multiplies_vertex_colors:
+        passes += set_colors_apart()
+    # Vertices are lit with their own colours; what faces and textures show multiplies that.
+    if needs.gouraud:
+        passes.append(
+            Pass(
+                attributes.show_lit_vertices,
+                lambda a: (a.surface.lit_vertices, a.lit_base, rows.RED),
+            )
+        )
+    if needs.diffuse_apart:
+        passes.append(
+            Pass(
+                attributes.show_lit_vertices,
+                lambda a: (a.surface.diffuse_vertices, a.lit_base, DIFFUSE),
+            )
+        )
+    if needs.face_colors:
+        passes.append(face_color_pass(needs))
+    if needs.fields:
+        passes += [*field_passes(needs), multiply_pass(needs)]
+    has_base_texture = needs.textures and textures.BASE_COLOR in needs.kinds
+    if has_base_texture:
+        own = textures.BASE_COLOR
+        decoding = decoding_passes() if needs.imitated is not None else ()
+        passes += [read_pass(own), *decoding, multiply_pass(needs)]
+    if needs.alphas:
+        passes.append(alpha_pass(has_base_texture))
+        if needs.fields:
+            alphas = Pass(fields.multiply_alphas, lambda a: (a.surface.alphas.is_blended,))
+            passes += [*field_passes(needs), alphas]
+    if not needs.is_lit:
+        return passes + emission_passes(needs, rows.RED)
+    passes.append(Pass(attributes.find_reflectance, lambda a: (a.lit_base,)))
+    if needs.microfacets:
+        passes.append(
+            Pass(attributes.find_facets, lambda a: (a.surface.microfacets.factors, a.lit_base))
+        )
+    passes += place_passes(needs)
+    if needs.points:
+        passes.append(Pass(point_shapes.find_point_shapes, lambda a: (*a.surface.points, a.seen)))
+    if needs.gouraud and not acting(effects, "sample"):
+        passes.append(Pass(attributes.stand_in, lambda a: (_are_gouraud(a),)))
+    if needs.coats:
+        passes += coat_passes(needs)
+    passes += map_passes(needs)
+    if needs.layers:
+        passes += layer_passes(needs)
+    return passes
+
+
+def _are_gouraud(arrays: ShadingArrays) -> NDArray[np.uint8]:
+    """Return which objects are lit at their vertices, (O,)."""
+    return (arrays.lit_base[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
+
+
+def weight_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find weights in float64, and what textures are looked up by."""
+    if needs.reads_places_alone:
+        return [Pass(texture_places.find_places, lambda a: (a.surface.textures.uv, a.geometry))]
+    if not needs.is_lit:
+        is_interpolated = needs.vertex_colors or needs.textures or needs.fields
+        if not is_interpolated or (needs.vertex_colors and needs.all_in_float32):
+            return []
+    return [find_weights_pass(), *(coordinate_passes(needs) if needs.textures else ())]
+
+
+def find_weights_pass() -> Pass:
+    """Return the pass that finds weights in float64."""
+    return Pass(weights.find_weights, lambda a: (a.geometry, a.seen))
+
+
+def color_pass(needs: ShadingNeeds) -> Pass:
+    """Return the pass that shows base colours, of vertices where they have some."""
+    if not needs.vertex_colors:
+        return Pass(attributes.tint_samples, lambda a: (a.lit_base,))
+    if not needs.some_in_float32:
+        return Pass(attributes.show_vertex_colors, lambda a: (a.surface.vertex_colors, a.lit_base))
+    return Pass(
+        float32_colors.find_float32_colors,
+        lambda a: (a.geometry, a.lit_base, a.surface.vertex_colors, a.surface.in_float32),
+    )
+
+
+def set_colors_apart() -> list[Pass]:
+    """Return the passes that put colours of vertices aside, and base colours in their place."""
+    from rasterjit.pipeline.lighting import pyrender
+    from rasterjit.pipeline.surface import layers as moves
+
+    aside = fixed(moves.copy_rows, rows.RED, pyrender.COLOR_RED, 3)
+    return [aside, Pass(attributes.tint_samples, lambda a: (a.surface.materials,))]
+
+
+def face_color_pass(needs: ShadingNeeds) -> Pass:
+    """Return the pass that multiplies base colours by those of faces."""
+    if not needs.diffuse_apart:
+        return Pass(attributes.multiply_face_colors, lambda a: (a.surface.face_colors,))
+    return Pass(
+        attributes.multiply_face_colors_below_highlights,
+        lambda a: (a.surface.face_colors, a.lit_base, DIFFUSE),
+    )
+
+
+def field_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that show the colours of scalars, and the lines between them."""
+    passes = [Pass(fields.show_scalars, lambda a: tuple(a.surface.fields[:-1]))]
+    if needs.contours:
+
+        def lines(a: ShadingArrays) -> tuple[Any, ...]:
+            return a.surface.fields.values, *a.surface.fields.contours, a.geometry
+
+        passes.append(Pass(contours.draw_contours, lines))
+    return passes
+
+
+def alpha_pass(has_textures: bool) -> Pass:
+    """Return the pass that finds the alpha of each sample, right behind that of textures."""
+
+    def alphas(a: ShadingArrays) -> tuple[Any, ...]:
+        none = np.empty((0, 4), np.float32)
+        colors = a.surface.face_colors, a.surface.vertex_colors
+        own = (none if some is None else some for some in colors)
+        return a.surface.alphas.is_blended, a.lit_base, *own, int(has_textures)
+
+    return Pass(attributes.find_alphas, alphas)
+
+
+def place_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find points and normals in float64."""
+    passes = [
+        Pass(attributes.gather_positions, lambda a: (a.seen.positions,)),
+        Pass(attributes.find_points, lambda a: (a.seen, a.lit_base, 0)),
+    ]
+    if needs.flat:
+        passes.append(Pass(attributes.find_middles, lambda a: (a.seen, a.lit_base)))
+    if needs.normals and needs.smooth:
+        passes.append(
+            Pass(
+                attributes.find_smooth_normals,
+                lambda a: (a.surface.normals, a.seen.normal_matrices, a.lit_base),
+            )
+        )
+    if not needs.normals or needs.others:
+        passes.append(
+            Pass(attributes.find_face_normals, lambda a: (a.seen, a.lit_base, int(needs.normals)))
+        )
+    return passes
+
+
+# Textures: where they are looked up, and what they are read for.
+
+
+def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass]:
+    """
+    Return the passes that find where on their textures samples lie, right after the weights.
+
+    ``kind`` is that of maps with coordinates of their own; None: those of base colours.
+    """
+
+    def uv(a: ShadingArrays) -> NDArray[np.float32]:
+        return a.surface.textures.uv if kind is None else a.surface.maps.coordinates[kind]
+
+    passes = [Pass(texture_gradients.find_coordinates, lambda a: (uv(a),))]
+    if needs.mipped:
+        passes.append(
+            Pass(
+                texture_gradients.find_steps,
+                lambda a: (uv(a), a.surface.textures.table, a.geometry),
+            )
+        )
+    return passes
+
+
+def lay_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass]:
+    """Return the passes that find coordinates and their steps anew."""
+    # Other stages have used the memory of the weights since, from which steps are found.
+    return [find_weights_pass(), *coordinate_passes(needs, kind)]
+
+
+def read_pass(kind: int) -> Pass:
+    """Return the pass that reads the textures of a kind."""
+    return Pass(texture_lookup.read_textures, lambda a: (kind, a.surface.textures))
+
+
+def map_read_passes(needs: ShadingNeeds, kind: int, *applied: Pass) -> list[Pass]:
+    """Return the passes that read maps of a kind where these are laid, and apply them."""
+    if kind not in needs.apart:
+        return [read_pass(kind), *applied]
+    return [*lay_passes(needs, kind), read_pass(kind), *applied, *lay_passes(needs)]
+
+
+def decoding_passes() -> list[Pass]:
+    """Return the pass that decodes what textures show as codes."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    return [fixed(pyrender.decode_textures)]
+
+
+def multiply_pass(needs: ShadingNeeds) -> Pass:
+    """Return the pass that multiplies base colours by what a pass before shows."""
+    if not needs.diffuse_apart:
+        return fixed(texture_lookup.multiply_textures)
+    return Pass(texture_lookup.multiply_textures_below_highlights, lambda a: (a.lit_base, DIFFUSE))
+
+
+def bending_pass(kind: int) -> Pass:
+    """Return the pass that bends normals by normal maps: those of the surface, or of varnish."""
+
+    def bent(a: ShadingArrays) -> tuple[Any, ...]:
+        own, laid = a.surface.textures, a.surface.maps
+        uv = own.uv if laid.coordinates[kind] is None else laid.coordinates[kind]
+        if kind == textures.NORMAL:
+            return own.table, uv, laid.tangents, laid.factors, a.seen
+        table, layers = own.table.copy(), a.surface.layers
+        table[:, textures.NORMAL] = table[:, kind]
+        return table, uv, layers.coat_tangents, layers.coat_scales, a.seen
+
+    return Pass(maps.bend_normals_by_maps, bent)
+
+
+def map_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that read what lies over normals, facets and occlusion, and apply it."""
+    passes = []
+    if needs.has(textures.NORMAL):
+        passes += map_read_passes(needs, textures.NORMAL, bending_pass(textures.NORMAL))
+    if needs.has(textures.METALLIC_ROUGHNESS) and needs.microfacets:
+        scaled = fixed(maps.scale_facets_by_maps)
+        passes += map_read_passes(needs, textures.METALLIC_ROUGHNESS, scaled)
+    if needs.has(textures.OCCLUSION):
+        dimmed = Pass(maps.scale_occlusion_by_maps, lambda a: (a.surface.maps.factors,))
+        passes += map_read_passes(needs, textures.OCCLUSION, dimmed)
+    return passes
+
+
+def scaled_passes(
+    needs: ShadingNeeds, scales: Sequence[tuple[int, tuple[int, int, int]]]
+) -> list[Pass]:
+    """Return the passes that scale rows by textures: of each kind first row, channel, number."""
+    from rasterjit.pipeline.surface import layers as moves
+
+    passes = []
+    for kind, scaled in scales:
+        if needs.has(kind):
+            passes += map_read_passes(needs, kind, fixed(moves.scale_rows_by_textures, *scaled))
+    return passes
+
+
+def through_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find how much light goes through samples, and how thick they are."""
+    if not needs.through:
+        return []
+    from rasterjit.pipeline.surface import layers as moves
+
+    scales = (
+        (textures.TRANSMISSION, (rows.TRANSMITTED, 0, 1)),
+        (textures.THICKNESS, (rows.THICKNESS, 1, 1)),
+    )
+    return [
+        Pass(moves.fill_rows, lambda a: (a.surface.through.rows, rows.TRANSMITTED)),
+        *scaled_passes(needs, scales),
+    ]
+
+
+def coat_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find varnish and its normals, before maps bend those below it."""
+    from rasterjit.pipeline.surface import layers as moves
+
+    kept = fixed(moves.copy_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
+    filled = Pass(moves.fill_rows, lambda a: (a.surface.layers.coats, rows.COAT))
+    kind = textures.CLEARCOAT_NORMAL
+    if not needs.has(kind):
+        return [filled, kept]
+    # The normals of the surface come back when those of its varnish are bent.
+    back = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
+    return [filled, kept, *map_read_passes(needs, kind, bending_pass(kind), back)]
+
+
+def layer_passes(needs: ShadingNeeds) -> list[Pass]:
+    """Return the passes that find what lies over surfaces, as factors and textures say."""
+    from rasterjit.pipeline.surface import layers as moves
+
+    passes, scales = [], []
+    if needs.coats:
+        scales += [
+            (textures.CLEARCOAT, (rows.COAT, 0, 1)),
+            (textures.CLEARCOAT_ROUGHNESS, (rows.COAT_ROUGHNESS, 1, 1)),
+        ]
+    if needs.sheens:
+        passes.append(Pass(moves.fill_rows, lambda a: (a.surface.layers.sheens, rows.SHEEN_RED)))
+        scales += [
+            (textures.SHEEN_COLOR, (rows.SHEEN_RED, 0, 3)),
+            (textures.SHEEN_ROUGHNESS, (rows.SHEEN_ROUGHNESS, 3, 1)),
+        ]
+    if needs.dielectrics:
+        passes.append(
+            Pass(moves.fill_rows, lambda a: (a.surface.layers.dielectrics, rows.HEAD_ON_RED))
+        )
+        scales += [
+            (textures.SPECULAR_FACTOR, (rows.EDGE, 3, 1)),
+            (textures.SPECULAR_COLOR, (rows.HEAD_ON_RED, 0, 3)),
+        ]
+    return passes + scaled_passes(needs, scales)
+
+
+def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = ()) -> list[Pass]:
+    """Return the passes that add what surfaces send out to three rows from ``shown`` on."""
+    if not needs.maps:
+        return []
+    passes, kind = (
+        [Pass(maps.find_emission, lambda a: (a.surface.maps.factors,))],
+        textures.EMISSIVE,
+    )
+    if needs.has(kind):
+        passes += lay_passes(needs, kind) if kind in needs.apart else []
+        passes += [read_pass(kind), *decoding, fixed(maps.scale_emission_by_maps)]
+    return [*passes, fixed(maps.show_emission, shown)]
+
+
+# Light.
+
+
+def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+    """Return the passes that turn base colours into seen colours."""
+    if needs.imitated is not None:
+        return imitating_passes(needs, effects)
+    passes = through_passes(needs)
+    passes += effect_passes(effects, "rows", needs)
+    passes.append(ambient_pass())
+    if needs.renormalizes:
+        passes.append(fixed(lights.normalize_normals))
+    if needs.microfacets:
+        shown = Pass(lights.show_ambient_on_facets, lambda a: (a.lighting.ambient, a.viewer))
+        passes += layered_ambient_passes(needs, shown) if needs.layers else [shown]
+    passes += passes_of_lights(needs, effects)
+    passes += emission_passes(needs, rows.OUT_RED)
+    if needs.layers:
+        from rasterjit.pipeline.lighting import layered
+
+        passes += layered.finishing_passes(needs)
+    passes += seen_passes(effects, rows.OUT_RED)
+    return passes + covering_passes(needs, effects)
+
+
+def ambient_pass() -> Pass:
+    """Return the pass that shows ambient light."""
+    return Pass(lights.show_ambient, lambda a: (a.lighting.ambient,))
+
+
+def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
+    """Return the passes that show ambient light on microfacets and what lies over them."""
+    from rasterjit.pipeline.lighting import layered
+
+    passes = layered.starting_passes(needs, fixed(lights.normalize_normals))
+    return passes + layered.around_passes(needs, shown, ambient_pass(), is_first=True)
+
+
+def seen_passes(effects: Sequence[Active], shown: int) -> list[Pass]:
+    """Return the passes that effects bring where samples show three rows of colours, lit or not."""
+    return [one for active in acting(effects, "seen") for one in active.at("seen", shown)]
+
+
+def effect_passes(
+    effects: Sequence[Active], place: str, needs: ShadingNeeds, *arguments: Any
+) -> list[Pass]:
+    """Return the passes that effects bring at a place, in the order of the effects."""
+    return [one for active in acting(effects, place) for one in active.at(place, needs, *arguments)]
+
+
+def passes_of_lights(
+    needs: ShadingNeeds, effects: Sequence[Active], of_vertices: bool = False
+) -> list[Pass]:
+    """
+    Return the passes that add all lights, each dimmed by effects, and light from all sides.
+
+    Lights run together from one that is dimmed to the next, whose dimming falls on it.
+    """
+    passes: list[Pass] = []
+    first, dimming = 0, acting(effects, "light")
+    mapped = () if needs.imitated is None else needs.imitated.mapped
+    for n in range(needs.lights) if dimming or mapped else ():
+        if n in mapped:
+            passes += [*add_passes(needs, first, n), *mapped_light_passes(needs, n)]
+            first = n + 1
+            continue
+        dimmed = effect_passes(dimming, "light", needs, n, of_vertices)
+        if dimmed:
+            passes += add_passes(needs, first, n) + dimmed
+            first = n
+    passes += add_passes(needs, first, needs.lights)
+    return passes + effect_passes(effects, "around", needs)
+
+
+def add_passes(needs: ShadingNeeds, first: int, end: int) -> list[Pass]:
+    """Return the passes that add lights ``first`` to ``end``; none if these are none."""
+    if first == end:
+        return []
+    if needs.imitated is not None:
+        from rasterjit.pipeline.lighting import pyrender
+
+        def lit_by(a: ShadingArrays) -> tuple[Any, ...]:
+            return a.lighting.lights, first, end, a.lighting.imitated.taken, a.viewer
+
+        return [Pass(pyrender.add_lights_as_pyrender, lit_by)]
+    if needs.layers:
+        from rasterjit.pipeline.lighting import layered
+
+        return [
+            one
+            for n in range(first, end)
+            for one in layered.light_passes(
+                needs, n, shiny_pass(needs, n, n + 1), facet_pass(n, n + 1)
+            )
+        ]
+    facets = [facet_pass(first, end)] if needs.microfacets else []
+    return [shiny_pass(needs, first, end), *facets]
+
+
+def shiny_pass(needs: ShadingNeeds, first: int, end: int) -> Pass:
+    """Return the pass that adds lights to what microfacets do not shade."""
+    if not needs.highlights:
+        return Pass(lights.add_diffuse_lights, lambda a: (a.lighting.lights, first, end))
+    return Pass(lights.add_shiny_lights, lambda a: (a.lighting.lights, first, end, a.viewer))
+
+
+def facet_pass(first: int, end: int) -> Pass:
+    """Return the pass that adds lights to what microfacets shade."""
+
+    def parts(a: ShadingArrays) -> tuple[Any, ...]:
+        return a.lighting.lights, first, end, a.viewer, a.surface.microfacets.parts
+
+    return Pass(lights.add_lights_on_facets, parts)
+
+
+def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+    """Return the passes that lie over lit samples, and what is seen through samples of glass."""
+    if not needs.through:
+        return effect_passes(effects, "sample", needs)
+    from rasterjit.pipeline.surface import layers as moves
+
+    acts = acting(effects, "sample")
+    seen = [one for one in acts if one.effect.sees_through]
+    over = effect_passes([one for one in acts if not one.effect.sees_through], "sample", needs)
+
+    def dark(a: ShadingArrays) -> tuple[Any, ...]:
+        return np.zeros((len(a.surface.through.rows), 3), np.float32), moves.MIST_RED
+
+    passes = [Pass(moves.fill_rows, dark)]
+    if over:
+        # What they show over black is what they show by themselves.
+        turned = fixed(moves.exchange_rows, rows.OUT_RED, moves.MIST_RED, 3)
+        passes += [turned, *over, turned, *over]
+    return passes + effect_passes(seen, "sample", needs)
+
+
+# Light as in pyrender's shader.
+
+
+def without_sides(placement: Placement, needs: ShadingNeeds) -> Placement:
+    """Return a placement of which no face's back is seen: its normals are left as they are."""
+    placement = placement._replace(front_turns=np.zeros_like(placement.front_turns))
+    if needs.maps and textures.NORMAL in needs.kinds:
+        # Which way round a normal map lies is read there.
+        return placement
+    return placement._replace(mirrored=np.zeros_like(placement.mirrored))
+
+
+def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return materials with white base colours."""
+    white = materials.copy()
+    white[:, :3] = 1.0
+    return white
+
+
+def imitating_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+    """Return the passes that turn base colours into seen colours as pyrender's shader does."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    passes = []
+    if needs.imitated.has_squares:
+        passes.append(
+            Pass(
+                pyrender.place_in_squares,
+                lambda a: (a.lighting.imitated.are_squares, a.geometry.faces, a.placement),
+            )
+        )
+    if needs.imitated.faces_viewer:
+        passes.append(
+            Pass(pyrender.face_viewer, lambda a: (a.lighting.imitated.faces_viewer, a.viewer))
+        )
+    if needs.imitated.has_gains:
+        passes.append(Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 0, rows.RED)))
+    passes += effect_passes(effects, "rows", needs)
+    passes += [
+        Pass(pyrender.show_ambient_on_base, lambda a: (a.lighting.ambient,)),
+        fixed(lights.normalize_normals),
+        *passes_of_lights(needs, effects),
+    ]
+    if needs.maps and textures.OCCLUSION in needs.kinds:
+        passes.append(fixed(pyrender.dim_by_occlusion))
+    passes += emission_passes(needs, rows.OUT_RED, decoding_passes())
+    if needs.vertex_colors:
+        passes.append(fixed(pyrender.multiply_by_vertex_colors))
+    if needs.imitated.has_gains:
+        passes.append(
+            Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 3, rows.OUT_RED))
+        )
+    return passes + seen_passes(effects, rows.OUT_RED) + effect_passes(effects, "sample", needs)
+
+
+def mapped_light_passes(needs: ShadingNeeds, n: int) -> list[Pass]:
+    """Return the passes that add a light with a shadow map as pyrender has them."""
+    from rasterjit.pipeline.lighting import pyrender
+
+    def found(a: ShadingArrays) -> tuple[Any, ...]:
+        view, depths = next(rest for row, *rest in a.lighting.imitated.maps if row == n)
+        return a.lighting.lights[n], view, depths
+
+    shadow = Pass(pyrender.find_shadow, found)
+    return [shadow, *add_passes(needs, n, n + 1), fixed(pyrender.let_all_through)]
+
+
+# Vertices, and what becomes of colours.
+
+
+def vertex_passes(
+    needs: ShadingNeeds,
+    effects: Sequence[Active],
+    listed: tuple[tuple[int, int], NDArray[np.int64]],
+    lit_vertices: NDArray[np.float32],
+) -> list[Pass]:
+    """Return the passes that light some vertices, of those that begin with each object."""
+    (first, end), vertex_starts = listed
+
+    def own(a: ShadingArrays) -> tuple[Any, ...]:
+        colors = a.surface.vertex_colors
+        if colors is None:
+            colors = np.empty((0, 4), np.float32)
+        materials, normals = a.surface.materials, a.surface.normals
+        return first, end, vertex_starts, a.placement, materials, colors, normals
+
+    return [
+        Pass(list_vertices, own),
+        ambient_pass(),
+        fixed(lights.normalize_normals),
+        *passes_of_lights(needs, effects, of_vertices=True),
+        fixed(write_vertices, lit_vertices),
+    ]
+
+
+def mixing_passes(
+    needs: ShadingNeeds,
+    shown: int,
+    table: NDArray[np.int32],
+    effects: Sequence[Active],
+    has_codes: bool,
+    target: tuple[NDArray[np.float32], ...],
+) -> list[Pass]:
+    """Return the passes that lay shares of colours, or of their codes, over what is behind."""
+    passes: list[Pass] = []
+    if has_codes:
+        passes, shown = pixel_passes(shown, effects)
+        passes.append(fixed(code_samples, shown, table))
+    return [*passes, fixed(mix_shares, shown, int(needs.alphas), *target)]
+
+
+def output_passes(
+    needs: ShadingNeeds,
+    shown: int,
+    table: NDArray[np.int32],
+    effects: Sequence[Active],
+    linear: NDArray[Any],
+    color: NDArray[Any],
+) -> list[Pass]:
+    """Return the passes that write the colours, which begin at row ``shown``, of a band of rows."""
+    passes = []
+    if linear.shape[1]:
+        passes.append(fixed(lights.write_linear, shown, int(needs.alphas), linear))
+    if color.shape[1]:
+        mapped, shown = pixel_passes(shown, effects)
+        passes += mapped
+        write = lights.write_blended_codes if needs.alphas else lights.write_opaque_codes
+        passes.append(fixed(write, shown, table, color))
+    return passes
+
+
+def pixel_passes(shown: int, effects: Sequence[Active]) -> tuple[list[Pass], int]:
+    """Return the passes between the light of three rows and its codes, and where they write it."""
+    passes: list[Pass] = []
+    for one in acting(effects, "pixel"):
+        own, shown = one.at("pixel", shown)
+        passes += own
+    return passes, shown

@@ -1,0 +1,61 @@
+"""Decide what shades a picture: which passes its materials, lights and layers call for."""
+
+from __future__ import annotations
+
+from rasterjit.pipeline.passes import ImitatedNeeds, ShadingNeeds
+from rasterjit.pipeline.records import Imitated, Lighting
+from rasterjit.survey.blending import Layers
+from rasterjit.survey.facts import Facts
+
+SMOOTH_AT_PIXELS = frozenset(("phong", "pbr"))
+
+
+def shading_needs(facts: Facts, layers: Layers | None, lighting: Lighting | None) -> ShadingNeeds:
+    """Return what decides which passes shade a picture of a plan."""
+    contents, seen, in_float32 = facts.contents, facts.seen, facts.shown_in_float32
+    has_lights = lighting is not None
+    samples_beside = layers is not None and layers.samples != 1 and not layers.at_centers
+    return ShadingNeeds(
+        lights=len(lighting.lights) if has_lights else None,
+        highlights=has_lights and lighting.highlights is not None,
+        renormalizes=has_lights and bool(lighting.renormalizes),
+        imitated=_imitated(lighting.imitated) if has_lights else None,
+        flat="flat" in contents.shadings,
+        smooth=not SMOOTH_AT_PIXELS.isdisjoint(contents.shadings),
+        others=not SMOOTH_AT_PIXELS.issuperset(contents.shadings),
+        normals=facts.shades_smoothly,
+        gouraud=facts.needs_gouraud,
+        diffuse_apart=facts.needs_diffuse_light,
+        vertex_colors=contents.vertex_colored > 0,
+        face_colors=contents.face_colored > 0,
+        some_in_float32=in_float32 is not None,
+        all_in_float32=in_float32 is not None and bool(in_float32.all()),
+        fields=facts.needs_fields,
+        contours=contents.contoured > 0,
+        textures=facts.needs_textures,
+        mipped=contents.mipped > 0,
+        kinds=frozenset(n for n, count in enumerate(contents.textured.values()) if count),
+        apart=frozenset(n for n, own in enumerate(facts.inventory.kinds_apart) if own),
+        maps=facts.needs_maps,
+        alphas=layers is not None and layers.has_blended,
+        on_faces=not samples_beside,
+        microfacets=facts.needs_microfacets,
+        points=facts.shades_points,
+        through=facts.transmits,
+        layers=facts.needs_layers,
+        coats=facts.needs_layers and seen.coated > 0,
+        sheens=facts.needs_layers and seen.with_sheen > 0,
+        dielectrics=facts.needs_layers and seen.own_mirrors > 0,
+    )
+
+
+def _imitated(imitated: Imitated | None) -> ImitatedNeeds | None:
+    """Return what pyrender's shader is given."""
+    if imitated is None:
+        return None
+    return ImitatedNeeds(
+        faces_viewer=imitated.faces_viewer is not None,
+        has_squares=imitated.are_squares is not None,
+        has_gains=imitated.gains is not None,
+        mapped=tuple(row for row, *_ in imitated.maps),
+    )
