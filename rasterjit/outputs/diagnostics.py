@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 from rasterjit.outputs import diagnostics_stage
 from rasterjit.outputs.fill import metric_depth
 from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility import nearest as visibility
@@ -109,12 +110,12 @@ class Diagnostics(Printed):
         return "\n".join(f"{name:<{widest}}  {text:>{longest}}" for name, text in rows)
 
 
-def kernels_of(depth_type: DTypeLike) -> list[tuple[str, str, str]]:
+def kernels_of(depth_type: DTypeLike) -> Rows:
     """Return the kernels that `diagnose` calls, as a plan tells them."""
-    variants = {"count_samples": draw.depth_variant(depth_type)}
     return [
-        (f"diagnostics_stage.{name}", variants.get(name, ""), "")
-        for name in ("find_fates", "count_samples", "largest_error")
+        KernelRow(diagnostics_stage.find_fates),
+        KernelRow(diagnostics_stage.count_samples, draw.depth_variant(depth_type)),
+        KernelRow(diagnostics_stage.largest_error),
     ]
 
 

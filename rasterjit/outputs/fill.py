@@ -19,6 +19,7 @@ from rasterjit.outputs import motion
 from rasterjit.outputs.motion import Motion
 from rasterjit.outputs.table import row_of
 from rasterjit.pipeline.geometry import barycentric as interpolation
+from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface import fields, point_shapes
 from rasterjit.pipeline.visibility import depth as depths
@@ -31,7 +32,6 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Rows
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
@@ -97,11 +97,11 @@ def kernels_of(plan: RenderPlan) -> Rows:
     attributes = plan.facts.attributes
     by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
     kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
-    rows = [(kernel, _way_of_weights(plan), "") for kernel in kernels if kernel]
-    if plan.facts.seen.spheres and "barycentric.fill_positions" in kernels:
-        rows.append(("point_shapes.fill_sphere_positions", "", ""))
-    if plan.facts.seen.points and "barycentric.fill_normals" in kernels:
-        rows.append(("point_shapes.fill_point_normals", "", ""))
+    rows = [KernelRow(kernel, _way_of_weights(plan)) for kernel in kernels if kernel]
+    if plan.facts.seen.spheres and interpolation.fill_positions in kernels:
+        rows.append(KernelRow(point_shapes.fill_sphere_positions))
+    if plan.facts.seen.points and interpolation.fill_normals in kernels:
+        rows.append(KernelRow(point_shapes.fill_point_normals))
     return rows
 
 
@@ -397,9 +397,9 @@ def depth_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the reversed depth of what is seen, if a pass reads it."""
     if not plan.reads_depth or plan.depth_format.is_reversed:
         return []
-    rows = [("depth.fill_depths", _way_of_weights(plan), "")]
+    rows = [KernelRow(depths.fill_depths, _way_of_weights(plan))]
     if plan.facts.contents.points:
-        rows.append(("point_shapes.fill_point_depths", "", ""))
+        rows.append(KernelRow(point_shapes.fill_point_depths))
     return rows
 
 

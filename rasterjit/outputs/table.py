@@ -14,6 +14,10 @@ import math
 from collections.abc import Sequence, Set
 from typing import Literal, NamedTuple, NewType, TypeAlias
 
+from rasterjit.outputs import motion_stage
+from rasterjit.pipeline.geometry import barycentric
+from rasterjit.pipeline.surface import fields
+from rasterjit.runtime.jit import Kernel
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.validation import question
 
@@ -61,8 +65,8 @@ class Output(NamedTuple):
     """Whether it is of the pixel, mixed from all its surfaces; else of one face."""
     needs_previous: bool = False
     """Whether it compares what is seen with an earlier view."""
-    kernel: str = ""
-    """Module and name of the kernel that fills it, for ``explain``; empty: NumPy does."""
+    kernel: Kernel | None = None
+    """The kernel that fills it; None: NumPy does."""
 
 
 TABLE: dict[OutputName, Output] = {
@@ -73,57 +77,57 @@ TABLE: dict[OutputName, Output] = {
     "barycentric": Output(
         3, "float32", 0, "weights of the face's vertices",
         ("barycentric.A", "barycentric.B", "barycentric.C"), codes="cube",
-        kernel="barycentric.fill_barycentric",
+        kernel=barycentric.fill_barycentric,
     ),
     "uv": Output(
         2, "float32", math.nan, "texture coordinates", ("uv.U", "uv.V"),
-        kernel="barycentric.fill_attribute",
+        kernel=barycentric.fill_attribute,
     ),
     "normal": Output(
         3, "float32", 0, "unit vector, world space", codes="vector",
-        kernel="barycentric.fill_normals",
+        kernel=barycentric.fill_normals,
     ),
     "position": Output(
-        3, "float32", math.nan, "scene units, world space", kernel="barycentric.fill_positions"
+        3, "float32", math.nan, "scene units, world space", kernel=barycentric.fill_positions
     ),
     "linear": Output(4, "float32", 0, exr=("R", "G", "B", "A"), is_mixed=True),
     "distance": Output(
-        1, "float32", math.inf, "scene units from the eye", kernel="barycentric.fill_positions"
+        1, "float32", math.inf, "scene units from the eye", kernel=barycentric.fill_positions
     ),
     "object_position": Output(
         3, "float32", math.nan, "scene units, the object's own space",
-        kernel="barycentric.fill_positions",
+        kernel=barycentric.fill_positions,
     ),
     "nocs": Output(
         3, "float32", math.nan, "share of the object's box", codes="cube",
-        kernel="barycentric.fill_positions",
+        kernel=barycentric.fill_positions,
     ),
     "geometric_normal": Output(
         3, "float32", 0, "unit vector, world space", codes="vector",
-        kernel="barycentric.fill_normals",
+        kernel=barycentric.fill_normals,
     ),
     "normal_camera": Output(
         3, "float32", 0, "unit vector, camera space", codes="vector",
-        kernel="barycentric.fill_normals",
+        kernel=barycentric.fill_normals,
     ),
     "position_camera": Output(
-        3, "float32", math.nan, "scene units, camera space", kernel="barycentric.fill_positions"
+        3, "float32", math.nan, "scene units, camera space", kernel=barycentric.fill_positions
     ),
     "material_id": Output(1, "int32", -1),
     "instance_id": Output(1, "int32", -1),
     "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),
     "motion": Output(
         2, "float32", math.nan, "pixels, x right and y down", codes="flow", needs_previous=True,
-        kernel="motion_stage.fill_motion",
+        kernel=motion_stage.fill_motion,
     ),
     "motion_visible": Output(
-        1, "bool", 0, needs_previous=True, kernel="motion_stage.fill_visible"
+        1, "bool", 0, needs_previous=True, kernel=motion_stage.fill_visible
     ),
-    "scalar": Output(1, "float32", math.nan, "of the scalars", kernel="fields.fill_scalars"),
+    "scalar": Output(1, "float32", math.nan, "of the scalars", kernel=fields.fill_scalars),
 }  # fmt: skip
 """What a frame can hold, by name."""
 
-_ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel="barycentric.fill_attribute")
+_ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel=barycentric.fill_attribute)
 """That of any attribute."""
 
 UNKNOWN = Output(1, "float32", 0)

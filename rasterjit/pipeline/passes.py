@@ -66,6 +66,29 @@ def bind(passes: Iterable[Pass], arrays: ShadingArrays) -> list[Step]:
     return [Step(one.stage, one.arguments(arrays)) for one in passes]
 
 
+class KernelRow(NamedTuple):
+    """A compiled entry point that a frame calls, besides its passes."""
+
+    kernel: Any
+    variant: str = ""
+    """What is compiled into it because the frame has it; empty if it has one form."""
+    condition: str = ""
+    """What must happen for it to be called; empty if it always is."""
+
+    @property
+    def name(self) -> str:
+        """Module and function."""
+        return f"{short_name(self.kernel.__module__)}.{self.kernel.__name__}"
+
+
+Rows: TypeAlias = list[KernelRow]
+
+
+def rows_where(condition: str, *kernels: Any) -> Rows:
+    """Return rows of kernels that are called under the same condition; empty: always."""
+    return [KernelRow(kernel, "", condition) for kernel in kernels]
+
+
 class ImitatedNeeds(NamedTuple):
     """What pyrender's shader is given: see `records.Imitated`."""
 

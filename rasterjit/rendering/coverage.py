@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.passes import Rows
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Workers
-from rasterjit.survey.effect import Rows
 
 
 def kernels_of(samples: int | str, depth_type: Any) -> Rows:

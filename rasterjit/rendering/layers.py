@@ -28,7 +28,7 @@ from rasterjit.pipeline.fragments.bands import (
     part_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.passes import ShadingNeeds
+from rasterjit.pipeline.passes import KernelRow, Rows, ShadingNeeds, rows_where
 from rasterjit.pipeline.records import (
     AlphaTests,
     Geometry,
@@ -41,7 +41,7 @@ from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.shading import Shading
 from rasterjit.runtime.threads import Kept, Memory, Workers
 from rasterjit.survey.blending import Layers
-from rasterjit.survey.effect import Active, Rows, acting, shown_as_given
+from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 ROWS_AT_ONCE = 16
@@ -310,14 +310,14 @@ def is_direct(layers: Layers, has_mixed: bool) -> bool:
 
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that `shade` calls besides stages."""
-    layers, rows, names = plan.layers, shared_kernels(plan), []
+    layers, rows, kernels = plan.layers, shared_kernels(plan), []
     if layers.has_blended:
-        names += ["start_sums", "lay_under", "finish_sums"]
-        names += ["list_faces", "mix_samples"] if layers.samples != 1 else []
-    rows += [(f"compositing.{name}", "", SEVERAL) for name in names]
+        kernels += [compositing.start_sums, compositing.lay_under, compositing.finish_sums]
+        kernels += [compositing.list_faces, compositing.mix_samples] if layers.samples != 1 else []
+    rows += rows_where(SEVERAL, *kernels)
     rows += plan.kernels_at("mixed")
     if "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
-        rows.append(("encode.encode_rows", "", ""))
+        rows.append(KernelRow(encode.encode_rows))
     return rows
 
 
@@ -328,12 +328,14 @@ def shared_kernels(plan: RenderPlan) -> Rows:
     if layers.samples == 1:
         return rows
     if plan.mixes_plain_codes:
-        return [*rows, ("plain_codes.mix_plain_codes", "", "")]
+        from rasterjit.pipeline.fragments import plain_codes
+
+        return [*rows, KernelRow(plain_codes.mix_plain_codes)]
     opaque = "a row of tiles is opaque" if layers.has_blended else ""
     if layers.samples != "area":
-        rows.append(("weights.share_samples", "", opaque))
-    finish = "finish_codes" if layers.mixes_codes else "finish_mix"
-    return [*rows, (f"weights.{finish}", "", opaque)]
+        rows.append(KernelRow(weights.share_samples, "", opaque))
+    finish = weights.finish_codes if layers.mixes_codes else weights.finish_mix
+    return [*rows, KernelRow(finish, "", opaque)]
 
 
 def shade(

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
 from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
+from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments.bands import peeling_kernels
-from rasterjit.pipeline.passes import Pass, short_name
+from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
 from rasterjit.rendering import shade, shading_passes, supersample
 from rasterjit.rendering.effects import answer_effects
-from rasterjit.runtime import ahead, jit
+from rasterjit.runtime import ahead
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, settled
@@ -34,7 +35,7 @@ from rasterjit.scene.validation import (
     true_or_false,
     whole_size,
 )
-from rasterjit.survey import clip_planes
+from rasterjit.survey import clip_planes, posing
 from rasterjit.survey.blending import layers_of
 from rasterjit.survey.contents import (
     Inventory,
@@ -45,7 +46,7 @@ from rasterjit.survey.contents import (
     take_inventory,
 )
 from rasterjit.survey.depth_format import check_near, depth_format
-from rasterjit.survey.effect import Absent, Active, Planned, Planning, Rows
+from rasterjit.survey.effect import Absent, Active, Planned, Planning
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
@@ -228,17 +229,6 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     return lighting
 
 
-class KernelRow(NamedTuple):
-    """A row of text about a compiled entry point that a frame calls."""
-
-    name: str
-    """Module and function."""
-    variant: str
-    """What is compiled into it because the frame has it; empty if it has one form."""
-    condition: str
-    """What must happen for it to be called; empty if it always is."""
-
-
 class Buffer(NamedTuple):
     """One array of the size of the frame, or of a map."""
 
@@ -259,9 +249,8 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order, as those who call them tell."""
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
-    posing = ("skinning.skin_vertices", "", "a joint has moved")
     rows = [
-        *([posing] if plan.facts.contents.skinned else []),
+        *(posing.kernel_rows() if plan.facts.contents.skinned else []),
         *clip_planes.kernels_of(plan.camera),
         *geometry,
         *fill.depth_kernels(plan),
@@ -281,16 +270,18 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
         rows += peeling_kernels(plan.depth_format.kind, plan.facts.tests_hits)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
-    return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
+    return tuple(dict.fromkeys(rows))
 
 
 def lens_kernels(outputs: Sequence[str]) -> Rows:
     """Return the kernels that filter pinhole pictures where there is a lens."""
+    from rasterjit.pipeline.resampling import filter_rows
+
     rows = []
     if not set(MIXED_OUTPUTS).isdisjoint(outputs):
-        rows.append(("resampling.filter_rows", "", ""))
+        rows.append(KernelRow(filter_rows))
     if "color" in outputs:
-        rows.append(("encode.encode_rows", "", ""))
+        rows.append(KernelRow(encode.encode_rows))
     return rows
 
 
@@ -313,14 +304,9 @@ def list_passes(plan: RenderPlan) -> list[Pass]:
 
 def list_tasks(plan: RenderPlan) -> list[Task]:
     """Return tasks that compile what a frame will call in any case, the last first."""
-    known = {
-        f"{short_name(one.__module__)}.{one.__name__}": one for one in (*jit.KERNELS, *jit.STAGES)
-    }
-    names = [told.name for told in list_kernels(plan) if not (told.variant or told.condition)]
-    names += [one.name for one in list_passes(plan)]
-    # Where a module is not imported yet, it is no loss.
-    found = [known[name] for name in dict.fromkeys(names) if name in known]
-    return ahead.compiling(found[::-1], usual=True)
+    always = [row.kernel for row in list_kernels(plan) if not (row.variant or row.condition)]
+    always += [one.stage for one in list_passes(plan)]
+    return ahead.compiling([*dict.fromkeys(always)][::-1], usual=True)
 
 
 def _finding_kernels(plan: RenderPlan) -> Rows:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.encode import code_of
+from rasterjit.pipeline.passes import Rows
 from rasterjit.pipeline.records import (
     Alphas,
     AlphaTests,
@@ -28,7 +29,7 @@ from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
-from rasterjit.survey.effect import Active, FrameContext, Rows, acting
+from rasterjit.survey.effect import Active, FrameContext, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan

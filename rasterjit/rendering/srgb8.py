@@ -23,13 +23,13 @@ from rasterjit.pipeline.fragments import (
 )
 from rasterjit.pipeline.fragments.bands import MOST_BYTES, Band, Lists
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering import layers
 from rasterjit.rendering.layers import ROWS_AT_ONCE, Shader, Target
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.survey.blending import Layers
-from rasterjit.survey.effect import Rows
 from rasterjit.survey.plan import RenderPlan
 
 BYTES_PER_COLOR = 4
@@ -112,17 +112,17 @@ def code_rows(
 
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that `shade` calls besides stages."""
-    rows, names = layers.shared_kernels(plan), []
+    rows, kernels = layers.shared_kernels(plan), []
     has_samples = plan.layers.samples != 1
     if plan.layers.has_blended:
-        names = ["encoded.hide_behind", "encoded.lay_codes"]
+        kernels = [encoded.hide_behind, encoded.lay_codes]
         if has_samples:
-            names = ["compositing.list_faces", "encoded.mix_codes"]
+            kernels = [compositing.list_faces, encoded.mix_codes]
         if plan.layers.in_order:
-            names = ["drawing_order.keep_drawn", *names]
-    rows += [(name, "", layers.SEVERAL) for name in names]
+            kernels = [drawing_order.keep_drawn, *kernels]
+    rows += rows_where(layers.SEVERAL, *kernels)
     if "linear" in plan.outputs:
-        rows.append(("encoded.decode_rows", "", ""))
+        rows.append(KernelRow(encoded.decode_rows))
     return rows
 
 

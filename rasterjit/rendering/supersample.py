@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import behind, coverage, layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
@@ -38,7 +39,7 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import Active, FrameContext, Planned, Rows, shown_as_given
+from rasterjit.survey.effect import Active, FrameContext, Planned, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -247,15 +248,15 @@ def kernels_of(plan: RenderPlan) -> Rows:
     # Where pixels show several faces the last steps are told with theirs.
     is_new = plan.layers is None
     if plan.facts.mixes_codes:
-        names = ["encoded.add_codes", "encoded.write_mean_codes"]
+        rows = rows_where("", encoded.add_codes, encoded.write_mean_codes)
         if is_new and "linear" in plan.outputs:
-            names.append("encoded.decode_rows")
-        return [(name, "", "") for name in names]
-    rows = [(f"weights.{name}", "", "") for name in ("add_picture", "write_mean")]
+            rows.append(KernelRow(encoded.decode_rows))
+        return rows
+    rows = rows_where("", weights.add_picture, weights.write_mean)
     if is_new:
         rows += plan.kernels_at("mixed")
     if is_new and "color" in plan.outputs:
-        rows.append(("encode.encode_rows", "", ""))
+        rows.append(KernelRow(encode.encode_rows))
     return rows
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry import seen_depths
 from rasterjit.pipeline.geometry.seen_depths import DEPTH, SURE
+from rasterjit.pipeline.passes import KernelRow, Rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import MOST_STEPS, Camera, OrthographicCamera, Planes, planes_of
 from rasterjit.scene.lines import Lines
@@ -31,7 +32,6 @@ from rasterjit.scene.scene import Node
 from rasterjit.scene.vectors import cross, dot, length
 from rasterjit.survey.arrays import writable
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
-from rasterjit.survey.effect import Rows
 from rasterjit.survey.placement import Boxes, along, is_between
 
 Float64 = NDArray[np.float64]
@@ -581,8 +581,8 @@ def kernels_of(camera: Camera) -> Rows:
         return []
     reached = "an object may reach the near or far plane"
     return [
-        ("seen_depths.box_faces", "", f"{reached} and has more than {UNBOXED} faces"),
-        ("seen_depths.find_seen_depths", "", reached),
+        KernelRow(seen_depths.box_faces, "", f"{reached} and has more than {UNBOXED} faces"),
+        KernelRow(seen_depths.find_seen_depths, "", reached),
     ]
 
 

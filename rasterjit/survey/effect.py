@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.passes import Rows
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Workers
@@ -56,8 +57,6 @@ listed before a picture is prepared, too: ``record`` is then what the plan knows
 only a pass's own function reads what `Effect.prepare` adds to that.
 """
 
-
-Rows = list[tuple[str, str, str]]
 
 Field: TypeAlias = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
 """``field(name, shape, dtype)`` returns an array that holds what is a view's own; see `share`."""
@@ -335,8 +334,7 @@ class Effect:
         """
         Return the kernels that it calls besides stages, as `list_kernels` tells them.
 
-        By where they are called: "prepare", or a place where it acts. Each has its module and
-        function, its variant, and the condition under which it is called; empty: none.
+        By where they are called: "prepare", or a place where it acts.
         """
         return {}
 

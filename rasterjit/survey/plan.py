@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.pipeline.passes import ShadingNeeds
+from rasterjit.pipeline.passes import Rows, ShadingNeeds
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
@@ -21,7 +21,7 @@ from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
 from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, Planned, Rows
+from rasterjit.survey.effect import Absent, Planned
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.shading_needs import shading_needs
 

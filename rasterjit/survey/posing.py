@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
@@ -40,6 +41,13 @@ class Pose(NamedTuple):
     weights: bytes
     """Of morph targets."""
     node: Node
+
+
+def kernel_rows() -> Rows:
+    """Return the kernels that move vertices by joints."""
+    from rasterjit.pipeline.geometry import skinning
+
+    return rows_where("a joint has moved", skinning.skin_vertices)
 
 
 def posed_scene(scene: Scene) -> Scene:

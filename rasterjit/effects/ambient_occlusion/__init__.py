@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
 from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
-from rasterjit.pipeline.passes import Pass, ShadingNeeds, fixed
+from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, fixed, rows_where
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -31,7 +31,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
@@ -154,8 +153,9 @@ class Occlusion(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""
-        names = "find_occlusion", "look_around", "smooth_occlusion"
-        return {"prepare": [(f"ambient_occlusion.{name}", "", "") for name in names]}
+        own = ambient_occlusion_stage
+        kernels = own.find_occlusion, own.look_around, own.smooth_occlusion
+        return {"prepare": rows_where("", *kernels)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return what it is found in."""

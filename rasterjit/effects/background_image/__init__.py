@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import encoded
+from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
+from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -104,9 +105,9 @@ class PictureBehind(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that turn codes into light, or light into codes."""
         is_of_codes = plan.facts.background_image.image.dtype == np.uint8
-        name = "encoded.decode_rows" if is_of_codes else "encode.encode_rows"
+        kernel = encoded.decode_rows if is_of_codes else encode.encode_rows
         wanted = "light is mixed or asked for" if is_of_codes else "codes are mixed or asked for"
-        return {"background": [(name, "", wanted)]}
+        return {"background": rows_where(wanted, kernel)}
 
     places: ClassVar = {"background": Plate.show}
 

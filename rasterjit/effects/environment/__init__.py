@@ -16,13 +16,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.effects.environment import prefilter_stage
 from rasterjit.effects.environment import stage as environment_stage
 from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
 from rasterjit.effects.environment.stage import EnvironmentRecord
 from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.encode import encoding_table
-from rasterjit.pipeline.passes import Pass, ShadingNeeds
+from rasterjit.pipeline.passes import Pass, Rows, ShadingNeeds, rows_where
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
@@ -37,7 +38,6 @@ from rasterjit.survey.effect import (
     Picture,
     Planned,
     Planning,
-    Rows,
     with_field,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
@@ -174,8 +174,9 @@ class EnvironmentLight(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""
         used = "a panorama is used for the first time"
-        names = "average_columns", "add_ring", "project_rows"
-        return {"prepare": [(f"prefilter_stage.{name}", "", used) for name in names]}
+        own = prefilter_stage
+        kernels = own.average_columns, own.add_ring, own.project_rows
+        return {"prepare": rows_where(used, *kernels)}
 
     def neutral(self, record: EnvironmentRecord) -> EnvironmentRecord:
         """Return an environment without light."""
@@ -234,7 +235,7 @@ class EnvironmentBackground(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that shows it."""
-        return {"background": [("environment.show_environment", "", "")]}
+        return {"background": rows_where("", environment_stage.show_environment)}
 
     def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
         """Return the environment as this picture sees it."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.eye_dome import stage as eye_dome_stage
-from rasterjit.pipeline.passes import Pass, fixed
+from rasterjit.pipeline.passes import Pass, Rows, fixed, rows_where
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.eye_dome import EyeDome
@@ -28,7 +28,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
@@ -153,8 +152,8 @@ class EyeDomeLighting(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find it."""
-        names = ["take_logarithms"] if is_perspective(plan.camera) else []
-        return {"prepare": [(f"eye_dome.{name}", "", "") for name in (*names, "find_shares")]}
+        kernels = [eye_dome_stage.take_logarithms] if is_perspective(plan.camera) else []
+        return {"prepare": rows_where("", *kernels, eye_dome_stage.find_shares)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return what it is found in."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.outline import stage as outline_stage
 from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
+from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -32,7 +33,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts
@@ -143,7 +143,7 @@ class Outlines(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and draw edges."""
-        return {"overlay": [("outline.find_edges", "", ""), ("outline.draw_marks", "", "")]}
+        return {"overlay": rows_where("", outline_stage.find_edges, outline_stage.draw_marks)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return where edges are noted."""

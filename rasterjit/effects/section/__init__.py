@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from rasterjit.effects.outline import disc_rows
 from rasterjit.effects.outline.stage import draw_marks
 from rasterjit.effects.wireframe import draw_edges
+from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.pipeline.geometry.setup import NEAR
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
@@ -31,7 +33,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     with_field,
 )
 from rasterjit.survey.facts import Facts
@@ -71,8 +72,9 @@ class Sections(Effect):
         if not any(plane.cap for plane in planes_of(plan.facts.asked[self.field])):
             return {}
         anew = "a closed mesh is cut anew"
-        names = "find_contacts", "fill_outlines"
-        return {"prepare": [(f"section_caps.{name}", "", anew) for name in names]}
+        from rasterjit.pipeline.geometry.section_caps import fill_outlines, find_contacts
+
+        return {"prepare": rows_where(anew, find_contacts, fill_outlines)}
 
     def mode_of(self, scene: Scene) -> str | None:
         """Return how a scene is cut, as far as keys tell; None: it is not."""
@@ -139,11 +141,10 @@ class SectionLines(Effect):
         hiding = "hidden lines removed"
         return {
             "overlay": [
-                ("wireframe.find_pixels", "", ""),
-                ("wireframe.fill_slack", "", ""),
-                ("wireframe.project_edges", hiding, ""),
-                ("wireframe.draw_edges", hiding, ""),
-                ("outline.draw_marks", "", ""),
+                *rows_where("", wireframe_stage.find_pixels, wireframe_stage.fill_slack),
+                KernelRow(wireframe_stage.project_edges, hiding),
+                KernelRow(wireframe_stage.draw_edges, hiding),
+                KernelRow(draw_marks),
             ]
         }
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
+from rasterjit.pipeline.passes import KernelRow, Pass, Rows, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.surface import point_shapes
 from rasterjit.pipeline.surface.samples import MOVED, POINT
 from rasterjit.pipeline.visibility import draw
@@ -31,7 +31,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     with_field,
 )
 from rasterjit.survey.facts import Facts, settings_asked
@@ -163,8 +162,11 @@ class ShadowMaps(Effect):
             has_alpha_tests=plan.facts.shades_through_holes,
             kinds=plan.facts.contents.primitives,
         )  # fmt: skip
-        rows = [(*row[:2], f"{cast}, {row[2]}" if row[2] else cast) for row in drawn]
-        return {"prepare": [("receivers.find_depth_ranges", "", ""), *rows]}
+        rows = [
+            row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)
+            for row in drawn
+        ]
+        return {"prepare": [KernelRow(receivers.find_depth_ranges), *rows]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the maps; that of a point light has up to six sides."""

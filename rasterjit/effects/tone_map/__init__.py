@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.tone_map import stage as tone_map_stage
 from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
-from rasterjit.pipeline.passes import Pass, fixed
+from rasterjit.pipeline.passes import Pass, Rows, fixed, rows_where
 from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -25,7 +25,6 @@ from rasterjit.survey.effect import (
     KernelCall,
     Planned,
     Planning,
-    Rows,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts
@@ -81,7 +80,8 @@ class ToneMapping(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that maps what is mixed already."""
         is_colored = plan.facts.background_image is None
-        return {"mixed": [(f"tone_map.show_over{'' if is_colored else '_picture'}", "", "")]}
+        own = tone_map_stage
+        return {"mixed": rows_where("", own.show_over if is_colored else own.show_over_picture)}
 
     def calls_mixed(
         self, record: ToneRecord, linear: NDArray[np.float32], background: NDArray[np.float32],

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.transmission import stage as transmission_stage
-from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds
+from rasterjit.pipeline.passes import Pass, Rows, ShadingArrays, ShadingNeeds, rows_where
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixels import clip_from_relative
@@ -29,7 +29,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.material_rows import without_transmission
@@ -187,7 +186,7 @@ class Transmission(Effect):
         """Return the kernel that halves the picture."""
         if not plan.facts.blurs_behind:
             return {}
-        return {"prepare": [("transmission.halve_picture", "", "")]}
+        return {"prepare": rows_where("", transmission_stage.halve_picture)}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the picture behind; its halves take a third of it more."""

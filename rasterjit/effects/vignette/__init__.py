@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.vignette.stage import darken_rows
 from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality
@@ -27,7 +28,6 @@ from rasterjit.survey.effect import (
     Picture,
     Planned,
     Planning,
-    Rows,
     add_to_field,
 )
 from rasterjit.survey.facts import Facts
@@ -67,7 +67,7 @@ class Vignetting(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that darkens."""
-        return {"overlay": [("vignette.darken_rows", "", "")]}
+        return {"overlay": rows_where("", darken_rows)}
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Return the scene with the usual vignette."""

@@ -18,6 +18,7 @@ from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.effects.wireframe.coverage import BAND_ROWS
 from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.geometry import binning
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
@@ -31,7 +32,6 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
-    Rows,
     with_field,
 )
 from rasterjit.survey.facts import Facts
@@ -225,18 +225,18 @@ class Edges(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
         hiding = "hidden lines removed" if plan.facts.draws_faces else ""
-        rows = [("wireframe.fill_slack", "", "")] if plan.facts.draws_faces else []
+        rows = rows_where("", wireframe_stage.fill_slack) if plan.facts.draws_faces else []
         if plan.quality.lines == "bresenham":
-            rows.insert(0, ("wireframe.find_pixels", "", ""))
-            names = "project_edges", "draw_edges"
-            return {"overlay": rows + [(f"wireframe.{name}", hiding, "") for name in names]}
+            rows.insert(0, KernelRow(wireframe_stage.find_pixels))
+            kernels = wireframe_stage.project_edges, wireframe_stage.draw_edges
+            return {"overlay": rows + [KernelRow(kernel, hiding) for kernel in kernels]}
         mixed = "codes" if plan.quality.blending == "srgb8" else "light"
         rows += [
-            ("coverage.project_lines", hiding, ""),
-            ("binning.start_lists", "", ""),
-            ("coverage.list_lines", "", ""),
-            ("coverage.cover_lines", hiding, ""),
-            ("coverage.lay_lines", mixed, ""),
+            KernelRow(line_coverage.project_lines, hiding),
+            KernelRow(binning.start_lists),
+            KernelRow(line_coverage.list_lines),
+            KernelRow(line_coverage.cover_lines, hiding),
+            KernelRow(line_coverage.lay_lines, mixed),
         ]
         return {"overlay": rows}
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.fragments import areas, fragments
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import AlphaTests, Faces, Geometry, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility import alpha_test, draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Memory, Workers
@@ -147,20 +148,20 @@ def part_lists(
     return Lists(starts, middles, parted, lists.faces, coverage.screen, kind, points, first_depth)
 
 
-def peeling_kernels(depth_type: Any, has_holes: bool) -> list[tuple[str, str, str]]:
+def peeling_kernels(depth_type: Any, has_holes: bool) -> Rows:
     """Return the kernels that find the nearest surfaces of each pixel, one behind the other."""
     rows = kernels_of(1, depth_type)
     if has_holes:
-        rows += [("fragments.drop_holes", "", ""), ("alpha_test.find_alphas", "", "")]
+        rows += rows_where("", fragments.drop_holes, alpha_test.find_alphas)
     return rows
 
 
-def kernels_of(samples: int | str, depth_type: Any) -> list[tuple[str, str, str]]:
+def kernels_of(samples: int | str, depth_type: Any) -> Rows:
     """Return the kernels that part the lists of tiles and find the faces at samples, or areas."""
-    found = ("fragments.find_layers", draw.depth_variant(depth_type), "")
+    found = KernelRow(fragments.find_layers, draw.depth_variant(depth_type))
     if samples == "area":
-        found = ("areas.find_areas", "", "")
-    return [("fragments.split_lists", "", ""), found]
+        found = KernelRow(areas.find_areas)
+    return [KernelRow(fragments.split_lists), found]
 
 
 def no_points(depth_type: Any) -> tuple[NDArray[Any], NDArray[np.int32]]:

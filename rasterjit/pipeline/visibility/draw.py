@@ -15,8 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry import binning, clipping, projection, setup
+from rasterjit.pipeline.geometry import (
+    binning,
+    clipping,
+    projection,
+    setup,
+    triangle_batches,
+)
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
+from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.records import (
     AlphaTests,
     Faces,
@@ -26,7 +33,7 @@ from rasterjit.pipeline.records import (
     ScreenVertices,
     Viewport,
 )
-from rasterjit.pipeline.visibility import lines, nearest
+from rasterjit.pipeline.visibility import alpha_test, lines, nearest
 from rasterjit.pipeline.visibility import points as painting
 from rasterjit.pipeline.visibility import primitives as expanding
 from rasterjit.pipeline.visibility.points import PointsSeen
@@ -612,7 +619,7 @@ def kernels_of(
     depth_type: Any = np.float32,
     precision: Any = np.float64,
     kinds: Collection[str] = (),
-) -> list[tuple[str, str, str]]:
+) -> Rows:
     """
     Return the kernels that `find_visible` calls, each with its variant and when it is called.
 
@@ -622,35 +629,36 @@ def kernels_of(
     crossed = "a face crosses the near or far plane or the guard band"
     depth = depth_variant(depth_type)
     single = "float32 vertices" if np.dtype(precision) == np.float32 else ""
+    moved = "" if keep_clip_positions or kinds else crossed
     rows = [
-        ("projection.transform_vertices", single, ""),
-        ("projection.transform_positions", single, "" if keep_clip_positions or kinds else crossed),
-        ("clipping.find_clipped_faces", "", crossed),
-        ("clipping.count_clipped_vertices", "", crossed),
-        ("clipping.clip_faces", "", crossed),
-        ("projection.project_clipped_vertices", "", crossed),
-        *([(f"line_pieces.{name}", "", "") for name in lines.KERNELS] if "lines" in kinds else []),
-        ("setup.set_up_triangles", "", ""),
-    ]
+        KernelRow(projection.transform_vertices, single),
+        KernelRow(projection.transform_positions, single, moved),
+        *rows_where(
+            crossed, clipping.find_clipped_faces, clipping.count_clipped_vertices,
+            clipping.clip_faces, projection.project_clipped_vertices,
+        ),
+        *(lines.kernel_rows() if "lines" in kinds else []),
+        KernelRow(setup.set_up_triangles),
+    ]  # fmt: skip
     if find_faces or keep_lists:
         rows += [
-            ("binning.start_lists", "", ""), ("binning.bin_triangles", "", ""),
-            ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
-        ]  # fmt: skip
+            *rows_where("", binning.start_lists, binning.bin_triangles),
+            KernelRow(find_tile_depths, depth, "a face covers whole tiles"),
+        ]
     if find_faces:
-        rows.append(("nearest.draw_tiles", depth, ""))
+        rows.append(KernelRow(nearest.draw_tiles, depth))
     if find_faces or keep_lists:
-        rows += [
-            ("triangle_batches.plan_batch", "", ""), ("triangle_batches.order_triangles", "", ""),
-            ("nearest.draw_planned", depth, ""),
-        ]  # fmt: skip
+        batched = triangle_batches.plan_batch, triangle_batches.order_triangles
+        rows += [*rows_where("", *batched), KernelRow(nearest.draw_planned, depth)]
     if find_faces and "points" in kinds:
+        from rasterjit.pipeline.visibility import point_coverage
+
         rows += [
-            ("point_coverage.draw_points", depth, ""),
-            ("point_coverage.merge_pictures", depth, "several threads draw points"),
-        ]  # fmt: skip
+            KernelRow(point_coverage.draw_points, depth),
+            KernelRow(point_coverage.merge_pictures, depth, "several threads draw points"),
+        ]
     if find_faces and has_alpha_tests:
-        rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
+        rows += [KernelRow(alpha_test.keep_shown, depth), KernelRow(alpha_test.find_alphas)]
     return rows
 
 

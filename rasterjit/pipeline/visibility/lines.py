@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.pipeline.records import ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import line_pieces
 from rasterjit.pipeline.visibility.primitives import (
@@ -27,8 +28,12 @@ LEAST_SEGMENTS = 2048
 EVEN_TASKS = 4
 """Tasks of each thread."""
 
-KERNELS = "place_segments", "count_pieces", "write_pieces"
-"""What is called where there are lines."""
+
+def kernel_rows() -> Rows:
+    """Return what is called where there are lines."""
+    from rasterjit.pipeline.visibility import line_pieces as own
+
+    return rows_where("", own.place_segments, own.count_pieces, own.write_pieces)
 
 
 def expand(
