@@ -10,7 +10,7 @@ format the frame's own depths were compared.
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.point_coverage import SPHERE
 from rasterjit.pipeline.visibility.points import PointsSeen
+from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
@@ -68,21 +69,13 @@ def fill_buffers(
         result["depth"] = metric_depth(
             plan.depth_format, plan.camera, coverage, plan.size, plan.corner
         )
-    if "barycentric" in plan.outputs:
-        places = shapes.listed_places
-        result["barycentric"] = fill_barycentric(face_id, geometry, places, workers)
-        if cache.cut is not None:
-            _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
-    if "uv" in plan.outputs:
-        result["uv"] = fill_attribute(face_id, geometry, shapes.uv, workers)
-    if "scalar" in plan.outputs:
-        result["scalar"] = _fill_scalars(shapes, geometry, face_id, workers)
-    for name in plan.facts.attributes.keys() & set(plan.outputs):
-        result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
-    _fill_numbers(plan, cache, face_id, result)
     points = coverage.points if plan.facts.seen.points else None
-    _fill_places(plan, cache, geometry, placement, face_id, points, result, workers)
-    _fill_normals(plan, cache, geometry, placement, face_id, points, result, workers)
+    for name, fill in list_fills(plan, cache, placement).items():
+        result[name] = fill.run(face_id, geometry, workers)
+    _fill_numbers(plan, cache, face_id, result)
+    if points is not None:
+        _fill_points(plan, cache, geometry, placement, face_id, points, result, workers)
+    _finish(plan, cache, placement, face_id, result, workers)
     if compared is not None:
         shared = face_id, geometry, shapes.arrays.face_starts
         if "motion" in plan.outputs:
@@ -90,6 +83,104 @@ def fill_buffers(
         if compared.sighting is not None:
             seen = compared.before, compared.sighting
             result["motion_visible"] = motion.fill_visible(*shared, *seen, workers)
+
+
+class Fill(NamedTuple):
+    """How a kernel fills a buffer, of one view or of many, from the face at each pixel."""
+
+    kernel: Kernel
+    channels: tuple[int, ...]
+    """() of a buffer (H, W), (C,) of one (H, W, C)."""
+    arguments: tuple[Any, ...]
+    """What it is called with between the geometry and the buffer."""
+
+    def run(
+        self, face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
+    ) -> NDArray[np.float32]:
+        """Return the buffer, filled for the faces of a picture, (H, W)."""
+        buffer = workers.memory.empty((*face_id.shape, *self.channels), np.float32)
+        fill_rows(self.kernel, face_id, (geometry, *self.arguments, buffer), workers)
+        return buffer
+
+
+POSITIONS = {"position", "position_camera", "object_position", "nocs", "distance"}
+"""Buffers of positions, each in the space that `_matrices` lead to."""
+
+
+def list_fills(
+    plan: RenderPlan,
+    cache: SceneCache,
+    placement: Placement,
+    world_from_model: NDArray[np.float64] | None = None,
+) -> dict[str, Fill]:
+    """
+    Return how kernels fill the buffers that were asked for, by name, one for each row of the table.
+
+    Of ``distance`` that is the point relative to the eye. ``world_from_model`` is (O, 3, 4), where
+    it is not that of the scene.
+    """
+    shapes, wanted, fills = cache.shapes, set(plan.outputs), {}
+    if "barycentric" in wanted:
+        places = (shapes.listed_places,)
+        fills["barycentric"] = Fill(interpolation.fill_barycentric, (3,), places)
+    if "uv" in wanted:
+        fills["uv"] = Fill(interpolation.fill_attribute, (2,), (shapes.uv,))
+    if "scalar" in wanted:
+        fills["scalar"] = Fill(fields.fill_scalars, (), shapes.scalars[:1])
+    for name in plan.facts.attributes.keys() & wanted:
+        attribute = plan.facts.attributes[name]
+        values, _ = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+        if values is not None:
+            fills[name] = Fill(interpolation.fill_attribute, (attribute.columns,), (values,))
+    for name in POSITIONS & wanted:
+        matrices = _matrices(name, plan, cache, placement)
+        if name == "position" and world_from_model is not None:
+            matrices = world_from_model
+        placed = _at_rest(name, cache, placement), matrices
+        fills[name] = Fill(interpolation.fill_positions, (3,), placed)
+    # The kernel is the same without vertex normals: it is given an empty table.
+    count = len(shapes.meshes)
+    flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
+    if not wanted.isdisjoint(NORMAL_OUTPUTS):
+        given = (shapes.normals, np.ones(count, np.uint8)) if plan.facts.shows_normals else flat
+        fills["normal"] = Fill(interpolation.fill_normals, (3,), (placement, given))
+    if "geometric_normal" in wanted:
+        given = _normals_of_points(shapes, flat)
+        fills["geometric_normal"] = Fill(interpolation.fill_normals, (3,), (placement, given))
+    return fills
+
+
+def _at_rest(name: str, cache: SceneCache, placement: Placement) -> Placement:
+    """Return where vertices are that a buffer of positions shows: not posed in a model's space."""
+    return cache.shapes.at_rest(placement) if name in ("object_position", "nocs") else placement
+
+
+def _matrices(
+    name: str, plan: RenderPlan, cache: SceneCache, placement: Placement
+) -> NDArray[np.float64]:
+    """Return what takes each object into the space of a buffer of positions, (O, 3, 4)."""
+    if name == "position":
+        return np.ascontiguousarray(cache.places.world_from_model[:, :3])
+    if name == "position_camera":
+        return _into_view(plan.camera, placement.relative_from_model)
+    if name == "object_position":
+        return np.tile(np.eye(3, 4), (len(cache.shapes.meshes), 1, 1))
+    return box_matrices(_whole_boxes(cache)) if name == "nocs" else placement.relative_from_model
+
+
+def _turns(
+    name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen
+) -> NDArray[np.float64]:
+    """Return what takes ways in world axes into that space, (O, 3, 3)."""
+    if name == "position_camera":
+        view = np.asarray(plan.camera.view_matrix())[:3, :3]
+        return np.tile(view, (len(cache.shapes.meshes), 1, 1))
+    if name not in ("object_position", "nocs"):
+        return np.tile(np.eye(3), (len(cache.shapes.meshes), 1, 1))
+    axes = _model_axes(cache.places.world_from_model, points)
+    if name == "nocs":
+        axes = axes * box_matrices(_whole_boxes(cache))[:, :1, :1]
+    return axes
 
 
 def kernels_of(plan: RenderPlan) -> Rows:
@@ -110,39 +201,6 @@ def _way_of_weights(plan: RenderPlan) -> str:
     return "affine weights" if plan.is_affine else ""
 
 
-def _show_attribute(
-    name: str,
-    plan: RenderPlan,
-    shapes: Shapes,
-    geometry: Geometry,
-    face_id: NDArray[np.int32],
-    workers: Workers,
-) -> NDArray[np.float32]:
-    """Return an attribute of one's own, (H, W, D); NaN where nothing is or an object has none."""
-    attribute = plan.facts.attributes[name]
-    of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
-    if of_vertices is None:
-        return of_faces[face_id]
-    shown = fill_attribute(face_id, geometry, of_vertices, workers)
-    if of_faces is not None:
-        has_none = np.isnan(shown[..., 0])
-        shown[has_none] = of_faces[face_id[has_none]]
-    return shown
-
-
-def _fill_scalars(
-    shapes: Shapes, geometry: Geometry, face_id: NDArray[np.int32], workers: Workers
-) -> NDArray[np.float32]:
-    """Return the scalars, (H, W); NaN where nothing is or an object has none."""
-    of_vertices, of_faces = shapes.scalars
-    scalar = workers.memory.empty(face_id.shape, np.float32)
-    fill_rows(fields.fill_scalars, face_id, (geometry, of_vertices, scalar), workers)
-    if of_faces is not None:
-        has_own = shapes.has_face_scalars[face_id]
-        scalar[has_own] = of_faces[face_id[has_own]]
-    return scalar
-
-
 def _weigh_whole_faces(
     cut: Cut, face_id: NDArray[np.int32], barycentric: NDArray[np.float32]
 ) -> None:
@@ -159,7 +217,7 @@ def _fill_numbers(
     plan: RenderPlan, cache: SceneCache, face_id: NDArray[np.int32], result: Buffers
 ) -> None:
     """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
-    wanted = {"object_id", "instance_id", "material_id"}.intersection(plan.outputs)
+    wanted = [name for name in ("object_id", "instance_id", "material_id") if name in plan.outputs]
     if not wanted:
         return
     # Nothing, -1, finds the last number. Half as long as an index takes.
@@ -167,12 +225,16 @@ def _fill_numbers(
     if cache.cut is not None:
         # Of the scene before it was cut.
         shapes, object_id = Shapes(list(cache.cut.meshes)), cache.cut.owners[object_id]
-    if "object_id" in wanted:
-        result["object_id"] = object_id
-    if "instance_id" in wanted:
-        result["instance_id"] = shapes.instance_numbers[object_id]
-    if "material_id" in wanted:
-        result["material_id"] = material_numbers(shapes)[object_id]
+    for name in wanted:
+        is_own = name == "object_id"
+        result[name] = object_id if is_own else object_table(name, shapes)[object_id]
+
+
+def object_table(name: str, shapes: Shapes) -> NDArray[np.int32]:
+    """Return what a buffer of numbers shows of each object, (O+1,); -1 of object -1."""
+    if name == "object_id":
+        return np.array([*range(len(shapes.meshes)), -1], np.int32)
+    return shapes.instance_numbers if name == "instance_id" else material_numbers(shapes)
 
 
 def material_numbers(shapes: Shapes) -> NDArray[np.int32]:
@@ -187,63 +249,57 @@ def material_numbers(shapes: Shapes) -> NDArray[np.int32]:
     return np.array([*(of_meshes[mesh] for mesh in shapes.meshes), -1], np.int32)
 
 
-def _fill_places(
+def _fill_points(
     plan: RenderPlan,
     cache: SceneCache,
     geometry: Geometry,
     placement: Placement,
     face_id: NDArray[np.int32],
-    points: PointsSeen | None,
+    points: PointsSeen,
     result: Buffers,
     workers: Workers,
 ) -> None:
-    """Fill the buffers of positions, each in the space that some matrices lead to."""
-    has_spheres = points is not None and points.has_spheres
-
-    def places(
-        matrices: NDArray[np.float64], from_world: NDArray[np.float64] | None = None,
-        placement: Placement = placement,
-    ) -> NDArray[np.float32]:  # fmt: skip
-        """
-        Return positions, (H, W, 3), where ``matrices``, (O, 3, 4), put them; NaN if nothing.
-
-        Takes what brings ways in world axes there, (O, 3, 3); default: these are its own.
-        """
-        position = workers.memory.empty((*face_id.shape, 3), np.float32)
-        matrices = np.ascontiguousarray(matrices)
-        arguments = geometry, placement, matrices, position
-        fill_rows(interpolation.fill_positions, face_id, arguments, workers)
-        if has_spheres:
-            turns = np.tile(np.eye(3), (count, 1, 1)) if from_world is None else from_world
-            seen = geometry.faces, *points.read, placement, matrices, turns, position
+    """Fill positions and normals anew where they are those of points' shapes, not of faces."""
+    if points.has_spheres:
+        for name in POSITIONS & result.keys():
+            placed = _at_rest(name, cache, placement), _matrices(name, plan, cache, placement)
+            turns = _turns(name, plan, cache, points)
+            seen = geometry.faces, *points.read, *placed, turns, result[name]
             fill_rows(point_shapes.fill_sphere_positions, face_id, seen, workers)
-        return position
+    for name in ("normal", "geometric_normal"):
+        if name in result:
+            own = geometry.faces, *points.read, placement, result[name]
+            fill_rows(point_shapes.fill_point_normals, face_id, own, workers)
 
-    def into_models(scales: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return what takes ways in world axes to those of models, (O, 3, 3), scaled."""
-        if not has_spheres:
-            return None
-        return _model_axes(cache.places.world_from_model, points) * scales[:, None, None]
 
-    count = len(cache.shapes.meshes)
-    if "position" in plan.outputs:
-        result["position"] = places(cache.places.world_from_model[:, :3])
-    if "position_camera" in plan.outputs:
-        view = np.tile(np.asarray(plan.camera.view_matrix())[:3, :3], (count, 1, 1))
-        matrices = _into_view(plan.camera, placement.relative_from_model)
-        result["position_camera"] = places(matrices, view)
-    if "object_position" in plan.outputs:
-        own = np.tile(np.eye(3, 4), (count, 1, 1))
-        made = cache.shapes.at_rest(placement)
-        result["object_position"] = places(own, into_models(np.ones(count)), made)
-    if "nocs" in plan.outputs:
-        boxes = box_matrices(_whole_boxes(cache))
-        nocs = places(boxes, into_models(boxes[:, 0, 0]), cache.shapes.at_rest(placement))
-        np.clip(nocs, 0.0, 1.0, out=nocs)
-        result["nocs"] = nocs
-    if "distance" in plan.outputs:
-        relative = places(placement.relative_from_model)
-        result["distance"] = _distances(relative, plan, placement, workers)
+def _finish(
+    plan: RenderPlan,
+    cache: SceneCache,
+    placement: Placement,
+    face_id: NDArray[np.int32],
+    result: Buffers,
+    workers: Workers,
+) -> None:
+    """Do what NumPy does with buffers that kernels have filled."""
+    shapes = cache.shapes
+    if "barycentric" in result and cache.cut is not None:
+        _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
+    for name, attribute in plan.facts.attributes.items():
+        of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+        if of_vertices is None:
+            result[name] = of_faces[face_id]
+        elif of_faces is not None:
+            has_none = np.isnan(result[name][..., 0])
+            result[name][has_none] = of_faces[face_id[has_none]]
+    if "scalar" in result and shapes.scalars[1] is not None:
+        has_own = shapes.has_face_scalars[face_id]
+        result["scalar"][has_own] = shapes.scalars[1][face_id[has_own]]
+    if "nocs" in result:
+        np.clip(result["nocs"], 0.0, 1.0, out=result["nocs"])
+    if "distance" in result:
+        result["distance"] = _distances(result["distance"], plan, placement, workers)
+    if "normal_camera" in plan.outputs:
+        result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
 
 
 def _whole_boxes(cache: SceneCache) -> NDArray[np.float64]:
@@ -323,42 +379,6 @@ def _distances(
     rows = max(1, PIXELS_AT_ONCE // width)
     workers.run(measure_some, [(first,) for first in range(0, height, rows)])
     return distance
-
-
-def _fill_normals(
-    plan: RenderPlan,
-    cache: SceneCache,
-    geometry: Geometry,
-    placement: Placement,
-    face_id: NDArray[np.int32],
-    points: PointsSeen | None,
-    result: Buffers,
-    workers: Workers,
-) -> None:
-    """Fill the buffers of normals, zero where nothing is."""
-    count, wanted = len(cache.shapes.meshes), plan.outputs
-    # The kernel is the same without vertex normals: it is given an empty table.
-    flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
-    is_shown = plan.facts.shows_normals
-    smooth = (cache.shapes.normals, np.ones(count, np.uint8)) if is_shown else flat
-
-    def normals(given: tuple[NDArray[np.float32], NDArray[np.uint8]]) -> NDArray[np.float32]:
-        """Return normals, (H, W, 3), world space."""
-        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-        fill_rows(
-            interpolation.fill_normals, face_id, (geometry, placement, given, normal), workers
-        )
-        if points is not None:
-            own = geometry.faces, *points.read, placement, normal
-            fill_rows(point_shapes.fill_point_normals, face_id, own, workers)
-        return normal
-
-    if not set(NORMAL_OUTPUTS).isdisjoint(wanted):
-        result["normal"] = normals(smooth)
-    if "normal_camera" in wanted:
-        result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
-    if "geometric_normal" in wanted:
-        result["geometric_normal"] = normals(_normals_of_points(cache.shapes, flat))
 
 
 def _normals_of_points(
@@ -487,30 +507,3 @@ def metric_depth(
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(stored)
     return depth
-
-
-def fill_attribute(
-    face_id: NDArray[np.int32],
-    geometry: Geometry,
-    values: NDArray[np.float32],
-    workers: Workers,
-) -> NDArray[np.float32]:
-    """Return values of vertices, (V, D), at each sample, (H, W, D); NaN where nothing is."""
-    attribute = workers.memory.empty((*face_id.shape, values.shape[1]), np.float32)
-    arguments = geometry, values, attribute
-    fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
-    return attribute
-
-
-def fill_barycentric(
-    face_id: NDArray[np.int32], geometry: Geometry, places: NDArray[np.uint8], workers: Workers
-) -> NDArray[np.float32]:
-    """
-    Return the weights of each sample, (H, W, 3); zero where nothing is.
-
-    Takes at which place the first corner of each face is listed: `first_corners.listed_places`.
-    """
-    barycentric = workers.memory.empty((*face_id.shape, 3), np.float32)
-    arguments = geometry, places, barycentric
-    fill_rows(interpolation.fill_barycentric, face_id, arguments, workers)
-    return barycentric

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs import fill
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.fragments import bands
-from rasterjit.pipeline.geometry import barycentric, binning, clipping, projection, setup
+from rasterjit.pipeline.geometry import binning, clipping, projection, setup
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import (
     Faces,
@@ -38,7 +38,6 @@ from rasterjit.runtime.driver import StageList, block_memory
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
 from rasterjit.runtime.threads import Memory
-from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, Picture, acting
 from rasterjit.survey.facts import Facts
@@ -410,18 +409,8 @@ class Desk:
 
     def _fill(self) -> None:
         """Add the kernels that make the other outputs."""
-        plan, shapes, (width, height) = self._plan, self._cache.shapes, self._plan.size
-        geometry, placement = self._geometry, self._placement
-        count, of_all = len(shapes.meshes), (self._face_id, (0, height), geometry)
-
-        def made(name: str, channels: int, kernel: Any, *arguments: Any) -> NDArray[np.float32]:
-            """Add a kernel that fills a picture, which is kept if it is an output."""
-            picture = np.empty((height, width, channels), np.float32)
-            self._calls.call(self._calls.bound(kernel, *of_all, *arguments, picture))
-            if name in plan.outputs:
-                self._keep(name, picture)
-            return picture
-
+        plan, cache, (width, height) = self._plan, self._cache, self._plan.size
+        placement, world = self._placement, None
         if "face_id" in plan.outputs:
             self._keep("face_id", self._face_id)
         if "depth" in plan.outputs:
@@ -432,47 +421,26 @@ class Desk:
             )  # fmt: skip
         for name in ("object_id", "instance_id", "material_id"):
             if name in plan.outputs:
-                numbers = shapes.object_numbers
-                if name != "object_id":
-                    of_objects = (
-                        shapes.instance_numbers
-                        if name == "instance_id"
-                        else fill.material_numbers(shapes)
-                    )
-                    numbers = of_objects[numbers]
+                numbers = fill.object_table(name, cache.shapes)[cache.shapes.object_numbers]
                 self._write(
                     name, drawing_views.keep_numbers, self._face_id, 1, numbers,
                     np.empty((0, height, width), np.int32),
                 )  # fmt: skip
-        if "barycentric" in plan.outputs:
-            made("barycentric", 3, barycentric.fill_barycentric, shapes.listed_places)
-        if "uv" in plan.outputs:
-            made("uv", 2, barycentric.fill_attribute, shapes.uv)
-        for name, attribute in plan.facts.attributes.items():
-            values, _ = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
-            made(name, attribute.columns, barycentric.fill_attribute, values)
-        positions = barycentric.fill_positions
         if "position" in plan.outputs:
-            world = self._field("world_rows", (count, 3, 4), np.float64)
-            made("position", 3, positions, placement, world)
-        if "object_position" in plan.outputs:
-            own = np.tile(np.eye(3, 4), (count, 1, 1))
-            made("object_position", 3, positions, shapes.at_rest(placement), own)
-        if "distance" in plan.outputs:
-            relative = made("", 3, positions, placement, placement.relative_from_model)
+            world = self._field("world_rows", (len(cache.shapes.meshes), 3, 4), np.float64)
+        for name, one in fill.list_fills(plan, cache, placement, world).items():
+            picture = np.empty((height, width, *one.channels), np.float32)
+            own = self._face_id, (0, height), self._geometry, *one.arguments, picture
+            self._calls.call(self._calls.bound(one.kernel, *own))
+            if name != "distance":
+                self._keep(name, picture)
+                continue
             self._write(
-                "distance", drawing_views.measure_distances,
+                name, drawing_views.measure_distances,
                 self._field("is_parallel", (1,), np.int64),
-                self._field("distance_axis", (4,), np.float64), relative,
+                self._field("distance_axis", (4,), np.float64), picture,
                 np.empty((0, height, width), np.float32),
             )  # fmt: skip
-        flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
-        if "normal" in plan.outputs:
-            smooth = shapes.normals, np.ones(count, np.uint8)
-            given = smooth if plan.facts.shows_normals else flat
-            made("normal", 3, barycentric.fill_normals, placement, given)
-        if "geometric_normal" in plan.outputs:
-            made("geometric_normal", 3, barycentric.fill_normals, placement, flat)
 
     def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
         """Call a kernel that takes the view's number first, and last where all views are."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.outputs import fill
+from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
@@ -69,7 +70,7 @@ class Visibility:
         is. Computed when first read.
         """
         places = listed_places(self._listed, self._geometry.faces)
-        return fill.fill_barycentric(self.face_id, self._geometry, places, Workers(1))
+        return self._filled(fill.Fill(interpolation.fill_barycentric, (3,), (places,)))
 
     def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
         """
@@ -96,7 +97,10 @@ class Visibility:
             raise ValueError(
                 f"values must have one row per vertex ({self._vertex_count}), got {len(rows)}"
             )
-        return fill.fill_attribute(self.face_id, self._geometry, rows, Workers(1))
+        return self._filled(fill.Fill(interpolation.fill_attribute, rows.shape[1:], (rows,)))
+
+    def _filled(self, one: fill.Fill) -> NDArray[np.float32]:
+        return one.run(self.face_id, self._geometry, Workers(1))
 
 
 def rasterize(

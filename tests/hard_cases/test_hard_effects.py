@@ -675,7 +675,7 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     wanted = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
     everything = draw(mesh, camera, wanted)
     for module, name in (
-        (fill, "fill_rows"), (fill, "fill_barycentric"), (arrays, "join_uv"),
+        (fill, "fill_rows"), (fill, "list_fills"), (arrays, "join_uv"),
         (arrays, "join_normals"), (fill, "metric_depth"),
         (fill, "box_matrices"), (fill, "material_numbers"),
         (coverage, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
