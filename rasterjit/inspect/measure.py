@@ -125,15 +125,13 @@ def measure(
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     options = {"outputs": outputs, "background": background, "cull": cull}
-    first = Subject(
-        "", "as it is", scene, quality, Renderer(size, quality=quality, threads=threads)
-    )
+    first = Subject("", "as it is", scene, quality, Renderer.timed(size, quality, threads))
     with first.renderer:
         plan = first.draw(camera, options).plan
         subjects = [first]
         try:
             for name, label, changed, other in variations(plan, scene, quality):
-                renderer = Renderer(size, quality=other, threads=threads)
+                renderer = Renderer.timed(size, other, threads)
                 # The first one has told it.
                 renderer.told = None
                 subjects.append(Subject(name, label, changed, other, renderer))

@@ -11,7 +11,7 @@ Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Literal, NamedTuple, NewType, TypeAlias
 
 from rasterjit.outputs import motion_stage
@@ -20,6 +20,7 @@ from rasterjit.pipeline.surface import fields
 from rasterjit.runtime.jit import Kernel
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.validation import question
+from rasterjit.survey.contents import Attribute
 
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
@@ -171,3 +172,13 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
                 f"and {ATTRIBUTE}NAME of an attribute of meshes{question(output, OUTPUTS)}"
             )
     return tuple(dict.fromkeys(outputs))
+
+
+def shape_of(
+    name: str, size: tuple[int, int], attributes: Mapping[str, Attribute]
+) -> tuple[tuple[int, ...], str]:
+    """Return the shape, (H, W) or (H, W, C), and the dtype of an output, given its attribute."""
+    row, (width, height) = row_of(name), size
+    channels = attributes[name].columns if is_attribute(name) else row.channels
+    has_axis = channels > 1 or is_attribute(name)
+    return (height, width, *([channels] if has_axis else [])), row.dtype

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Stats
-from rasterjit.outputs.table import Outputs, is_attribute, row_of
+from rasterjit.outputs.table import Outputs, is_attribute, shape_of
 from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.kept import SHELF, Kept
@@ -240,15 +240,13 @@ def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.f
 
 def shapes_of(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return the shape and the dtype of each output of all views."""
-    shapes, (width, height) = {}, options.size
-    for name in options.outputs:
-        row = row_of(name)
-        channels = row.channels
-        if is_attribute(name):
-            channels = find_attribute(scene.nodes, name.removeprefix(ATTRIBUTE)).columns
-        has_axis = channels > 1 or is_attribute(name)
-        shapes[name] = ((count, height, width, *([channels] if has_axis else [])), row.dtype)
-    return shapes
+    attributes = {
+        name: find_attribute(scene.nodes, name.removeprefix(ATTRIBUTE))
+        for name in options.outputs
+        if is_attribute(name)
+    }
+    shapes = {name: shape_of(name, options.size, attributes) for name in options.outputs}
+    return {name: ((count, *shape), dtype) for name, (shape, dtype) in shapes.items()}
 
 
 def check_out(

@@ -53,6 +53,9 @@ MOST_CUT = 1024
 """Most faces of a view that are cut in machine code, besides one in 16."""
 
 
+FIRST_VIEW, NO_LOADS = np.zeros((1, 2), np.int64), np.zeros((0, 4), np.int64)
+
+
 def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     """Return how much memory a desk takes, about, bytes."""
     arrays, (width, height) = cache.shapes.arrays, plan.size
@@ -109,7 +112,7 @@ class Desk:
         self._is_mixed = plan.layers is not None and plan.layers.samples != 1
         self._places: list[tuple[str, int]] = []
         self._white = np.zeros(2, np.int64)
-        self._targets: list[tuple[str, int, int]] = []
+        self._targets: list[tuple[str, NDArray[Any], int, int]] = []
         self._find()
         if plan.facts.is_colored:
             self._shade()
@@ -151,18 +154,33 @@ class Desk:
         """
         fields = {**fields, LIGHT_ROWS: words_of(lights[:, self._lights])}
         loads = []
-        for name, target, size in self._targets:
+        for name, _, target, size in self._targets:
             words = fields[name]
             if words.shape[1] != size:
                 raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
             step = words.strides[0] if len(words) > 1 else 0
             loads.append((words.ctypes.data, step, target, size))
+        return self._draw(chosen, np.array(loads, np.int64))
+
+    def draw_one(self, values: Mapping[str, Any]) -> NDArray[np.int64] | None:
+        """Draw a view, given its arrays; return its totals, (9,), None if it is left out."""
+        # Some are read in float32.
+        with np.errstate(over="ignore"):
+            for name, room, _, _ in self._targets:
+                room[...] = values[name]
+        totals, is_drawn = self._draw(FIRST_VIEW, NO_LOADS)
+        return totals[0] if is_drawn[0] else None
+
+    def _draw(
+        self, chosen: NDArray[np.int64], loads: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Draw some views, as `draw` returns them, which takes what is loaded of each."""
         totals = np.zeros((len(chosen), drawing_views.TOTALS), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
         drawing_views.draw_views(
-            chosen, np.array(loads, np.int64), self._finding, self._cutting,
-            self._listing, self._listing_samples, self._tile_depths, self._face_id, self._table,
-            self._limits, self._white, totals, is_drawn,
+            chosen, loads, self._finding, self._cutting, self._listing, self._listing_samples,
+            self._tile_depths, self._face_id, self._table, self._limits, self._white, totals,
+            is_drawn,
         )  # fmt: skip
         return totals, is_drawn.astype(np.bool_)
 
@@ -171,9 +189,14 @@ class Desk:
         kind, count = np.dtype(dtype), int(np.prod(shape))
         words = -(-count * kind.itemsize // WORD)
         room = np.zeros(max(words, 1), np.int64)
-        self._targets.append((name, room.ctypes.data, words))
-        self._calls.kept.append(room)
-        return room.view(kind)[:count].reshape(shape)
+        field = room.view(kind)[:count].reshape(shape)
+        self._targets.append((name, field, room.ctypes.data, words))
+        return field
+
+    def _load_at(self, name: str, address: int, count: int) -> None:
+        """Load float64 numbers of each view at an address."""
+        numbers = np.frombuffer((ctypes.c_double * count).from_address(address))
+        self._targets.append((name, numbers, address, count))
 
     def _find(self) -> None:
         """Bind what finds the faces."""
@@ -197,7 +220,7 @@ class Desk:
             projection.transform_positions, (0, count), positions, owned, clip, clip_positions,
             scratch,
         )  # fmt: skip
-        self._targets.append(("coefficients", transformed.place_of(4), 3))
+        self._load_at("coefficients", transformed.place_of(4), 3)
         clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
         self._geometry = draw.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
@@ -256,7 +279,7 @@ class Desk:
             projection.project_clipped_vertices, (cut, whole, starts[0], clip_positions),
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
-        self._targets.append(("coefficients", projected.place_of(2), 3))
+        self._load_at("coefficients", projected.place_of(2), 3)
         # How many faces are cut is the length of their list.
         told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
         self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room

@@ -123,7 +123,7 @@ def _draw_layers(
     planned: PlannedFrame, count: int, workers: Workers, clock: StageClock
 ) -> LayeredFrame:
     """Run the stages of a frame, and those from face numbers on for each layer."""
-    plan, cache, views, _ = planned
+    plan, cache, views = planned[:3]
     seen = find_visible(plan, cache, workers, clock, views)
     finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, cache))
     depths, faces = peel(count, seen.coverage, finder, workers)

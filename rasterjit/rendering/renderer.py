@@ -32,6 +32,7 @@ from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.recorded import Recorder, frame_of_totals, is_small
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
@@ -237,7 +238,7 @@ def draw_frame(
     seen : Seen
         What it shows, at the centres of pixels.
     """
-    plan, cache, views, _ = planned
+    plan, cache, views = planned[:3]
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
     arrays = cache.shapes.arrays
     if kept is not None and max(len(arrays.faces), len(arrays.positions)) > MOST_KEPT:
@@ -414,7 +415,7 @@ def compare(
     ]
     sighting = None
     if "motion_visible" in planned.plan.outputs:
-        plan, cache, views, _ = planned.earlier
+        plan, cache, views = planned.earlier[:3]
         seen = find_visible(plan, cache, workers, clock, views)
         sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
     return motion.Motion(*moments, sighting)
@@ -511,6 +512,7 @@ class Renderer(Guarded):
         self._last: RenderPlan | None = None
         self._lensed: lenses.Lensed | None = None
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
+        self._recorder, self._is_timed = Recorder(), False
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
 
@@ -533,6 +535,13 @@ class Renderer(Guarded):
         renderer._cache, renderer.told = cache, None
         return renderer
 
+    @classmethod
+    def timed(cls, size: tuple[int, int], quality: Quality, threads: int | None) -> Renderer:
+        """Return one that draws each frame step by step, and so tells how long each stage took."""
+        renderer = cls(size, quality=quality, threads=threads)
+        renderer._is_timed = True
+        return renderer
+
     def __enter__(self) -> Renderer:
         return self
 
@@ -548,6 +557,7 @@ class Renderer(Guarded):
         """Let the threads go; a later render starts them again."""
         self._workers.close()
         self._kept.clear()
+        self._recorder.clear()
 
     def render(
         self,
@@ -608,7 +618,8 @@ class Renderer(Guarded):
     def _render(self, quality: Quality, *arguments: Any) -> Frame:
         """Render one frame of a quality."""
         clock = StageClock()
-        return self._draw(self._plan(quality, *arguments), clock=clock)
+        planned = self._plan(quality, *arguments)
+        return self._draw_recorded(planned, clock) or self._draw(planned, clock=clock)
 
     def _render_with(self, lens: Lens, what: Any, camera: Camera | None, options: tuple) -> Frame:
         """Render one frame with a lens."""
@@ -736,6 +747,21 @@ class Renderer(Guarded):
         accumulation = Accumulation()
         for one in planned:
             yield self._draw(one, accumulation)
+
+    def _draw_recorded(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
+        """Draw a frame by calls that are recorded; None: it must be drawn step by step."""
+        is_watched = self._is_timed or self.before_picture is not None
+        if is_watched or not is_small(planned) or not self._keeping.acquire(blocking=False):
+            return None
+        try:
+            self._workers.memory.next_frame()
+            drawn = self._recorder.draw(planned, self._workers.memory)
+        finally:
+            self._keeping.release()
+        if drawn is None:
+            return None
+        clock("all stages")
+        return frame_of_totals(planned, *drawn, clock.seconds)
 
     def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
         """Draw a frame."""

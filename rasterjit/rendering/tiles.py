@@ -121,7 +121,7 @@ class RegionRenderer:
         tuple of dict
             For `take_surveys`.
         """
-        plan, cache, views, _ = self._planned
+        plan, cache, views = self._planned[:3]
         region = check_region(region, plan.size)
         part = plan.with_(region=region)
         plans = [part]
@@ -144,7 +144,7 @@ class RegionRenderer:
         ----------
         surveys : mapping of Region to what `survey` returns
         """
-        plan, cache, views, _ = self._planned
+        plan, cache, views = self._planned[:3]
         corners = [(region[0], region[1]) for region in surveys]
         middle, *beside = [
             {
@@ -205,7 +205,7 @@ class RegionRenderer:
 
     def _look_behind(self) -> None:
         """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
-        plan, cache, views, _ = self._planned
+        plan, cache, views = self._planned[:3]
         own = behind.effect_of(plan)
         if own is None:
             return

@@ -40,6 +40,8 @@ class PlannedFrame(NamedTuple):
     views: Views
     earlier: PlannedFrame | None = None
     """What it is compared with; ``None`` -> nothing."""
+    scene: Scene | None = None
+    """What is drawn; of an earlier frame ``None``."""
 
 
 def plan_views(
@@ -84,7 +86,7 @@ def plan_views(
         views = placing.view_again(views, plan.camera, size)
     earlier = find_earlier(previous, plan, scene, camera)
     if earlier is None:
-        return PlannedFrame(plan, cache, views)
+        return PlannedFrame(plan, cache, views, None, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = placing.view_places(old.places, earlier[1], size)
@@ -101,7 +103,7 @@ def plan_views(
     if _are_moved(earlier[1], old_plan.camera):
         old_views = placing.view_again(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views)
-    return PlannedFrame(plan.with_(previous=old_plan), cache, views, before)
+    return PlannedFrame(plan.with_(previous=old_plan), cache, views, before, scene)
 
 
 def settle_together(

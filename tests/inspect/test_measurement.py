@@ -265,6 +265,7 @@ def called(monkeypatch):
     class Watched:
         def __init__(self, kernel, name):
             self.kernel, self.name = kernel, name
+            self.__name__, self.__module__ = kernel.__name__, kernel.__module__
 
         def __call__(self, *arguments):
             names.append(self.name)

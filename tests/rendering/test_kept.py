@@ -255,7 +255,7 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(cube, sphere, monkeyp
     shadings = counted(monkeypatch, layers, "Shading")
     drawers = counted(monkeypatch, nearest, "tile_drawer")
     screens = counted(monkeypatch, draw, "screen_arrays")
-    with rj.Renderer(SIZE, threads=1) as renderer:
+    with rj.Renderer.timed(SIZE, rj.Quality(), 1) as renderer:
         for number in range(5):
             # All is in view, and no face is cut.
             eye = 7.0 * np.sin(number), 1.0, 7.0 * np.cos(number)
