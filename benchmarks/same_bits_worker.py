@@ -48,10 +48,12 @@ class Drawn:
         asked = {"size": self.size, "quality": self.quality, "outputs": self.outputs}
         (other, camera), scene = self.cameras, self.scene
 
-        def kept(first: tuple[Any, Any], second: tuple[Any, Any]) -> dict[str, Any]:
+        def kept(*frames: tuple[Any, Any]) -> dict[str, Any]:
+            """Return the last frame of a renderer: from the third of a kind on it is recorded."""
             with rj.Renderer(self.size, quality=self.quality) as renderer:
-                renderer.render(*first, outputs=self.outputs)
-                return renderer.render(*second, outputs=self.outputs).arrays()
+                for frame in frames:
+                    drawn = renderer.render(*frame, outputs=self.outputs)
+                return drawn.arrays()
 
         def batch(threads: int) -> dict[str, Any]:
             drawn = rj.render_batch(scene, [other, camera], threads=threads, **asked)
@@ -61,16 +63,23 @@ class Drawn:
             "lone, 1 thread": lambda: rj.render(scene, camera, threads=1, **asked).arrays(),
             "lone, 2 threads": lambda: rj.render(scene, camera, threads=2, **asked).arrays(),
             "kept": lambda: kept((scene, other), (scene, camera)),
+            "recorded": lambda: kept(*2 * ((scene, other), (scene, camera))),
             "batch, 1 thread": lambda: batch(1),
             "batch, 2 threads": lambda: batch(2),
             "changed": lambda: rj.render(self.changed, camera, **asked).arrays(),
+            "recorded, changed": lambda: kept(*3 * ((scene, camera),), (self.changed, camera)),
             "kept, changed": lambda: kept((scene, camera), (self.changed, camera)),
         }
 
     def stages(self) -> list[str]:
         """Return the names of the stages of shading that the plan lists."""
         import rasterjit as rj
-        from rasterjit.rendering.plan import list_passes
+
+        try:
+            from rasterjit.rendering.plan import list_passes
+        except ImportError:
+            # A commit from before passes were listed once.
+            from rasterjit.rendering.sketch import list_stages as list_passes
 
         plan = rj.explain(
             self.scene, self.cameras[1], size=self.size, quality=self.quality, outputs=self.outputs

@@ -32,7 +32,7 @@ from rasterjit.survey.placement import culled_turns
 MOST_PIXELS = 1 << 16
 """Pixels of the largest pictures that are recorded: larger ones take longer than their Python."""
 
-MOST_FACES = 1 << 13
+MOST_FACES = 1 << 14
 """The same for faces."""
 
 FRAMES_BEFORE = 2
