@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import shape_of
-from rasterjit.pipeline.views import LIT, LIT_WHITE
+from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
 from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of
 from rasterjit.rendering.kept import serves
 from rasterjit.rendering.sharing import can_share, kind_of_plan
-from rasterjit.rendering.together import COUNTED, KNOWN_CAMERAS, counts_of, depth_way
+from rasterjit.rendering.together import KNOWN_CAMERAS, depth_way
 from rasterjit.rendering.views import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
@@ -29,7 +29,7 @@ from rasterjit.survey.arrays import front_turns_of
 from rasterjit.survey.many_views import Group, ManyViews
 from rasterjit.survey.placement import culled_turns
 
-MOST_PIXELS = 1 << 16
+MOST_PIXELS = 1 << 15
 """Pixels of the largest pictures that are recorded: larger ones take longer than their Python."""
 
 MOST_FACES = 1 << 14
@@ -166,10 +166,14 @@ def frame_of_totals(
     seconds: dict[str, float],
 ) -> Frame:
     """Return a frame of what was drawn, (H, W, ...) each, and counted, (9,)."""
-    *counts, covered = counts_of(totals[np.newaxis], len(planned.cache.shapes.arrays.faces))[0]
-    named = dict(zip(COUNTED, map(int, counts), strict=False))
-    stats = Stats(**named, seconds=seconds, face_id=int(covered))
+    faces, counted = len(planned.cache.shapes.arrays.faces), totals.tolist()
+    outside, degenerate, culled, unsampled, invalid = counted[:COVERED]
+    drawn = faces - (outside + degenerate + culled + unsampled + invalid)
+    stats = Stats(
+        faces, outside, culled, degenerate, unsampled, invalid, drawn, counted[CUT],
+        seconds=seconds, face_id=counted[COVERED],
+    )  # fmt: skip
     frame = Frame(arrays, planned.plan, stats, None, planned.cache.face_starts)
-    lit, white = totals[[LIT, LIT_WHITE]].tolist()
+    lit, white = counted[LIT], counted[LIT_WHITE]
     frame._white_share = white / lit if lit else 0.0
     return frame
