@@ -41,6 +41,8 @@ from rasterjit.runtime.threads import Memory
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, Picture, acting
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.many_views import ManyViews
+from rasterjit.survey.placement import Places, Views, culled_turns
 from rasterjit.survey.plan import RenderPlan
 
 Float64 = NDArray[np.float64]
@@ -86,6 +88,40 @@ def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
     words = np.zeros((len(values), -(-size // WORD)), np.int64)
     words.view(np.uint8)[:, :size] = flat.view(np.uint8) if size else 0
     return words
+
+
+def view_fields(
+    views: Views | ManyViews,
+    places: Views | Places,
+    world_from_model: Float64,
+    turn: Any,
+    cull: str,
+    is_single_sided: NDArray[np.bool_],
+    axis: Float64,
+) -> dict[str, NDArray[Any]]:
+    """
+    Return the arrays that a `Desk` loads of a view, or of each of many, (N, ...) or (1, ...).
+
+    Those of lights, effects and depth are missing. ``turn`` is ``screen_turn``, (N, 1) of many;
+    ``axis`` the one that a camera looks back along, (..., 3).
+    """
+    relative = views.relative_from_model
+    x, y, z = np.moveaxis(axis, -1, 0)
+    length = np.sqrt((x * x + y * y) + z * z)
+    return {
+        "relative_from_model": relative,
+        "clip_from_relative": views.clip_from_relative,
+        "relative_rows": relative[..., :3, :],
+        "world_rows": world_from_model[..., :3, :],
+        "normal_matrices": places.normal_matrices,
+        "mirrored": places.mirrored,
+        "front_turns": -turn * places.mirrored,
+        "culled_turns": culled_turns(cull, turn, places.mirrored, is_single_sided),
+        "toward_viewer": views.toward_viewer,
+        "viewer": views.toward_viewer,
+        "distance_axis": np.concatenate((axis, length[..., np.newaxis]), axis=-1),
+        "is_parallel": views.toward_viewer[..., 3:] == 0.0,
+    }
 
 
 class Desk:

@@ -18,16 +18,14 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import shape_of
 from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
-from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of
+from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of, view_fields
 from rasterjit.rendering.kept import serves
 from rasterjit.rendering.sharing import can_share, kind_of_plan
 from rasterjit.rendering.together import KNOWN_CAMERAS, depth_way
 from rasterjit.rendering.views import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
-from rasterjit.survey.arrays import front_turns_of
 from rasterjit.survey.many_views import Group, ManyViews
-from rasterjit.survey.placement import culled_turns
 
 MOST_PIXELS = 1 << 15
 """Pixels of the largest pictures that are recorded: larger ones take longer than their Python."""
@@ -122,34 +120,23 @@ def _are_alike(one: PlannedFrame, other: PlannedFrame) -> bool:
 def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     """Yield the arrays of a frame that its `Desk` loads, by name: `Together.prepare` of one."""
     plan, cache, views = planned.plan, planned.cache, planned.views
-    relative, clip = views.relative_from_model, views.clip_from_relative
-    single = cache.tables.is_single_sided
-    yield "relative_from_model", relative
-    yield "clip_from_relative", clip
+    axis = np.asarray(plan.camera.view_matrix())[2, :3]
+    yield from view_fields(
+        views, views, cache.places.world_from_model, views.screen_turn, plan.cull,
+        cache.tables.is_single_sided, axis,
+    ).items()  # fmt: skip
     yield "coefficients", plan.camera.depth_coefficients()
-    yield "culled_turns", culled_turns(plan.cull, views.screen_turn, views.mirrored, single)
-    yield "relative_rows", relative[:, :3]
-    yield "normal_matrices", views.normal_matrices
-    yield "mirrored", views.mirrored
-    yield "front_turns", front_turns_of(views.screen_turn, views.mirrored)
-    yield "toward_viewer", views.toward_viewer
-    yield "viewer", views.toward_viewer
-    yield "world_rows", cache.places.world_from_model[:, :3]
     if plan.lighting is not None:
         yield LIGHT_ROWS, plan.lighting.lights
     if "depth" in plan.outputs:
         way, *factors = depth_way(plan.camera)
         yield "depth_way", way
         yield "depth_factors", factors
-    if "distance" in plan.outputs:
-        x, y, z = axis = plan.camera.view_matrix()[2, :3]
-        yield "distance_axis", (*axis, np.sqrt((x * x + y * y) + z * z))
-        yield "is_parallel", views.toward_viewer[3] == 0.0
     changed = [one.effect for one in plan.planned if one.effect.in_groups]
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
         own = ManyViews(
-            relative[np.newaxis], clip[np.newaxis], views.toward_viewer[np.newaxis],
+            *(part[np.newaxis] for part in views[:2]), views.toward_viewer[np.newaxis],
             np.array([views.screen_turn]), np.ones(1, np.bool_),
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes

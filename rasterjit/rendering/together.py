@@ -23,7 +23,7 @@ from rasterjit.outputs.table import is_attribute
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.rendering import notices
-from rasterjit.rendering.desk import Desk, memory_of, words_of
+from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.kept import MOST_KINDS, Kept
 from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
@@ -68,7 +68,6 @@ from rasterjit.survey.placement import (
     Extents,
     Measures,
     Places,
-    culled_turns,
     measure_boxes,
 )
 from rasterjit.survey.plan import RenderPlan
@@ -341,36 +340,20 @@ class Together:
         self, cameras: Sequence[Camera], places: Places, views: ManyViews, view: Float64
     ) -> dict[str, NDArray[Any]]:
         """Return all arrays of a desk but those of lights and effects, (N, ...) or (1, ...)."""
-        cache, quality = self.cache, self.options.quality
-        kind = cache.shapes.positions(quality.precision).dtype
-        turn = views.screen_turn[:, np.newaxis]
-        single = cache.tables.is_single_sided
-        front_turns = -turn * places.mirrored
-        culled = culled_turns(self.options.cull, turn, places.mirrored, single)
-        relative, clip = views.relative_from_model, views.clip_from_relative
+        cache, options = self.cache, self.options
+        fields = view_fields(
+            views, places, places.world_from_model, views.screen_turn[:, np.newaxis],
+            options.cull, cache.tables.is_single_sided, view[:, 2, :3],
+        )  # fmt: skip
+        kind = cache.shapes.positions(options.quality.precision).dtype
+        kinds = {"relative_from_model": kind, "clip_from_relative": kind, "viewer": np.float32}
         with np.errstate(over="ignore"):
-            fields = {
-                "relative_from_model": relative.astype(kind, copy=False),
-                "clip_from_relative": clip.astype(kind, copy=False),
-                "relative_rows": relative[:, :, :3],
-                "world_rows": places.world_from_model[:, :, :3],
-                "normal_matrices": places.normal_matrices,
-                "mirrored": places.mirrored,
-                "front_turns": front_turns,
-                "culled_turns": culled,
-                "toward_viewer": views.toward_viewer,
-                "viewer": views.toward_viewer.astype(np.float32),
-            }
+            for name, kind in {**kinds, "is_parallel": np.int64}.items():
+                fields[name] = fields[name].astype(kind, copy=False)
         if "depth" in self.options.outputs:
             ways = [depth_way(camera) for camera in cameras]
             fields["depth_way"] = np.array([[way] for way, *_ in ways], np.int64)
             fields["depth_factors"] = np.array([factors for _, *factors in ways])
-        if "distance" in self.options.outputs:
-            axis = view[:, 2, :3]
-            x, y, z = axis.T
-            sizes = np.sqrt((x * x + y * y) + z * z)
-            fields["distance_axis"] = np.concatenate((axis, sizes[:, np.newaxis]), axis=1)
-            fields["is_parallel"] = (views.toward_viewer[:, 3:] == 0.0).astype(np.int64)
         return fields
 
 
