@@ -109,7 +109,7 @@ def measure_cluster(
     from distributed import Client, LocalCluster
 
     from rasterjit.distributed.many import draw_frames, share_scene
-    from rasterjit.rendering.stream import Options
+    from rasterjit.rendering.plan import FrameRequest
 
     cameras = list(around(scene, frames))
     with ExitStack() as stack:
@@ -133,7 +133,7 @@ def measure_cluster(
         found = take_turns(ways, rounds, frames)
         found["seconds a task"] = task_seconds(clients[1])
         found["bytes a second"] = transfer_rate(clients[1])
-    options = Options(size, rj.Quality.standard(), ("color",), None, "none")
+    options = FrameRequest(size, rj.Quality.standard(), ("color",), None, "none")
     found["bytes a frame"] = size_sent(draw_frames(share_scene(scene, options, 1), cameras[:1])[0])
     return found
 

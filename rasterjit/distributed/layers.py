@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.renderer import draw_frame
-from rasterjit.rendering.stream import Options
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera, settled
@@ -110,7 +110,7 @@ def draw_layer(
     setting: Scene,
     material: Material | None,
     camera: Camera,
-    options: Options,
+    options: FrameRequest,
     threads: int,
     steps: tuple[int, int] = (0, 0),
 ) -> Layer | None:
@@ -126,10 +126,8 @@ def draw_layer(
     outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
     clock, workers = StageClock(), Workers(threads)
     try:
-        planned = plan_views(
-            options.size, options.quality, scene, settled(camera, *steps), outputs,
-            options.background, options.cull, False, None,
-        )  # fmt: skip
+        request = options._replace(outputs=outputs)
+        planned = plan_views(request, scene, settled(camera, *steps))
         kept = {"keep_depth": True, "find_faces": True}
         frame, seen = draw_frame(planned, workers, clock=clock, **kept)
     finally:
@@ -142,7 +140,7 @@ def draw_layer(
 
 
 def plan_part(
-    mesh: Mesh | None, setting: Scene, camera: Camera, options: Options
+    mesh: Mesh | None, setting: Scene, camera: Camera, options: FrameRequest
 ) -> tuple[Scene, RenderPlan] | None:
     """
     Return a part in the light of the whole, and the plan of it; ``None`` if it has no face.
@@ -160,10 +158,7 @@ def plan_part(
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
     scene = scene.posed()
-    plan = planning.plan_frame(
-        scene, camera, options.size, options.quality, options.outputs, options.background,
-        options.cull,
-    )  # fmt: skip
+    plan = planning.plan_frame(options, scene, camera)
     _refuse_mixing(plan)
     return scene, plan
 

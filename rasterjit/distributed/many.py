@@ -30,11 +30,10 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.late import LateFrame
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.pool import Artist, Begun, GrowingPace, RendererPool
 from rasterjit.rendering.stream import (
     PROGRESS,
-    Options,
     Progress,
     check_arguments,
     check_cameras,
@@ -151,7 +150,7 @@ def count_of(cameras: Iterable[Camera]) -> int | None:
 class FarFrame(LateFrame):
     """A frame that a worker drew; its plan is made here, when it is first asked for."""
 
-    def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: Options) -> None:
+    def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
         make_plan = partial(
             planning.plan_frame, scene, camera, options.size, options.quality, options.outputs,
@@ -164,7 +163,7 @@ class FarFrame(LateFrame):
         return np.cumsum([0, *(len(node.mesh.faces) for node in self._scene.nodes)])
 
 
-def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
+def share_scene(scene: Scene, options: FrameRequest, threads: int) -> SharedScene:
     """Return what all frames have in common; ``threads`` are those of each task."""
     return SharedScene(Artist, scene, options, threads)
 
@@ -208,14 +207,14 @@ class Farm:
     ----------
     client : Client
     scene : Scene
-    options : Options
+    options : FrameRequest
     threads : int
         Of each task.
     pace : GrowingPace
     """
 
     def __init__(
-        self, client: Client, scene: Scene, options: Options, threads: int, pace: GrowingPace
+        self, client: Client, scene: Scene, options: FrameRequest, threads: int, pace: GrowingPace
     ) -> None:
         self.pace = pace
         self._client, self._scene, self._options = client, scene, options
@@ -279,7 +278,7 @@ class Farm:
 def farm_out(
     scene: Scene,
     cameras: Iterable[Camera],
-    options: Options,
+    options: FrameRequest,
     threads: int | None,
     prefetch: int | None,
     progress: str,

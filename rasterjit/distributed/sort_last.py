@@ -27,8 +27,8 @@ from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering import notices
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull
-from rasterjit.rendering.stream import Options, check_arguments
+from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.stream import check_arguments
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
@@ -158,7 +158,7 @@ def _render_once(
     setting: Scene,
     material: Material | None,
     camera: Camera,
-    options: Options,
+    options: FrameRequest,
     threads: int,
     steps: tuple[int, int],
     client: Client,

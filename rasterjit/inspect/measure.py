@@ -13,7 +13,7 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull, plan_frame
+from rasterjit.rendering.plan import Cull, FrameRequest, plan_frame
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.views import choose_camera
 from rasterjit.runtime.threads import available_processors
@@ -215,7 +215,5 @@ def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> boo
     background = plan.background if plan.facts.has_background else None
     if plan.facts.background_image is not None:
         background = plan.facts.background_image
-    changed = plan_frame(
-        scene, plan.camera, plan.size, quality, plan.outputs, background, plan.cull
-    )
-    return changed.has(name)
+    request = FrameRequest(plan.size, quality, plan.outputs, background, plan.cull)
+    return plan_frame(request, scene, plan.camera).has(name)

@@ -35,7 +35,7 @@ from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.renderer import render
 from rasterjit.rendering.views import choose_camera, cut_open
 from rasterjit.runtime.ahead import beside
@@ -110,9 +110,8 @@ def explain_pixel(
     x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = posed_scene(as_scene(what))
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
-    plan = planning.plan_frame(
-        scene, camera, size, check_quality(quality), ("color", "linear"), background, cull
-    )
+    request = FrameRequest(size, check_quality(quality), ("color", "linear"), background, cull)
+    plan = planning.plan_frame(request, scene, camera)
     with beside(partial(planning.list_tasks, plan)):
         return _explain(scene, plan, background, x, y)
 

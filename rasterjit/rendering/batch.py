@@ -27,16 +27,10 @@ from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.kept import SHELF, Kept
 from rasterjit.rendering.notices import Told
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.sharing import can_share
-from rasterjit.rendering.stream import (
-    Options,
-    check_arguments,
-    check_cameras,
-    check_item,
-    share_threads,
-)
+from rasterjit.rendering.stream import check_arguments, check_cameras, check_item, share_threads
 from rasterjit.rendering.together import COUNTED, Projections, Together
 from rasterjit.rendering.views import naming, plan_views
 from rasterjit.runtime.ahead import beside
@@ -177,10 +171,7 @@ def render_batch(
     if eyes:
         kept = _take_up(what, scene, options.quality)
         # Plan the first, which finds what is wrong with all of them.
-        kept.first = plan_views(
-            options.size, options.quality, views.scene_of(0), eyes[0], options.outputs,
-            options.background, cull, False, None, kept.cache, kept.first,
-        ).plan  # fmt: skip
+        kept.first = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first).plan
         with beside(partial(planning.list_tasks, kept.first), workers * own):
             drawn = _draw_all(views, kept, projections, workers)
         # What an error leaves behind is not used again.
@@ -238,7 +229,9 @@ def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.f
     return places
 
 
-def shapes_of(scene: Scene, count: int, options: Options) -> dict[str, tuple[tuple[int, ...], str]]:
+def shapes_of(
+    scene: Scene, count: int, options: FrameRequest
+) -> dict[str, tuple[tuple[int, ...], str]]:
     """Return the shape and the dtype of each output of all views."""
     attributes = {
         name: find_attribute(scene.nodes, name.removeprefix(ATTRIBUTE))
@@ -303,7 +296,7 @@ class AllViews(NamedTuple):
     cameras: Sequence[Camera]
     places: NDArray[np.float64] | None
     """(N, O, 4, 4): where the objects stand in each view; ``None`` -> as in the scene."""
-    options: Options
+    options: FrameRequest
     arrays: Arrays
     """(N, H, W, ...) of each output."""
 
@@ -442,7 +435,7 @@ class OneByOne:
 
     def __call__(self, group: Iterable[int]) -> Drawn:
         """Draw some views."""
-        views, (_, _, outputs, background, cull) = self._views, self._views.options
+        views, (outputs, background, cull) = self._views, self._views.options[2:5]
         totals, told = np.zeros(len(COUNTED), np.int64), Told()
         for number in group:
             with naming(f"cameras[{number}]"):

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.rendering.batch import scene_at
-from rasterjit.rendering.plan import RenderPlan, plan_frame
-from rasterjit.rendering.stream import Options
+from rasterjit.rendering.plan import FrameRequest, RenderPlan, plan_frame
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.survey import placement as placing
@@ -71,19 +70,15 @@ class Moment:
         May change from now on.
     cache : SceneCache
         Of the scene.
-    options : Options
+    request : FrameRequest
     """
 
-    def __init__(self, scene: Scene, cache: SceneCache, options: Options) -> None:
+    def __init__(self, scene: Scene, cache: SceneCache, request: FrameRequest) -> None:
         self._scene = scene_at(scene, cache.places.world_from_model)
         self._scene.lights = list(scene.lights)
-        self._cache, self._options = cache, options
+        self._cache, self._request = cache, request
 
     def plan(self, camera: Camera) -> RenderPlan:
         """Return the plan of a view."""
-        size, quality, outputs, background, cull = self._options
-        views = placing.view_places(self._cache.places, camera, size)
-        return plan_frame(
-            self._scene, camera, size, quality, outputs, background, cull, False,
-            self._cache.inventory, views,
-        )  # fmt: skip
+        views = placing.view_places(self._cache.places, camera, self._request.size)
+        return plan_frame(self._request, self._scene, camera, self._cache.inventory, views)

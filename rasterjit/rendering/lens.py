@@ -34,6 +34,7 @@ from rasterjit.rendering.lens_pictures import (
     see,
     world_axes,
 )
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.views import (
     PlannedFrame,
     choose_camera,
@@ -51,10 +52,8 @@ from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.pixels import clip_from_relative
-from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
-from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
@@ -95,15 +94,9 @@ class Lensed(NamedTuple):
 
 def plan_lensed(
     lens: Any,
-    size: tuple[int, int],
-    quality: Quality,
+    request: FrameRequest,
     scene: Scene,
     camera: Camera | None,
-    outputs: Sequence[str],
-    background: Any,
-    cull: str,
-    diagnose: bool,
-    previous: View | None,
     workers: Workers,
     known: SceneCache | None = None,
     last: Lensed | None = None,
@@ -119,7 +112,8 @@ def plan_lensed(
     ValueError
         Naming the argument that is wrong.
     """
-    lens, size = check_lens("lens", lens), image_size("size", size)
+    _, quality, outputs, background, _, diagnose, previous = request
+    lens, size = check_lens("lens", lens), image_size("size", request.size)
     camera = choose_camera(scene, camera, size)
     outputs = table.check_outputs(outputs)
     _refuse(outputs, diagnose)
@@ -152,9 +146,9 @@ def plan_lensed(
     whole = []
     for picture in looks.pictures:
         seen_by = camera_of(picture, camera, size, sight)
-        one = plan_views(
-            picture.size, quality, scene, seen_by, drawn, background, cull, False, None, known
-        )
+        own = request._replace(size=picture.size, outputs=drawn, background=background)
+        own = own._replace(diagnose=False, previous=None)
+        one = plan_views(own, scene, seen_by, known)
         known = one.cache
         whole.append(one)
     _refuse_effects([one.plan for one in whole])

@@ -29,7 +29,7 @@ from rasterjit.pipeline.visibility.nearest import empty_depth
 from rasterjit.rendering import notices, shade
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
 from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
@@ -102,9 +102,8 @@ def render_layers(
     quality, size = check_quality(quality), image_size("size", size)
     clock, workers = StageClock(), Workers(thread_count("threads", threads))
     try:
-        planned = plan_views(
-            size, quality, posed_scene(as_scene(what)), camera, outputs, None, cull, False, previous
-        )
+        request = FrameRequest(size, quality, outputs, None, cull, previous=previous)
+        planned = plan_views(request, posed_scene(as_scene(what)), camera)
         if planned.plan.facts.has_round_points:
             raise ValueError(
                 "what must have no discs or spheres, of which several in a pixel are not found; "

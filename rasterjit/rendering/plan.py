@@ -35,6 +35,7 @@ from rasterjit.scene.validation import (
     true_or_false,
     whole_size,
 )
+from rasterjit.scene.view import View
 from rasterjit.survey import clip_planes, posing
 from rasterjit.survey.blending import layers_of
 from rasterjit.survey.contents import (
@@ -62,15 +63,22 @@ Known = tuple[Inventory, Extents]
 """Inventory of a scene's objects, and how far they reach."""
 
 
+class FrameRequest(NamedTuple):
+    """What is asked of a frame beside its scene and camera, as `rasterjit.render` takes it."""
+
+    size: tuple[int, int]
+    quality: Quality
+    outputs: Sequence[str] = ("color",)
+    background: Any = None
+    cull: str = "none"
+    diagnose: bool = False
+    previous: View | None = None
+
+
 def plan_frame(
+    request: FrameRequest,
     scene: Scene,
     camera: Camera,
-    size: tuple[int, int],
-    quality: Quality,
-    outputs: Sequence[str],
-    background: Any,
-    cull: str,
-    diagnose: bool = False,
     known: Known | None = None,
     views: Views | None = None,
     last: RenderPlan | None = None,
@@ -86,8 +94,9 @@ def plan_frame(
     ValueError
         Naming the argument that is wrong.
     """
-    size = whole_size("size", size, quality.subpixel_bits)
-    outputs = check_outputs(outputs)
+    quality, background, cull, diagnose = request.quality, *request[3:6]
+    size = whole_size("size", request.size, quality.subpixel_bits)
+    outputs = check_outputs(request.outputs)
     one_of("cull", cull, CULL_MODES)
     true_or_false("diagnose", diagnose)
     # Look at the scene.

@@ -27,9 +27,10 @@ from rasterjit.rendering import batch, notices, together
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.kept import Kept
 from rasterjit.rendering.late import LateFrame, Moment
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.sharing import can_share
-from rasterjit.rendering.stream import AHEAD, Options, Pace
+from rasterjit.rendering.stream import AHEAD, Pace
 from rasterjit.rendering.together import COUNTED, Drawer, Projections, Together
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
@@ -44,14 +45,19 @@ MOST_WORK = 1 << 17
 nothing."""
 
 
-def may_gain(scene: Scene, options: Options, threads: int, room: int) -> bool:
+def may_gain(scene: Scene, options: FrameRequest, threads: int, room: int) -> bool:
     """Tell, without a plan, whether views may be drawn in one go: see `views_at_once`."""
     is_small = batch.work_of(options.size, scene) <= MOST_WORK
     return threads == 1 and room > 1 and is_small and together.is_possible(options)
 
 
 def views_at_once(
-    plan: RenderPlan, scene: Scene, cache: SceneCache, options: Options, threads: int, room: int
+    plan: RenderPlan,
+    scene: Scene,
+    cache: SceneCache,
+    options: FrameRequest,
+    threads: int,
+    room: int,
 ) -> int:
     """
     Return how many views a thread draws in one go; 1: each is drawn alone.
@@ -67,7 +73,7 @@ def views_at_once(
     scene : Scene
     cache : SceneCache
         Of the scene.
-    options : Options
+    options : FrameRequest
     threads : int
         How many draw each view.
     room : int
@@ -89,7 +95,7 @@ class GrowingPace(Pace):
     Parameters
     ----------
     scene : Scene
-    options : Options
+    options : FrameRequest
     workers : int
         How many threads, or processes, draw views.
     threads : int
@@ -102,7 +108,7 @@ class GrowingPace(Pace):
     """
 
     def __init__(
-        self, scene: Scene, options: Options, workers: int, threads: int,
+        self, scene: Scene, options: FrameRequest, workers: int, threads: int,
         prefetch: int | None = None, count: int | None = None,
     ) -> None:  # fmt: skip
         turns = AHEAD * workers
@@ -130,7 +136,7 @@ class GrowingPace(Pace):
         self.ahead = self._prefetch or self._turns * self.at_once
 
 
-def prepare_for(scene: Scene, options: Options) -> SceneCache:
+def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
     """Return what views of a scene have in common."""
     return prepare(scene.nodes, None, options.quality, scene.environment is not None)
 
@@ -161,7 +167,7 @@ class Shared(NamedTuple):
 
     @classmethod
     def of(
-        cls, scene: Scene, cache: SceneCache, options: Options, count: int,
+        cls, scene: Scene, cache: SceneCache, options: FrameRequest, count: int,
         first: RenderPlan | None = None,
     ) -> Shared:  # fmt: skip
         """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
@@ -177,7 +183,7 @@ class Artist:
     Parameters
     ----------
     scene : Scene
-    options : Options
+    options : FrameRequest
     threads : int
         That draw each frame.
     cache : SceneCache, optional
@@ -185,7 +191,7 @@ class Artist:
     """
 
     def __init__(
-        self, scene: Scene, options: Options, threads: int, cache: SceneCache | None = None
+        self, scene: Scene, options: FrameRequest, threads: int, cache: SceneCache | None = None
     ) -> None:
         cache = cache or prepare_for(scene, options)
         self._scene, self._options, self._cache = scene, options, cache
@@ -227,7 +233,7 @@ class Artist:
 
     def _draw_alone(self, camera: Camera) -> Begun:
         """Draw a view as `rasterjit.render` does."""
-        _, _, outputs, background, cull = self._options
+        outputs, background, cull = self._options[2:5]
         try:
             frame = self._renderer.render(
                 self._scene, camera, outputs=outputs, background=background, cull=cull
@@ -284,7 +290,7 @@ class RendererPool:
     Parameters
     ----------
     scene : Scene
-    options : Options
+    options : FrameRequest
     workers : int
         How many threads draw views.
     threads : int
@@ -293,7 +299,7 @@ class RendererPool:
     """
 
     def __init__(
-        self, scene: Scene, options: Options, workers: int, threads: int, pace: GrowingPace
+        self, scene: Scene, options: FrameRequest, workers: int, threads: int, pace: GrowingPace
     ) -> None:
         self._scene, self._options = scene, options
         self._workers, self._threads = workers, threads
@@ -354,7 +360,7 @@ class RendererPool:
 
 
 def draw_in_turns(
-    scene: Scene, cameras: Sequence[Camera], options: Options, threads: int
+    scene: Scene, cameras: Sequence[Camera], options: FrameRequest, threads: int
 ) -> Iterator[Frame]:
     """
     Yield one frame for each camera, in order; nothing is drawn while the caller has one.

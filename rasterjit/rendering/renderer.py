@@ -31,7 +31,7 @@ from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.recorded import Recorder, frame_of_totals, is_small
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import PlannedFrame, plan_views
@@ -150,12 +150,12 @@ def render(
     for name, value in (("max_error", max_error), ("time_budget", time_budget)):
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
-    options = outputs, background, cull, diagnose, previous
     with Renderer(size, quality=quality, threads=threads) as renderer:
+        request = renderer._request(outputs, background, cull, diagnose, previous)
         if time_budget is not None and max_error is None and lens is None:
-            frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
+            frame = renderer._render_in_time(time_budget, what, camera, request, is_lone=True)
         else:
-            frame = renderer._render_asked(max_error, time_budget, what, camera, options, lens)
+            frame = renderer._render_asked(max_error, time_budget, what, camera, request, lens)
     notices.warn(notices.notices_of_frame(frame), set())
     return frame
 
@@ -187,18 +187,16 @@ def explain(
         Naming the argument that is wrong.
     """
     scene = posed_scene(as_scene(what))
+    request = FrameRequest(
+        image_size("size", size), check_quality(quality), outputs, background, cull, diagnose,
+        previous,
+    )  # fmt: skip
     if lens is not None:
-        planned = lenses.plan_lensed(
-            lens, image_size("size", size), check_quality(quality), scene, camera, outputs,
-            background, cull, diagnose, previous, Workers(1),
-        )  # fmt: skip
+        planned = lenses.plan_lensed(lens, request, scene, camera, Workers(1))
         plan, through = planned.plan, lenses.through_lens(planned)
         view = CameraView(tuple(scene.nodes), plan.camera, plan.size, through)
         return plan.with_(view=view)
-    plan = plan_views(
-        image_size("size", size), check_quality(quality), scene, camera, outputs, background, cull,
-        diagnose, previous,
-    ).plan  # fmt: skip
+    plan = plan_views(request, scene, camera).plan
     return plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
 
 
@@ -588,11 +586,15 @@ class Renderer(Guarded):
         ValueError
             Naming the argument that is wrong, before any kernel runs.
         """
-        options = outputs, background, cull, diagnose, previous
-        frame = self._render_asked(max_error, time_budget, what, camera, options, lens)
+        request = self._request(outputs, background, cull, diagnose, previous)
+        frame = self._render_asked(max_error, time_budget, what, camera, request, lens)
         if self.told is not None:
             notices.warn(notices.notices_of_frame(frame), self.told)
         return frame
+
+    def _request(self, *asked: Any) -> FrameRequest:
+        """Return what is asked of a frame of this size and quality."""
+        return FrameRequest(self.size, self.quality, *asked)
 
     def _render_asked(
         self,
@@ -600,7 +602,7 @@ class Renderer(Guarded):
         time_budget: float | None,
         what: Any,
         camera: Camera | None,
-        options: tuple,
+        request: FrameRequest,
         lens: Lens | None,
     ) -> Frame:
         """Render one frame of this renderer's quality, or of one that is near or fast enough."""
@@ -608,24 +610,25 @@ class Renderer(Guarded):
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
                     raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
-            return self._render_with(lens, what, camera, options)
+            return self._render_with(lens, what, camera, request)
         if max_error is not None:
-            return self._render_within(max_error, time_budget, what, camera, options)
+            return self._render_within(max_error, time_budget, what, camera, request)
         if time_budget is not None:
-            return self._render_in_time(time_budget, what, camera, options)
-        return self._render(self.quality, what, camera, *options)
+            return self._render_in_time(time_budget, what, camera, request)
+        return self._render(request, what, camera)
 
-    def _render(self, quality: Quality, *arguments: Any) -> Frame:
-        """Render one frame of a quality."""
+    def _render(self, request: FrameRequest, what: Any, camera: Camera | None) -> Frame:
+        """Render one frame."""
         clock = StageClock()
-        planned = self._plan(quality, *arguments)
+        planned = self._plan(request, what, camera)
         return self._draw_recorded(planned, clock) or self._draw(planned, clock=clock)
 
-    def _render_with(self, lens: Lens, what: Any, camera: Camera | None, options: tuple) -> Frame:
+    def _render_with(
+        self, lens: Lens, what: Any, camera: Camera | None, request: FrameRequest
+    ) -> Frame:
         """Render one frame with a lens."""
         planned = lenses.plan_lensed(
-            lens, self.size, self.quality, self._scene(what), camera, *options, self._workers,
-            self._cache, self._lensed,
+            lens, request, self._scene(what), camera, self._workers, self._cache, self._lensed
         )  # fmt: skip
         self._cache, self._lensed = planned.pictures[-1].cache, planned
 
@@ -639,24 +642,24 @@ class Renderer(Guarded):
         time_budget: float,
         what: Any,
         camera: Camera | None,
-        options: tuple,
+        request: FrameRequest,
         is_lone: bool = False,
     ) -> Frame:
         """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
         budget = positive_number("time_budget", time_budget)
         scene = self._scene(what)
-        outputs, _, cull, diagnose, _ = options
         circumstances = (
-            self.size, self._workers.threads, table.check_outputs(outputs), cull, bool(diagnose),
-            is_lone,
+            self.size, self._workers.threads, table.check_outputs(request.outputs), request.cull,
+            bool(request.diagnose), is_lone,
         )  # fmt: skip
 
         def draw(quality: Quality) -> Frame:
+            own = request._replace(quality=quality)
             if not is_lone:
-                return self._render(quality, scene, camera, *options)
+                return self._render(own, scene, camera)
             # What is kept from frame to frame is not there for a lone one.
             with Renderer(self.size, threads=self._workers.threads) as lone:
-                return lone._render(quality, scene, camera, *options)
+                return lone._render(own, scene, camera)
 
         return budgets.draw_in_time(budget, budgets.times_of(what, circumstances), draw)
 
@@ -666,7 +669,7 @@ class Renderer(Guarded):
         time_budget: float | None,
         what: Any,
         camera: Camera | None,
-        options: tuple,
+        request: FrameRequest,
     ) -> Frame:
         """Render one frame in the fastest quality that is near enough to the reference."""
         bound = positive_number("max_error", max_error)
@@ -674,27 +677,21 @@ class Renderer(Guarded):
             raise ValueError(
                 f"time_budget must be None where max_error is given, got {time_budget!r}"
             )
-        outputs, background, cull, diagnose, previous = options
-        wanted = table.check_outputs(outputs)
-        with_light = tuple(dict.fromkeys((*wanted, *budgets.LIGHT)))
-        rest = background, cull, diagnose, previous
-        refined = self.refine(
-            what, camera, outputs=with_light, background=background, cull=cull, diagnose=diagnose,
-            previous=previous, first=(),
-        )  # fmt: skip
+        wanted = table.check_outputs(request.outputs)
+        request = request._replace(outputs=tuple(dict.fromkeys((*wanted, *budgets.LIGHT))))
+        refined = self._refine(request, what, camera, ())
         drawn: list[Frame] = []
 
         def draw(quality: Quality) -> Frame:
-            drawn[:] = [self._render(quality, what, camera, with_light, *rest)]
+            drawn[:] = [self._render(request._replace(quality=quality), what, camera)]
             return drawn[0]
 
         def sweep() -> Iterator[Frame]:
             picture = replace(Quality.reference(), samples=1)
             for is_turned in (False, True):
                 swept = supersample.SweptCamera(drawn[0].plan.camera, (0.0, 0.0), 1.0, is_turned)
-                yield self._render(
-                    picture, what, swept, budgets.LIGHT, background, cull, False, None
-                )
+                own = request._replace(quality=picture, outputs=budgets.LIGHT)
+                yield self._render(own._replace(diagnose=False, previous=None), what, swept)
 
         frame = budgets.draw_within_error(bound, draw, refined, sweep)
         return keep_outputs(frame, wanted)
@@ -735,10 +732,18 @@ class Renderer(Guarded):
         ValueError
             At once, naming the argument that is wrong.
         """
-        before = (check_quality(one, "each of first") for one in items("first", first))
-        qualities = *before, Quality.reference()
-        arguments = what, camera, outputs, background, cull, diagnose, previous
-        *before, best = [self._plan(one, *arguments) for one in qualities]
+        before = [check_quality(one, "each of first") for one in items("first", first)]
+        request = self._request(outputs, background, cull, diagnose, previous)
+        return self._refine(request, what, camera, before)
+
+    def _refine(
+        self, request: FrameRequest, what: Any, camera: Camera | None, first: Sequence[Quality]
+    ) -> Iterator[Frame]:
+        """Render one frame in some qualities, and then as the reference, step by step."""
+        qualities = *first, Quality.reference()
+        *before, best = [
+            self._plan(request._replace(quality=one), what, camera) for one in qualities
+        ]
         last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
         return self._draw_all([*before, *last])
 
@@ -779,11 +784,10 @@ class Renderer(Guarded):
         finally:
             self._keeping.release()
 
-    def _plan(self, quality: Quality, what: Any, *arguments: Any) -> PlannedFrame:
+    def _plan(self, request: FrameRequest, what: Any, camera: Camera | None) -> PlannedFrame:
         """Check the arguments of a frame, and decide what it needs."""
-        scene = self._scene(what)
         known = self._cache, self._last
-        planned = plan_views(self.size, quality, scene, *arguments, *known)
+        planned = plan_views(request, self._scene(what), camera, *known)
         self._cache, self._last = planned.cache, planned.plan
         return planned
 

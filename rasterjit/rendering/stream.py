@@ -11,12 +11,13 @@ import operator
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, get_args
+from typing import Any, Literal, Protocol, TypeAlias, get_args
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import plan
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.views import naming, settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import BackgroundImage, read_background
@@ -34,16 +35,6 @@ Progress: TypeAlias = Literal["none", "bar"]
 PROGRESS: tuple[Progress, ...] = get_args(Progress)
 
 
-class Options(NamedTuple):
-    """What all frames have in common."""
-
-    size: tuple[int, int]
-    quality: Quality
-    outputs: tuple[str, ...]
-    background: Any
-    cull: str
-
-
 def check_arguments(
     what: Any,
     size: tuple[int, int],
@@ -51,7 +42,7 @@ def check_arguments(
     outputs: Sequence[str],
     background: Any,
     cull: str,
-) -> tuple[Scene, Options]:
+) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
     scene = posed_scene(as_scene(what))
     contents.check_scene(scene)
@@ -67,7 +58,7 @@ def check_arguments(
             raise ValueError(
                 f"outputs has {name!r}, which needs an earlier view: see rasterjit.render"
             )
-    return scene, Options(size, check_quality(quality), names, background, cull)
+    return scene, FrameRequest(size, check_quality(quality), names, background, cull)
 
 
 def check_cameras(cameras: Any) -> None:
@@ -108,7 +99,7 @@ def share_threads(threads: Any, workers: Any) -> tuple[int, int]:
     return count, total // count
 
 
-def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Iterable[Camera]:
+def settle_all(scene: Scene, cameras: Iterable[Camera], options: FrameRequest) -> Iterable[Camera]:
     """
     Yield the cameras of all frames, with planes that they leave open in one place for all.
 

@@ -22,7 +22,7 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import behind, shade, supersample
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
@@ -83,9 +83,8 @@ class RegionRenderer:
         self._workers = Workers(thread_count("threads", threads))
         self.size = whole
         scene = posed_scene(as_scene(what))
-        self._planned = plan_views(
-            whole, quality, scene, camera, outputs, background, cull, False, None
-        )
+        request = FrameRequest(whole, quality, outputs, background, cull)
+        self._planned = plan_views(request, scene, camera)
         self._margin = _margin_of(self._planned.plan)
 
     def __enter__(self) -> RegionRenderer:

@@ -27,6 +27,7 @@ from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.kept import MOST_KINDS, Kept
 from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.sharing import (
     BY_KERNEL,
     can_share,
@@ -35,7 +36,6 @@ from rasterjit.rendering.sharing import (
     kinds_of,
     shared_lights,
 )
-from rasterjit.rendering.stream import Options
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
@@ -144,7 +144,7 @@ class Together:
     scene : Scene
     kept : Kept
         What earlier batches of the scene prepared, and the plan of the first view; changed.
-    options : Options
+    options : FrameRequest
     arrays : dict
         (N, H, W, ...) of each output: where views are written.
     scene_of : callable
@@ -153,7 +153,7 @@ class Together:
     """
 
     def __init__(
-        self, scene: Scene, kept: Kept, options: Options, arrays: Arrays,
+        self, scene: Scene, kept: Kept, options: FrameRequest, arrays: Arrays,
         scene_of: Callable[[int], Scene], projections: Projections,
     ) -> None:  # fmt: skip
         self.scene, self.cache, self.options = scene, kept.cache, options
@@ -199,13 +199,10 @@ class Together:
         """Return the plan of a kind of views, of which one is given; None: they share none."""
         with self._lock:
             if kind not in self._plans and len(self._plans) < MOST_KINDS:
-                size, quality, outputs, background, cull = self.options
                 plan = self._kept.first
                 if plan is None or kind_of_plan(plan) != kind:
-                    plan = plan_views(
-                        size, quality, self._scene_of(number), camera, outputs, background, cull,
-                        False, None, self.cache, self._kept.plan_of(kind),
-                    ).plan  # fmt: skip
+                    scene, known = self._scene_of(number), self._kept.plan_of(kind)
+                    plan = plan_views(self.options, scene, camera, self.cache, known).plan
                 fits = kind_of_plan(plan) == kind and can_share(plan, self.scene, self.cache)
                 self._plans[kind] = self._kept.use(kind, plan) if fits else None
             return self._plans.get(kind)
@@ -499,7 +496,7 @@ class Drawer:
         return self._desks[kind][1]
 
 
-def is_possible(options: Options) -> bool:
+def is_possible(options: FrameRequest) -> bool:
     """Tell whether there may be anything to draw in groups; not where kernels run in Python."""
     return not (jit.DISABLED or jit.CHECKED) and all(
         name in BY_KERNEL or is_attribute(name) for name in options.outputs

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import motion, table
-from rasterjit.rendering.plan import Known, plan_frame
+from rasterjit.rendering.plan import FrameRequest, Known, plan_frame
 from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
 from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.node import Node
@@ -45,15 +45,9 @@ class PlannedFrame(NamedTuple):
 
 
 def plan_views(
-    size: tuple[int, int],
-    quality: Quality,
+    request: FrameRequest,
     scene: Scene,
     camera: Camera | None,
-    outputs: Sequence[str],
-    background: Any,
-    cull: str,
-    diagnose: bool,
-    previous: View | None,
     known: SceneCache | None = None,
     last: RenderPlan | None = None,
 ) -> PlannedFrame:
@@ -62,7 +56,8 @@ def plan_views(
 
     Parameters
     ----------
-    size, quality, scene, camera, outputs, background, cull, diagnose, previous
+    request : FrameRequest
+    scene, camera
         As `rasterjit.render` takes them.
     known : SceneCache, optional
         What an earlier frame of the scene was drawn from; what has not changed is taken from there.
@@ -75,16 +70,14 @@ def plan_views(
     ValueError
         Naming the argument that is wrong.
     """
+    size, quality = request[:2]
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)
-    plan = plan_frame(
-        scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views,
-        last,
-    )  # fmt: skip
+    plan = plan_frame(request, scene, camera, cache.inventory, views, last)
     if any(plan.look.steps) and _are_moved(camera, plan.camera):
         views = placing.view_again(views, plan.camera, size)
-    earlier = find_earlier(previous, plan, scene, camera)
+    earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views, None, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
@@ -95,10 +88,7 @@ def plan_views(
         # One camera has its planes in one place.
         if _are_moved(plan.camera, old_plan.camera):
             both = settled(camera, *map(max, steps_of(plan.camera), steps_of(old_plan.camera)))
-            return plan_views(
-                size, quality, scene, both, outputs, background, cull, diagnose, previous, cache,
-                last,
-            )  # fmt: skip
+            return plan_views(request, scene, both, cache, last)
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
         old_views = placing.view_again(old_views, old_plan.camera, size)
@@ -262,6 +252,5 @@ def plan_earlier(
     plan: RenderPlan, scene: Scene, camera: Camera, *known: Known | Views
 ) -> RenderPlan:
     """Return the plan of an earlier view: which faces were seen, as now they are."""
-    return plan_frame(
-        scene, camera, plan.size, plan.quality, ("face_id",), None, plan.cull, False, *known
-    )
+    request = FrameRequest(plan.size, plan.quality, ("face_id",), None, plan.cull)
+    return plan_frame(request, scene, camera, *known)

@@ -14,7 +14,8 @@ from batches import ALL, around, in_groups, mixed_scene
 import rasterjit as rj
 from rasterjit.rendering import batch, pool, together
 from rasterjit.rendering.late import LateFrame
-from rasterjit.rendering.stream import AHEAD, Options, check_arguments
+from rasterjit.rendering.plan import FrameRequest
+from rasterjit.rendering.stream import AHEAD, check_arguments
 from rasterjit.survey.cache import prepare
 
 SIZE = (40, 28)
@@ -232,7 +233,7 @@ def test_a_plan_tells_what_was_drawn_though_the_scene_has_changed():
 
 def decided(scene, size=SIZE, threads=1, room=32, **options):
     """Return how many views are drawn in one go."""
-    chosen = Options(
+    chosen = FrameRequest(
         size, options.get("quality") or rj.Quality.standard(), options.get("outputs", ("color",)),
         options.get("background"), "none",
     )  # fmt: skip

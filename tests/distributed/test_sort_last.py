@@ -18,7 +18,7 @@ from pieces import blob, joined
 
 import rasterjit as rj
 from rasterjit.distributed import layers
-from rasterjit.rendering.stream import Options
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.scene.scene import EFFECT_FIELDS
 
 SIZE = (48, 36)
@@ -49,7 +49,7 @@ def assert_same_bits(frame, wanted):
 
 def merged(parts, view, quality=None, setting=None, order=None, **options):
     """Merge layers in this process, in the order of a tree or in a given one."""
-    chosen = Options(SIZE, quality or rj.Quality.standard(), OUTPUTS, None, "none")
+    chosen = FrameRequest(SIZE, quality or rj.Quality.standard(), OUTPUTS, None, "none")
     chosen = chosen._replace(**options)
     drawn = [
         layers.draw_layer(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
@@ -132,7 +132,7 @@ def test_statistics_are_those_of_the_whole(view):
 
 
 def test_more_faces_than_numbers_are_refused(view):
-    options = Options(SIZE, rj.Quality.standard(), ("color",), None, "none")
+    options = FrameRequest(SIZE, rj.Quality.standard(), ("color",), None, "none")
     one = layers.draw_layer(PAIRS[0], rj.Scene(), None, view, options, 1)
     with pytest.raises(ValueError, match="partitions must have at most 2147483647 faces"):
         layers.merge_layers(one, replace(one, faces=2**31 - 60))

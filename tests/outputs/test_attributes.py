@@ -14,8 +14,7 @@ import rasterjit as rj
 from rasterjit.distributed import layers
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.plan import describe
-from rasterjit.rendering.stream import Options
+from rasterjit.rendering.plan import FrameRequest, describe
 from rasterjit.rendering.tiles import RegionRenderer
 
 T = rj.transforms
@@ -357,7 +356,7 @@ def test_partitions_show_what_one_mesh_of_all_shows(cube, sphere):
     )
     camera, names = CAMERAS["perspective"], ("attribute:heat", "face_id")
     want = rj.render(whole, camera, size=SIZE, outputs=names).arrays()
-    options = Options(SIZE, rj.Quality.standard(), names, None, "none")
+    options = FrameRequest(SIZE, rj.Quality.standard(), names, None, "none")
     drawn = [layers.draw_layer(part, rj.Scene(), None, camera, options, 1) for part in parts]
     merged = layers.merge_layers(*drawn).frame().arrays()
     for name in names:

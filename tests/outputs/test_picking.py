@@ -12,7 +12,7 @@ from rasterjit.distributed import layers
 from rasterjit.distributed.many import FarFrame
 from rasterjit.outputs.frame import PICKED
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.stream import Options
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.tiles import RegionRenderer
 
 T = rj.transforms
@@ -140,7 +140,7 @@ def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
     (many,) = rj.render_many(scene, [camera], size=size, outputs=PICKED, threads=1)
     assert same(many.pick(48, 36), want)
     drawn = many.arrays(), many.stats
-    options = Options(size, rj.Quality.standard(), PICKED, None, "none")
+    options = FrameRequest(size, rj.Quality.standard(), PICKED, None, "none")
     assert same(FarFrame(drawn, scene, camera, options).pick(48, 36), want)
     quality = rj.Quality(samples=64)
     fine = rj.render(scene, camera, size=size, outputs=(*PICKED, "color"), quality=quality)
@@ -162,7 +162,7 @@ def test_frames_that_are_drawn_in_other_ways_pick_the_same(scene):
 
 def test_partitions_are_one_object(cube, sphere):
     flat, camera = rj.Material("flat"), CAMERAS["perspective"]
-    options = Options(SIZE, rj.Quality.standard(), PICKED, None, "none")
+    options = FrameRequest(SIZE, rj.Quality.standard(), PICKED, None, "none")
     parts = [
         rj.Mesh(sphere.vertices * 0.3, sphere.faces, material=flat),
         (cube.vertices, cube.faces),

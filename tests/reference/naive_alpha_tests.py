@@ -14,6 +14,7 @@ import numpy as np
 
 from rasterjit.inspect import oracle
 from rasterjit.io.meshes import as_scene
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.renderer import draw_frame
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
@@ -22,11 +23,8 @@ from rasterjit.scene.quality import check_quality
 
 def visibility(what, camera, size, threads=1, **options):
     """Return the stored depth (-inf where nothing is) and the face at every pixel."""
-    arguments = {"background": None, "cull": "none", **options}
-    planned = plan_views(
-        size, check_quality(arguments.pop("quality", None)), as_scene(what), camera,
-        ("depth", "face_id"), diagnose=False, previous=None, **arguments,
-    )  # fmt: skip
+    quality, outputs = check_quality(options.pop("quality", None)), ("depth", "face_id")
+    planned = plan_views(FrameRequest(size, quality, outputs, **options), as_scene(what), camera)
     workers = Workers(threads)
     _, seen = draw_frame(planned, workers)
     workers.close()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.views import plan_views
 from rasterjit.survey.contents import Inventory
 from rasterjit.survey.effect import Effect
@@ -76,10 +77,10 @@ class Asked:
         self.cull, self.diagnose = "none", False
 
     def plan(self, scene, *last):
-        return plan_views(
-            self.size, self.quality, scene, self.camera, self.outputs, self.background, self.cull,
-            self.diagnose, None, *last,
-        )  # fmt: skip
+        request = FrameRequest(
+            self.size, self.quality, self.outputs, self.background, self.cull, self.diagnose
+        )
+        return plan_views(request, scene, self.camera, *last)
 
 
 def placed(node, place):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.views import plan_views
 
 SIZE = 300, 240
@@ -76,8 +77,8 @@ def test_faces_are_kept_where_something_looks_at_them_later(scene, outputs, chan
     if change is not None:
         change(scene)
     quality = rj.Quality.standard()
-    arguments = SIZE, quality, scene, CAMERA, outputs, None, "none", False, None
-    assert plan_views(*arguments).plan.keeps_faces == is_kept
+    planned = plan_views(FrameRequest(SIZE, quality, outputs), scene, CAMERA)
+    assert planned.plan.keeps_faces == is_kept
 
 
 def test_what_is_seen_is_counted_after_the_next_frame(scene):
