@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import tempfile
 
 import numpy as np
@@ -23,6 +24,9 @@ def pytest_configure(config):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     # What tests run themselves has options of its own.
     os.environ.pop("PYTEST_ADDOPTS", None)
+    # Hundreds of processes start here: without compiled modules each reads sources for a second.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")

@@ -46,10 +46,12 @@ def test_names(golden):
 
 def run(folder, *options):
     """Run pytest in a folder and return what it says, and its status."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "xdist"]
     done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"}
-    )
+        [*command, *options], cwd=folder, capture_output=True, text=True,
+        # The other plug-ins of these tests take longer to start than all that is tested here.
+        env={**os.environ, "COLUMNS": "200", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+    )  # fmt: skip
     return done.stdout, done.returncode
 
 
