@@ -11,19 +11,15 @@ may use nothing of the kind.
 from __future__ import annotations
 
 import ast
-import json
 import os
 import platform
-import re
 import struct
-import subprocess
-import sys
 from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
-from kernel_files import kernel_modules
+from machine_code import MATH, WIDTHS, cpu_dependent, look_at
 
 import rasterjit as rj
 from rasterjit.runtime import compiler, store
@@ -34,146 +30,36 @@ compiled_only = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set: there is no machine code"
 )
 
-FUSED = re.compile(
-    # x86, with the order of its operands.
-    r"\bv?fn?m(?:add|sub)(?:add|sub)?(?:132|213|231)?[ps][sdh]\b"
-    # ARM: numbers, vectors of NEON, those of SVE, and the steps to a quotient or a root.
-    r"|\bfn?m(?:add|sub|ad|sb|l[as](?:l[bt]?2?)?)\b|\bfcmla\b|\bb?fmmla\b|\bbf(?:dot|ml[as]l?[bt]?)\b"
-    r"|\bfr(?:ecp|sqrt)s\b|\bftmad\b"
-)
-"""A product and a sum in one instruction, on x86 or ARM."""
-
-ESTIMATED = re.compile(
-    r"\bv?r(?:cp|sqrt)(?:14|28)?[ps][sdh]\b|\bv?exp2[ps][sd]\b"
-    r"|\b[fu]r(?:ecp|sqrt)e\b|\bfrecpx\b|\bfexpa\b"
-)
-"""An estimate, whose bits are the maker's affair, on x86 or ARM."""
-
-MATH = [
-    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "exp2",
-    "expm1", "log", "log2", "log10", "log1p", "pow", "powi", "cbrt", "hypot", "fma", "sincos",
-    "fmod",
-]  # fmt: skip
-CALLED_MATH = re.compile(
-    r"(?:__svml_|_ZGV|amd_vr|npy_|numba_)?\b_*(?:" + "|".join(MATH) + r")[fl]?\d*(?:_\w+)?$"
-)
-"""A function of a math library, of its vector version, or of Numba's own."""
-
-CALL = re.compile(r"^\s+(?:callq?|jmpq?|bl?)\s+\*?(?:\[?rip \+ )?([A-Za-z_.][\w.$]*)")
-ADDRESS = re.compile(
-    r"\bmovabsq?\s+\$([A-Za-z_.][\w.$]*)|\b([A-Za-z_.][\w.$]*)@GOT"
-    r"|^\s+adrp\s+\w+, ([A-Za-z_.][\w.$]*)|:(?:got|got_lo12|lo12|abs_g3):([A-Za-z_.][\w.$]*)"
-)
-"""Where code of x86 or ARM names a function: it calls it, or loads its address first."""
-
-WIDTHS = {
-    "xmm": r"%xmm", "ymm": r"%ymm", "zmm": r"%zmm",
-    "neon": r"\bv\d+\.(?:16b|8h|4s|2d)\b|\bq\d+\b", "sve": r"\bz\d+\.[bhsdq]\b|\bz\d+\b",
-}  # fmt: skip
-"""Vector registers: of x86, 128, 256 and 512 bits; of ARM, 128 bits and as many as there are."""
-
-
-def names_called(assembly):
-    """Return the functions that the assembly names as something to call."""
-    found = set()
-    for line in assembly.splitlines():
-        found.update(CALL.findall(line))
-        found.update(name for names in ADDRESS.findall(line) for name in names if name)
-    return found
-
-
-def cpu_dependent(assembly):
-    """Return the fused operations, the estimates and the math functions in the assembly."""
-    found = {*FUSED.findall(assembly), *ESTIMATED.findall(assembly)}
-    return sorted(found) + sorted(
-        name for name in names_called(assembly) if CALLED_MATH.match(name)
-    )
-
-
-def vectors_used(code):
-    """Return how often the assembly of kernels names vector registers of each kind."""
-    whole = "".join(assembly for _, _, assembly, _ in code)
-    return {kind: len(re.findall(pattern, whole)) for kind, pattern in WIDTHS.items()}
-
-
-DISASSEMBLE = """
-import json, sys
-from importlib import import_module
-
-import rasterjit as rj
-from rasterjit.runtime import compiler, driver, jit, packing, store
-
-target, some, model = json.loads(sys.argv[1])
-target = store.Target(*target) if target else store.host()
-if model:
-    rj.render(rj.load(model), size=(32, 24), threads=1)
-used = {{*store.USED.loaded, *store.USED.compiled, *some}}
-for name in {names!r}:
-    import_module(name)
-every = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
-compiled = [one for one in every if not used or store.full_name(one) in used]
-names = [one.__name__ for one in compiled]
-code = []
-for one in compiled:
-    for kind in one.declared:
-        returns, module = compiler.lower(one, kind, one.__name__, target)
-        machine = compiler.machine_of(target)
-        needed = sorted(compiler.needed_symbols(machine.emit_object(module)))
-        code.append((one.__name__, str(kind), machine.emit_assembly(module), needed))
-print(json.dumps([names, code]))
-"""
-"""An entry of the store has no assembly: compile once more all that there is, or a file needs."""
-
 ARM = "aarch64-unknown-linux-gnu"
 ARM_CPUS = ("generic", "neoverse-v1")
 """Two that code is made for: with 128 bits of NEON alone, and with SVE, of any length."""
 
 EVERY_KERNEL = bool(os.environ.get("EVERY_KERNEL"))
+"""Look at all kernels, not at a few."""
+
+A_FEW = (
+    "rasterjit.pipeline.visibility.nearest.draw_tiles",
+    "rasterjit.pipeline.lighting.light_stages.add_shiny_lights",
+)
+"""Kernels that are looked at in any case: with vectors, with powers."""
 
 
-def disassembled(target=None, some=(), model=""):
-    """Return the names of kernels, and (name, signature, assembly, symbols) of all their forms."""
-    asked = json.dumps([target, some, model])
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules()), asked],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return json.loads(done.stdout)
+def vectors_of(names, forms):
+    """Return how often kernels name vector registers; fail if their bits depend on the CPU."""
+    assert {form.kernel for form in forms} == set(names), "a kernel that declares no form"
+    assert [form[:3] for form in forms if form.dependent] == []
+    assert [form for form in forms if not {*form.needed} <= compiler.ALLOWED] == []
+    return {kind: sum(form.vectors[kind] for form in forms) for kind in WIDTHS}
 
 
-@pytest.fixture(scope="module")
-def compiled():
-    """
-    The kernels as this machine runs them.
-
-    Those that the teapot needs; ``EVERY_KERNEL`` in the environment asks for all.
-    """
-    names, code = disassembled(model="" if EVERY_KERNEL else str(TEAPOT))
+@pytest.mark.takes_long
+@pytest.mark.compiles_first
+@compiled_only
+def test_kernels_fuse_nothing_call_no_math_library_and_are_for_the_cpu_that_was_asked_for():
+    # Those that the teapot needs, or all.
+    names, forms = look_at(model="" if EVERY_KERNEL else str(TEAPOT))
     assert len(names) >= (100 if EVERY_KERNEL else 15)
-    return names, code
-
-
-@pytest.mark.takes_long
-@pytest.mark.compiles_first
-@compiled_only
-def test_no_kernel_fuses_or_calls_a_math_library(compiled):
-    check_independence(*compiled)
-
-
-def check_independence(names, code):
-    """Fail if a kernel has no form, or a form whose bits depend on the CPU."""
-    assert {name for name, *_ in code} >= set(names), "a kernel that declares no form"
-    for name, signature, assembly, needed in code:
-        assert name in assembly
-        assert cpu_dependent(assembly) == [], (name, signature)
-        assert set(needed) <= compiler.ALLOWED, (name, signature)
-
-
-@pytest.mark.takes_long
-@pytest.mark.compiles_first
-@compiled_only
-def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
-    used = vectors_used(compiled[1])
+    used = vectors_of(names, forms)
     if platform.machine().lower() not in ("x86_64", "amd64"):
         assert used["neon"] > 0
         return
@@ -186,31 +72,12 @@ def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
     assert used["zmm"] > 0
 
 
-A_FEW = (
-    "rasterjit.pipeline.visibility.nearest.draw_tiles",
-    "rasterjit.pipeline.lighting.light_stages.add_shiny_lights",
-)
-"""Kernels that are looked at in any case: with vectors, with powers."""
-
-
-@pytest.fixture(scope="module", params=ARM_CPUS)
-def compiled_for_arm(request):
-    """The kernels as an ARM machine runs them: a few, or all with ``EVERY_KERNEL``."""
-    names, code = disassembled((ARM, request.param, ""), () if EVERY_KERNEL else A_FEW)
+@compiled_only
+@pytest.mark.parametrize("cpu", ARM_CPUS)
+def test_kernels_fuse_nothing_and_call_no_math_library_on_the_arm_that_was_asked_for(cpu):
+    names, forms = look_at((ARM, cpu, ""), () if EVERY_KERNEL else A_FEW)
     assert len(names) >= (100 if EVERY_KERNEL else len(A_FEW))
-    return request.param, names, code
-
-
-@compiled_only
-def test_no_kernel_fuses_or_calls_a_math_library_on_arm(compiled_for_arm):
-    _, names, code = compiled_for_arm
-    check_independence(names, code)
-
-
-@compiled_only
-def test_kernels_are_compiled_for_the_arm_that_was_asked_for(compiled_for_arm):
-    cpu, _, code = compiled_for_arm
-    used = vectors_used(code)
+    used = vectors_of(names, forms)
     assert used["neon"] > 0
     assert (used["sve"] > 0) == (cpu != "generic")
     assert used["xmm"] == used["ymm"] == used["zmm"] == 0
