@@ -62,7 +62,8 @@ and linear where they are floats; row 0 of a picture is on top.
 """
 
 # First: so that Ctrl-C ends the command line while the rest is imported, and versions are checked.
-from rasterjit import cli as cli
+from rasterjit import interrupts as interrupts
+from rasterjit.runtime import versions as versions
 
 # isort: split
 import sys
@@ -98,6 +99,7 @@ from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
+from rasterjit.runtime import packing as packing
 from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.arrows import Arrow, Arrows

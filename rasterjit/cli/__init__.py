@@ -1,163 +1,22 @@
-"""
-The command line: ``rasterjit`` and ``python -m rasterjit``.
+"""The command line: ``rasterjit`` and ``python -m rasterjit``."""
 
-Ctrl-C ends it with status 130 and one line on standard error, from its first line on. The package
-imports this file before anything that takes time, so it imports nothing that does.
-"""
-
-from __future__ import annotations
-
-import os
 import sys
 
-TYPE_CHECKING = False
-"""As the module typing says, which takes time to import."""
-
-if TYPE_CHECKING:
-    from types import FrameType
-    from typing import Any
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
-
-
-def is_program() -> bool:
-    """Tell whether this process was started as the command line."""
-    try:
-        started, shown = sys.orig_argv[-len(sys.argv)], sys.argv[0]
-    except (AttributeError, IndexError):
-        return False
-    if shown == "-m":
-        package = __name__.partition(".")[0]
-        return started.removeprefix("-m") in (package, f"{package}.__main__")
-    stem = os.path.splitext(os.path.basename(shown))[0]
-    return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
-
-
-def end_now(*_: Any) -> None:
-    """End the process: nothing has been begun, or all is done."""
-    try:
-        os.write(2, b"error: interrupted\n")
-    finally:
-        os._exit(INTERRUPTED)
-
-
-try:
-    import _thread
-    import atexit
-    import signal
-    import time
-except KeyboardInterrupt:
-    if not is_program():
-        raise
-    end_now()
-
-IMPORT_SYSTEM = "<frozen importlib._bootstrap>"
-"""Where Python imports modules."""
-
-PAUSE = 0.01
-"""Seconds after which an interrupt that came at a bad time comes again."""
-
-LONGEST_IMPORT = 5.0
-"""Seconds that an interrupt waits at most for an import."""
-
-
-class _Interrupts:
-    """When the first one came."""
-
-    since: float | None = None
+from rasterjit import interrupts
 
 
 def main() -> None:
     """Run the command line, in a process of its own."""
     try:
-        _answer_with(end_now)
+        interrupts.answer_with(interrupts.end_now)
         from rasterjit.cli.commands import main as run
 
-        sys.unraisablehook = say_unraisable
+        sys.unraisablehook = interrupts.say_unraisable
         try:
-            _answer_with(interrupt)
+            interrupts.answer_with(interrupts.interrupt)
             run()
         finally:
             # What is left is Python's own end.
-            _answer_with(end_now)
+            interrupts.answer_with(interrupts.end_now)
     except KeyboardInterrupt:
-        end_now()
-
-
-def refuse(complaint: str | None) -> None:
-    """Refuse to be imported, if there is a complaint: the command line ends with one line."""
-    if complaint is not None and is_program():
-        sys.exit(f"error: {complaint}")
-    if complaint is not None:
-        raise ImportError(complaint)
-
-
-def interrupt(number: int, frame: FrameType | None) -> None:
-    """
-    Raise ``KeyboardInterrupt``, as Python does; while a module is imported, a little later.
-
-    Modules that are interrupted as they begin print tracebacks of their own, or raise other errors.
-    """
-    now = time.monotonic()
-    if _Interrupts.since is None:
-        _Interrupts.since = now
-    while frame is not None and now - _Interrupts.since < LONGEST_IMPORT:
-        if frame.f_code.co_filename == IMPORT_SYSTEM:
-            _come_again()
-            return
-        frame = frame.f_back
-    raise KeyboardInterrupt
-
-
-def raise_if_interrupted() -> None:
-    """Raise ``KeyboardInterrupt`` if one came that others, as trimesh does, took for an error."""
-    if _Interrupts.since is not None:
-        raise KeyboardInterrupt
-
-
-def say_unraisable(unraisable: Any) -> None:
-    """
-    Print what Python could not raise, as it does, unless Ctrl-C is behind it.
-
-    An interrupt in a destructor comes again. After one, pipes that break tell nothing new.
-    """
-    if unraisable.exc_type is KeyboardInterrupt:
-        _come_again()
-    elif _Interrupts.since is None:
-        sys.__unraisablehook__(unraisable)
-
-
-def _come_again() -> None:
-    """Interrupt this thread, the main one, after a pause."""
-    thread = _thread.get_ident()
-
-    def come() -> None:
-        time.sleep(PAUSE)
-        if hasattr(signal, "pthread_kill"):
-            # What waits, wakes.
-            signal.pthread_kill(thread, signal.SIGINT)
-        else:
-            _thread.interrupt_main()
-
-    _thread.start_new_thread(come, ())
-
-
-def _answer_with(handler: Any) -> None:
-    """Handle Ctrl-C, unless whoever started the process has it ignored."""
-    ours = (signal.default_int_handler, end_now, interrupt)
-    # Not in the main thread: another's.
-    try:
-        if signal.getsignal(signal.SIGINT) in ours:
-            signal.signal(signal.SIGINT, handler)
-    except ValueError:
-        pass
-
-
-if is_program():
-    _answer_with(end_now)
-    # What is registered first comes last: then Python takes itself apart, and would be killed.
-    atexit.register(_answer_with, signal.SIG_IGN)
-from rasterjit.runtime.versions import too_old  # noqa: E402
-
-refuse(too_old())
+        interrupts.end_now()

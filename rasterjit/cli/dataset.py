@@ -24,8 +24,8 @@ from rasterjit.cli.options import (
     quality_options,
     refuse_idle,
 )
-from rasterjit.cli.program import in_options, warn
-from rasterjit.cli.report import progress_notice
+from rasterjit.cli.program import in_options
+from rasterjit.cli.report import progress_notice, warn
 
 if TYPE_CHECKING:
     from rasterjit.dataset.making import Outcome

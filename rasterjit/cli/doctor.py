@@ -17,7 +17,7 @@ from rasterjit.io.meshes import FORMATS_EXTRA
 from rasterjit.outputs.table import OUTPUTS
 from rasterjit.rendering.rasterize import Visibility, rasterize
 from rasterjit.rendering.renderer import render
-from rasterjit.runtime import jit, shipped, store
+from rasterjit.runtime import clocks, jit, shipped, store
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
@@ -117,7 +117,7 @@ def _kernels() -> Finding:
     if jit.CHECKED:
         return Finding("kernels", "with checked indices: NUMBA_BOUNDSCHECK is set (not kept)")
     loaded, compiled = map(len, store.USED)
-    took = f"{loaded} loaded, {compiled} compiled in {jit.COMPILER_CLOCK.seconds:.1f} s"
+    took = f"{loaded} loaded, {compiled} compiled in {clocks.COMPILER_CLOCK.seconds:.1f} s"
     return Finding("kernels", took + (" (rasterjit warmup compiles the rest)" if compiled else ""))
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.program import in_options
+from rasterjit.interrupts import raise_if_interrupted
 from rasterjit.scene.mesh import ATTRIBUTE
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from rasterjit.cli.advice import CHOICES_MEANT, question
 from rasterjit.cli.pinhole import CONVENTIONS, IntrinsicsType, PoseType
+from rasterjit.cli.report import warn
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
 from rasterjit.scene.eye_dome import STRONGEST, EyeDome
@@ -782,8 +783,6 @@ class View(NamedTuple):
         file says which way is up. Then it turns a camera with ``--position`` alone.
         """
         if self.up is not None and scene.up is not None and self.position is None:
-            from rasterjit.cli.program import warn
-
             x, y, z = (f"{part:g}" for part in scene.up)
             quiet = click.get_current_context().params.get("quiet", False)
             warn(f"--up is for files that do not say which way is up; this says {x},{y},{z}", quiet)

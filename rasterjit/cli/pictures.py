@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.moments import Moment
 from rasterjit.cli.options import (
     Effects,
@@ -33,7 +32,6 @@ from rasterjit.cli.program import (
     refuse_idle_scale,
     size_behind,
     told_codes,
-    warn,
     write_files,
 )
 from rasterjit.cli.report import (
@@ -43,7 +41,9 @@ from rasterjit.cli.report import (
     status,
     told_exposure,
     told_frame,
+    warn,
 )
+from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage

@@ -22,7 +22,6 @@ import click.shell_completion
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.advice import with_advice
 from rasterjit.cli.help import Command
 from rasterjit.cli.options import (
@@ -34,6 +33,8 @@ from rasterjit.cli.options import (
     is_given,
     refuse_idle,
 )
+from rasterjit.cli.report import warn
+from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.table import row_of
 from rasterjit.rendering.plan import CULL_MODES
 
@@ -229,12 +230,6 @@ def size_option(default: str) -> Callable:
         "--size", type=SizeType(), default=default, show_default=True, metavar="WxH",
         help="Size of the picture, pixels.",
     )  # fmt: skip
-
-
-def warn(message: str, quiet: bool) -> None:
-    """Print a warning as one line on standard error."""
-    if not quiet:
-        click.echo("warning: " + " ".join(message.split()), err=True)
 
 
 def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:

@@ -23,6 +23,12 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 """What the table calls a stage whose own name is not plain enough."""
 
 
+def warn(message: str, quiet: bool) -> None:
+    """Print a warning as one line on standard error."""
+    if not quiet:
+        click.echo("warning: " + " ".join(message.split()), err=True)
+
+
 @contextmanager
 def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     """

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
-from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind, warn
-from rasterjit.cli.report import progress_bar, progress_notice
+from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind
+from rasterjit.cli.report import progress_bar, progress_notice, warn
+from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer

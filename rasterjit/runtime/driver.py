@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.runtime import jit
+from rasterjit.runtime.argument_plan import plan_of
 from rasterjit.runtime.intrinsics import call_at, load_int64
 from rasterjit.runtime.jit import Stage, raw_kernel
 from rasterjit.runtime.state import WORD, RecordType, arrays_of_block, pack_slowly, size_of
@@ -64,8 +65,6 @@ class _Layout:
     """Where the arguments of some stages lie in a state block that holds those of all of them."""
 
     def __init__(self, stages: tuple[Stage, ...]) -> None:
-        from rasterjit.runtime.packing import plan_of
-
         self.names = [stage.__name__ for stage in stages]
         self.kinds = [RecordType(tuple, stage.kind.fields[1:]) for stage in stages]
         kind = RecordType(tuple, tuple(self.kinds))

@@ -34,9 +34,7 @@ import functools
 import inspect
 import os
 import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -44,6 +42,8 @@ import numpy as np
 from rasterjit import forks
 from rasterjit.forks import cached_property
 from rasterjit.runtime import numba_alone
+from rasterjit.runtime.argument_plan import plan_of
+from rasterjit.runtime.clocks import COMPILE_CLOCK
 from rasterjit.runtime.state import (
     WORD,
     NumberType,
@@ -83,57 +83,10 @@ LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int6
 """The same, called with Python's lock: `packing.pack` looks into Python's objects."""
 
 
-class CompileClock:
-    """Wall-clock seconds that this process spent on something, in any thread."""
-
-    def __init__(self) -> None:
-        self._lock = forks.lock()
-        self._active = 0
-        self._since = 0.0
-        self._seconds = 0.0
-
-    @property
-    def seconds(self) -> float:
-        """Seconds so far; time that several threads waited for one compiler counts once."""
-        return self._seconds
-
-    def read(self) -> float:
-        """Return the seconds so far, with those of what is under way."""
-        if self._active == 0:
-            return self._seconds
-        with self._lock:
-            going_on = time.perf_counter() - self._since if self._active else 0.0
-            return self._seconds + going_on
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """Let the clock run."""
-        with self._lock:
-            if self._active == 0:
-                self._since = time.perf_counter()
-            self._active += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._active -= 1
-                if self._active == 0:
-                    self._seconds += time.perf_counter() - self._since
-
-
-COMPILE_CLOCK = CompileClock()
-"""Runs while kernels are compiled or loaded from disk."""
-
-COMPILER_CLOCK = CompileClock()
-"""Runs while kernels are compiled, and not while they are loaded."""
-
-
 class Form:
     """A kernel in machine code, for arguments of certain types."""
 
     def __init__(self, kind: RecordType, code: Any) -> None:
-        from rasterjit.runtime.packing import plan_of
-
         self.kind = kind
         self.address: int = code.address
         self._code = code
@@ -354,8 +307,6 @@ class Stage(_OfOneForm):
 
     @cached_property
     def _own(self) -> tuple[RecordType, Any, Any, int]:
-        from rasterjit.runtime.packing import plan_of
-
         own = RecordType(tuple, self.kind.fields[1:])
         plan = plan_of(own)
         return own, ctypes.c_int64 * max(size_of(own), 1), plan, ctypes.addressof(plan)
@@ -474,10 +425,29 @@ def raw_kernel(function: Callable) -> Any:
     return function if DISABLED else RawKernel(function)
 
 
+def pack_with(pack: Any, is_right: Callable[[Callable[[int, int, int], int]], bool]) -> None:
+    """
+    Pack arguments by machine code from now on; until then `pack_slowly` does.
+
+    Parameters
+    ----------
+    pack : RawKernel
+        `packing.pack`.
+    is_right : callable
+        Tells whether it reads this Python right. If not, all goes on as before.
+    """
+    _PACKERS[:] = [(pack, is_right)]
+    packer.cache_clear()
+
+
+_PACKERS: list[tuple[Any, Callable[[Callable[[int, int, int], int]], bool]]] = []
+
+
 @functools.cache
 def packer() -> Callable[[int, int, int], int]:
-    """Return `packing.pack` as machine code; if it misreads this Python, one that gives up."""
-    from rasterjit.runtime.packing import is_readable, pack
-
-    run = LOCKED_MACHINE(pack.address())
-    return run if is_readable(run) else lambda *_: 1
+    """Return what packs arguments as machine code; without it, what gives up."""
+    for pack, is_right in _PACKERS:
+        run = LOCKED_MACHINE(pack.address())
+        if is_right(run):
+            return run
+    return lambda *_: 1

@@ -1,69 +1,51 @@
 """
 Pack the arguments of a call into a state block, in machine code: about a microsecond.
 
-Reads tuples, arrays and numbers where CPython and NumPy keep them (``PyTupleObject``,
-``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan says where
-to look and what to expect; anything unexpected is left to `state.pack_slowly`. So is every call, if
-a first try (`is_readable`) shows that this Python keeps things elsewhere.
+Reads tuples, arrays and numbers where a plan (``argument_plan``) says, and checks that they are
+what it expects; anything unexpected is left to `state.pack_slowly`. So is every call, if a first
+try (`is_readable`) shows that this Python keeps things elsewhere.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
+from rasterjit.runtime.argument_plan import (
+    ARRAY,
+    ARRAY_TYPE,
+    AXES,
+    DATA,
+    DEPTH,
+    DESCR,
+    END,
+    EXPECTED,
+    FIRST,
+    FLAGS,
+    FLOAT64,
+    HEADER,
+    INSTRUCTION,
+    INT,
+    ITEMS,
+    KIND,
+    LENGTH,
+    NDIM,
+    OP,
+    ORDER_AND_NUMBER,
+    PATH,
+    READ_INT,
+    RECORD,
+    SHAPE,
+    STRIDED,
+    STRIDES,
+    WANTED_FLAGS,
+    plan_of,
+)
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
-from rasterjit.runtime.jit import helper, raw_kernel
-from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, Type
-
-DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = 0, 8, 16, 24, 40, 48
-"""Where, behind its header, an array keeps address, axes, lengths, strides, description, flags."""
-
-KIND = 8
-"""Where a description keeps four characters, the third its byte order, then its type number."""
-
-LAYOUT = object.__basicsize__, tuple.__basicsize__
-"""
-Bytes of an object's header, whose last word is the object's type, and before the items of a tuple.
-
-Releases of Python differ in them, so a plan names them and the machine code fits all.
-"""
-
-ARRAY_TYPE, READ_INT, LENGTH, HEADER, ITEMS, FIRST = (WORD * n for n in range(6))
-"""Bytes into a plan: what `pack` reads once, and the first instruction."""
-
-C_CONTIGUOUS, ALIGNED = 0x1, 0x100
-"""Flags of an array."""
-
-END, RECORD, ARRAY, INT, FLOAT64, FLOAT32 = range(6)
-"""Operations of a plan: what an instruction packs."""
-
-NUMBERS = {
-    "int64": (INT, int, np.int64),
-    "bool": (INT, bool, bool),
-    "float64": (FLOAT64, float, np.float64),
-    "float32": (FLOAT32, np.float32, np.float32),
-}
-"""For each type of number: the instruction that packs it, and the Python types it accepts."""
-
-LONGEST_PATH = 8
-"""Most tuples inside tuples."""
-
-OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
-"""
-Bytes into an instruction. ``EXPECTED`` is the type object of a record or a number, or the byte
-order and type number of an array. ``AXES`` is the number of an array's axes, the length of a
-record, or a second type object that a number may have.
-"""
-
-INSTRUCTION = PATH + WORD * LONGEST_PATH
-"""Bytes of an instruction."""
-
-ORDER_AND_NUMBER = 0xFFFFFFFF00FF0000
-"""Mask of the word at ``KIND``: byte order and type number."""
+from rasterjit.runtime.jit import helper, pack_with, raw_kernel
+from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, pack_slowly
 
 
 @helper
@@ -147,39 +129,6 @@ def pack(arguments, plan, state):
     return np.int64(0)
 
 
-def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
-    def instruction(op: int, expected: int, axes: int = 0, flags: int = 0, strided: int = 0) -> Any:
-        depth = len(path)
-        if depth > LONGEST_PATH:
-            raise ValueError(f"tuples nest too deep in the arguments of a kernel: {path}")
-        return [op, expected, axes, flags, strided, depth, *path, *[0] * (LONGEST_PATH - depth)]
-
-    if isinstance(kind, RecordType):
-        if path:
-            yield instruction(RECORD, id(kind.record), len(kind.fields))
-        for k, field in enumerate(kind.fields):
-            yield from _instructions(field, (*path, k))
-    elif isinstance(kind, ArrayType):
-        dtype = np.dtype(kind.dtype)
-        order = ord(dtype.byteorder) << 16
-        number = dtype.num << 32
-        flags = ALIGNED | (C_CONTIGUOUS if kind.is_contiguous else 0)
-        yield instruction(ARRAY, order | number, kind.ndim, flags, int(not kind.is_contiguous))
-    else:
-        op, one, other = NUMBERS[kind.dtype]
-        yield instruction(op, id(one), id(other))
-
-
-def plan_of(kind: RecordType) -> Any:
-    """Return the plan of a kernel's arguments, a ctypes array."""
-    read_int = ctypes.cast(ctypes.pythonapi.PyLong_AsLongLong, ctypes.c_void_p).value
-    words = [id(np.ndarray), read_int, len(kind.fields), *LAYOUT]
-    for one in _instructions(kind, ()):
-        words += one
-    words += [END] * (INSTRUCTION // WORD)
-    return (ctypes.c_int64 * len(words))(*words)
-
-
 def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     """Tell whether this Python and this NumPy keep things where `pack` looks."""
     array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
@@ -192,8 +141,9 @@ def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     block = (ctypes.c_int64 * 16)()
     if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
         return False
-    from rasterjit.runtime.state import pack_slowly
-
     words: list[int] = []
     pack_slowly(kind, value, words)
     return list(block)[: len(words)] == words
+
+
+pack_with(pack, is_readable)

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import clocks, store
 
 Tell = Callable[[str], None]
 """Takes how far compiling is, as a text; an empty one when it is done."""
@@ -172,7 +172,7 @@ class Progress:
 
     def __init__(self, wanted: Mapping[str, Path | None]) -> None:
         self._wanted = wanted
-        self._seconds = jit.COMPILER_CLOCK.read()
+        self._seconds = clocks.COMPILER_CLOCK.read()
         self._since = time.monotonic()
         self._used = [len(names) for names in store.USED]
         self._told = ""
@@ -196,7 +196,7 @@ class Progress:
 
     def tell(self) -> None:
         """Say how many are done, since when, and how long the rest will take, if it takes long."""
-        if self._told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
+        if self._told or clocks.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
             # One kernel may take ten seconds: the time shows that there is life.
             text = str(self)
             if text != self._told:

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 from rasterjit import forks
 from rasterjit.runtime import numba_alone, shipped
-from rasterjit.runtime.jit import COMPILER_CLOCK
+from rasterjit.runtime.clocks import COMPILER_CLOCK
 from rasterjit.runtime.locks import Lock, lock
 from rasterjit.runtime.state import RecordType, Type
 from rasterjit.runtime.targets import Target as Target

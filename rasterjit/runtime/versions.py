@@ -1,4 +1,8 @@
-"""Tell which versions of other packages are supported, as ``pyproject.toml`` asks for them."""
+"""
+Tell which versions of other packages are supported, as ``pyproject.toml`` asks for them.
+
+Where one is too old, importing this file, and with it the package, ends with a line that says so.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,8 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
+
+from rasterjit import interrupts
 
 
 class Range(NamedTuple):
@@ -80,3 +86,6 @@ def too_new(found: Mapping[str, str] | None = None) -> str | None:
                 f'pip install "{distribution}>={lowest},<{limit}"'
             )
     return None
+
+
+interrupts.refuse(too_old())

@@ -15,8 +15,14 @@ from traitlets import Unicode
 
 from rasterjit.viewer.canvas import FRAME_RATE, Connection
 from rasterjit.viewer.codecs import QUALITY
-from rasterjit.viewer.notebook import NO_FRONT_END, Saved
+from rasterjit.viewer.saved_view import Saved
 from rasterjit.viewer.viewer import Viewer
+
+NO_FRONT_END = (
+    "Where this text stands in a running notebook, the view does not turn: run "
+    '"pip install ipywidgets anywidget" in the environment of the Jupyter server, then reload the '
+    "page."
+)
 
 REST = 0.7
 """A view that stays so long is the last one, for the time being; seconds."""

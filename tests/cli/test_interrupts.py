@@ -15,7 +15,7 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
-from rasterjit import cli
+from rasterjit import cli, interrupts
 from rasterjit.cli import commands
 
 pytestmark = [
@@ -128,8 +128,8 @@ def test_a_library_is_left_to_who_imports_it(tmp_path):
 @pytest.fixture
 def handled(monkeypatch):
     """Handle Ctrl-C in this process as the command line does."""
-    monkeypatch.setattr(cli._Interrupts, "since", None)
-    before = signal.signal(signal.SIGINT, cli.interrupt)
+    monkeypatch.setattr(interrupts._Interrupts, "since", None)
+    before = signal.signal(signal.SIGINT, interrupts.interrupt)
     yield
     signal.signal(signal.SIGINT, before)
 
@@ -148,7 +148,7 @@ def test_an_import_that_raises_an_interrupt_ends_the_program(monkeypatch):
                 raise KeyboardInterrupt
 
     before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(cli.os, "_exit", end)
+    monkeypatch.setattr(interrupts.os, "_exit", end)
     monkeypatch.setattr(sys, "meta_path", [Interrupting, *sys.meta_path])
     monkeypatch.delitem(sys.modules, "rasterjit.cli.commands", raising=False)
     try:
@@ -181,13 +181,13 @@ def test_an_interrupt_in_a_destructor_comes_again(handled, capfd):
 
 
 def interrupted_in_a_destructor():
-    cli.say_unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
+    interrupts.say_unraisable(SimpleNamespace(exc_type=KeyboardInterrupt))
     for _ in range(1000):
         time.sleep(0.01)
 
 
 def test_an_import_that_never_ends_is_interrupted_all_the_same(handled, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "LONGEST_IMPORT", 0.2)
+    monkeypatch.setattr(interrupts, "LONGEST_IMPORT", 0.2)
     path = tmp_path / "never_ends.py"
     path.write_text(
         "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(20)\n"
@@ -217,4 +217,4 @@ def test_an_import_that_never_ends_is_interrupted_all_the_same(handled, tmp_path
 def test_the_program_is_known_by_how_it_was_started(monkeypatch, started, shown, expected):
     monkeypatch.setattr(sys, "orig_argv", started)
     monkeypatch.setattr(sys, "argv", shown)
-    assert cli.is_program() == expected
+    assert interrupts.is_program() == expected

@@ -19,6 +19,8 @@ from rasterjit.rendering.effects import EFFECTS
 
 PACKAGE = Path(rj.__file__).parent
 ROOT = PACKAGE.parent
+sys.path.append(str(ROOT))
+house = importlib.import_module("benchmarks.house")
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 FOLDERS = {
     ".".join(("rasterjit", *path.parent.relative_to(PACKAGE).parts))
@@ -75,6 +77,10 @@ def test_layers_hold():
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 broken" in done.stdout
     assert "0 kept" not in done.stdout
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    assert house.circles(house.read(ROOT)) == []
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=named)

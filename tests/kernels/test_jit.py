@@ -11,7 +11,7 @@ from kernel_files import kernel_files
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility import nearest
-from rasterjit.runtime import jit
+from rasterjit.runtime import clocks, jit
 
 PACKAGE = Path(rj.__file__).parent
 RUNTIME = PACKAGE / "runtime"
@@ -62,7 +62,7 @@ def test_no_kernel_uses_fastmath():
 
 
 def test_a_clock_counts_once_what_is_nested_and_what_is_under_way():
-    clock = jit.CompileClock()
+    clock = clocks.CompileClock()
     with clock.running():
         with clock.running():
             first = clock.read()

@@ -42,7 +42,7 @@ import numpy as np
 from rasterjit.effects.wireframe import stage as wireframe
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.records import Viewport
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import clocks, store
 
 positions = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -3.0, 1.0]])
 ends, depths = np.zeros((1, 4), np.int32), np.zeros((1, 2))
@@ -53,8 +53,8 @@ count = wireframe.project_edges(edges, vertices, (0.0, 1.0, 0.0), view, ends, de
 color = np.empty((1, 1), np.uint32)
 encode.encode_rows(np.ones((1, 1, 4), np.float32), encode.encoding_table(), color)
 compiled = [name.rpartition(".")[2] for name in store.USED.compiled]
-clocks = [clock.seconds > 0.0 for clock in (jit.COMPILER_CLOCK, jit.COMPILE_CLOCK)]
-print(json.dumps([count, round(depths[0, 1], 6), hex(color[0, 0]), compiled, clocks]))
+ran = [clock.seconds > 0.0 for clock in (clocks.COMPILER_CLOCK, clocks.COMPILE_CLOCK)]
+print(json.dumps([count, round(depths[0, 1], 6), hex(color[0, 0]), compiled, ran]))
 """
 
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rasterjit.runtime import jit, progress, store
+from rasterjit.runtime import clocks, progress, store
 from rasterjit.runtime.progress import Progress
 
 
@@ -126,7 +126,7 @@ def test_what_is_soon_done_is_not_told(monkeypatch, seconds):
             return self.times.pop(0)
 
     told = []
-    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock())
+    monkeypatch.setattr(clocks, "COMPILER_CLOCK", Clock())
     shown = Progress({})
     with progress.told_to(told.append):
         shown.tell()

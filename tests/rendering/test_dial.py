@@ -23,7 +23,7 @@ from rasterjit.rendering.budget import (
     root_mean_square,
 )
 from rasterjit.rendering.clock import StageClock
-from rasterjit.runtime.jit import COMPILE_CLOCK
+from rasterjit.runtime.clocks import COMPILE_CLOCK
 
 SIZE = (96, 72)
 

@@ -20,7 +20,7 @@ from rasterjit.rendering import renderer as rendering
 from rasterjit.rendering.budget import LADDER
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.runtime.jit import COMPILE_CLOCK
+from rasterjit.runtime.clocks import COMPILE_CLOCK
 from rasterjit.viewer import switches
 from rasterjit.viewer import viewer as viewing
 from rasterjit.viewer.controls import Fly

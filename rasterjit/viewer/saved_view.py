@@ -1,0 +1,94 @@
+"""What a notebook keeps of a viewer: the last view as a picture, its camera as code."""
+
+from __future__ import annotations
+
+import io
+import uuid
+from html import escape
+from typing import Any
+
+from PIL import Image, PngImagePlugin
+
+from rasterjit.scene import preview
+from rasterjit.viewer.viewer import Viewer
+from rasterjit.viewer.views import camera_code
+
+NAME = "rasterjit-view"
+"""The text in a PNG file that tells a widget which picture is its own."""
+
+_BEFORE = ".jp-OutputArea-child:has(+ .jp-OutputArea-child .rasterjit-camera) "
+_NO_MODULE = (
+    "The view does not turn. If anywidget is missing in the environment of the Jupyter server, run "
+    "pip install anywidget there, then reload the page. What the page says:"
+)
+STYLE = (
+    f"<style>{_BEFORE}> .jupyter-widgets.jp-OutputArea-output:not(:has(*)) {{display: none}} "
+    f'{_BEFORE}.jupyter-widgets-error-widget::before {{content: "{_NO_MODULE}"}} '
+    f"body.jp-Notebook {_BEFORE}> .jp-RenderedText {{display: none}} "
+    "pre.rasterjit-camera.rasterjit-camera, .rasterjit-camera > code "
+    "{word-break: normal; overflow-wrap: anywhere}</style>"
+)
+"""JupyterLab says that it does not find the widget of a notebook that does not run any more, and
+shows an error where it cannot load the module of one. A page that nbconvert makes has no server.
+Both break lines within numbers."""
+
+
+class Saved:
+    """
+    The outputs of a cell that a notebook keeps of a viewer.
+
+    Parameters
+    ----------
+    viewer : Viewer
+
+    Attributes
+    ----------
+    name : str
+        Stands in the file of each picture.
+    """
+
+    def __init__(self, viewer: Viewer) -> None:
+        self.name = uuid.uuid4().hex
+        self._viewer = viewer
+        self._pictures: list[Any] = []
+        self._codes: list[Any] = []
+
+    @property
+    def description(self) -> str:
+        """What the picture shows, for who does not see it."""
+        return f"View of {self._viewer.scene!r}"
+
+    def show(self, between: dict[str, Any], metadata: dict[str, Any]) -> None:
+        """Show the picture, something else as a bundle of media types, and the camera."""
+        from IPython.display import display
+
+        data, told = self._picture()
+        self._pictures.append(display(data, metadata=told, raw=True, display_id=True))
+        display(between, metadata=metadata, raw=True)
+        self._codes.append(display(self._code(), raw=True, display_id=True))
+
+    def update(self) -> None:
+        """Put the view as it is now in place of the last one, wherever it was shown."""
+        data, told = self._picture()
+        for handle in self._pictures:
+            handle.update(data, metadata=told, raw=True)
+        for handle in self._codes:
+            handle.update(self._code(), raw=True)
+
+    def _picture(self) -> preview.Bundle:
+        """Return the picture, and what is told of it."""
+        viewer, alt = self._viewer, self.description
+        texts = PngImagePlugin.PngInfo()
+        texts.add_text(NAME, self.name)
+        data = io.BytesIO()
+        picture = Image.fromarray(viewer.picture()[:, :, :3])
+        picture.save(data, "PNG", pnginfo=texts)
+        width, height = (round(side / viewer.ratio) for side in picture.size)
+        bundle, told = preview.bundle(data.getvalue(), alt, (width, height))
+        return {**bundle, "text/plain": alt}, told
+
+    def _code(self) -> dict[str, str]:
+        """Return the camera, as text and as what hides an error of JupyterLab's besides."""
+        code = camera_code(self._viewer.camera)
+        html = f'{STYLE}<pre class="rasterjit-camera"><code>{escape(code)}</code></pre>'
+        return {"text/plain": code, "text/html": html}
