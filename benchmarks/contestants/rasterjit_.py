@@ -96,14 +96,12 @@ class Visibility:
             self._relative_from_model,
             self._clip_from_relative,
         )
+        drawable = self._stages.Drawable(
+            vertices, self._faces, self._objects, NEARER_IS_LESS, self._viewport
+        )
+        wanted = self._stages.Wanted()
         self._coverage = self._stages.find_visible(
-            vertices,
-            self._faces,
-            self._objects,
-            NEARER_IS_LESS,
-            self._viewport,
-            self._workers,
-            lambda stage: None,
+            drawable, wanted, self._workers, lambda stage: None
         )
 
     def read(self) -> dict[str, NDArray[Any]]:

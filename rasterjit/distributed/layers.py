@@ -128,7 +128,7 @@ def draw_layer(
     try:
         request = options._replace(outputs=outputs)
         planned = plan_views(request, scene, settled(camera, *steps))
-        kept = {"keep_depth": True, "find_faces": True}
+        kept = {"depth": True, "draws": True}
         frame, seen = draw_frame(planned, workers, clock=clock, **kept)
     finally:
         workers.close()

@@ -230,11 +230,12 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         arrays.primitives, views.relative_from_model, vertices.positions,
         views.clip_from_relative, plan.size,
     )  # fmt: skip
-    coverage = draw.find_visible(
-        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
-        lambda _: None, keep_lists=True, keep_clip_positions=True, alpha_tests=alpha_tests,
-        depth_type=plan.depth_format.kind, is_affine=plan.is_affine, primitives=primitives,
+    drawable = draw.Drawable(
+        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
+        alpha_tests=alpha_tests, primitives=primitives, is_affine=plan.is_affine,
     )  # fmt: skip
+    wanted = draw.Wanted(lists=True, clip_positions=True, depth_type=plan.depth_format.kind)
+    coverage = draw.find_visible(drawable, wanted, workers, lambda _: None)
     lists = coverage.lists
     if objects.culled_turns.any():
         # List the culled faces as well.

@@ -147,7 +147,7 @@ def diagnose(
         If the coverage was drawn without keeping its lists.
     """
     if coverage.lists is None:
-        raise ValueError("coverage must be drawn with keep_lists=True")
+        raise ValueError("coverage must be drawn with Wanted(lists=True)")
     faces, viewport, face_id = coverage.lists.faces, geometry.viewport, coverage.face_id
     samples, tied_pixels = _count_samples(coverage, coverage.lists, geometry, workers)
     seen = face_id >= 0

@@ -320,12 +320,8 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
 
 def _finding_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that find the face at every pixel."""
-    return draw.kernels_of(
-        find_faces=plan.needs_centers, keep_lists=plan.keeps_lists,
-        keep_clip_positions=plan.keeps_clip_positions,
-        has_alpha_tests=plan.facts.tests_hits, depth_type=plan.depth_format.kind,
-        precision=plan.quality.precision, kinds=plan.facts.contents.primitives,
-    )  # fmt: skip
+    wanted = plan.visibility._replace(draws=plan.needs_centers)
+    return draw.kernels_of(wanted, plan.facts.tests_hits, plan.facts.contents.primitives)
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:

@@ -157,8 +157,9 @@ def rasterize(
     depth_format = ndc_format(quality.depth_format, sign)
     try:
         coverage = draw.find_visible(
-            positions, face_numbers, objects, depth_format.coefficients, viewport, workers,
-            lambda _: None, depth_type=depth_format.kind, precision=quality.precision,
+            draw.Drawable(positions, face_numbers, objects, depth_format.coefficients, viewport),
+            draw.Wanted(depth_type=depth_format.kind, precision=quality.precision),
+            workers, lambda _: None,
         )  # fmt: skip
     finally:
         workers.close()

@@ -14,6 +14,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics as diagnosing
@@ -228,7 +229,7 @@ def draw_frame(
     needs_seen : bool
         Whether the caller looks at what is seen; else its faces may have been written over.
     **options
-        What is kept of the visible faces, besides what the plan asks for: see `find_visible`.
+        Fields of ``plan.visibility`` that are otherwise: see `find_visible`.
 
     Returns
     -------
@@ -252,7 +253,7 @@ def draw_frame(
         # Project, clip, bin, draw.
         shared = None if needs_seen else shade.shared_memory(plan, workers)
         if plan.facts.finds_faces and not (needs_seen or plan.needs_centers):
-            options |= {"find_faces": False, "keep_depth": False}
+            options |= {"draws": False, "depth": False}
         seen = find(plan, views, kept=kept, face_id=shared, **options)
         if seen.coverage.covered is None:
             # The statistics look at the faces later.
@@ -307,7 +308,8 @@ def find_visible(
     clock: Callable[[str], None],
     views: Views | None = None,
     kept: Kept | None = None,
-    **options: Any,
+    face_id: NDArray[np.int32] | None = None,
+    **changes: Any,
 ) -> Seen:
     """
     Find the face at every pixel: transform, clip, set up, bin, draw.
@@ -323,8 +325,10 @@ def find_visible(
         Those of the plan's camera, where they are known.
     kept : Kept, optional
         What the picture before left: all that is returned, but for depth and face, lies there.
-    **options
-        What is kept besides what the plan asks for, as ``pipeline.visibility.draw`` takes it.
+    face_id : (H, W) int32, optional
+        Where the visible faces are written.
+    **changes
+        Fields of ``plan.visibility`` that are otherwise.
     """
     camera, arrays = plan.camera, cache.shapes.arrays
     kept = kept or Kept(workers.memory, lasts=False)
@@ -344,26 +348,20 @@ def find_visible(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative, arrays.unused,
     )  # fmt: skip
-    wanted = {
-        "keep_depth": plan.needs_depth,
-        "find_faces": plan.facts.finds_faces,
-        "keep_lists": plan.keeps_lists,
-        "keep_clip_positions": plan.keeps_clip_positions,
-        **options,
-    }
-    if plan.layers is not None and not wanted["find_faces"]:
-        wanted["reach"] = sampled_viewport(viewport, plan.layers.samples).reach
-    coverage = drawing.find_visible(
-        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
-        alpha_tests=shade.find_hit_tests(plan, cache), depth_type=plan.depth_format.kind,
-        is_affine=plan.is_affine, kept=kept, hidden=_hidden_faces(plan, arrays),
+    wanted = plan.visibility._replace(**changes)
+    if plan.layers is not None and not wanted.draws:
+        wanted = wanted._replace(reach=sampled_viewport(viewport, plan.layers.samples).reach)
+    drawable = drawing.Drawable(
+        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport,
+        alpha_tests=shade.find_hit_tests(plan, cache),
         primitives=primitives_of(
             arrays.primitives, views.relative_from_model, vertices.positions,
             views.clip_from_relative, plan.size,
             supersample.pixels_of(camera),
         ),
-        **wanted,
+        hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
+    coverage = drawing.find_visible(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
         viewport, plan.is_affine,

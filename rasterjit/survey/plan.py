@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rasterjit.forks import cached_property
 from rasterjit.pipeline.passes import Rows, ShadingNeeds
 from rasterjit.pipeline.records import Lighting
-from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.pipeline.visibility.draw import Region, Wanted
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, differences
@@ -239,6 +239,18 @@ class RenderPlan(Printed):
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
         return self.facts.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
+
+    @property
+    def visibility(self) -> Wanted:
+        """What of the visible faces outlives their drawing, and how they are found."""
+        return Wanted(
+            depth=self.needs_depth,
+            lists=self.keeps_lists,
+            clip_positions=self.keeps_clip_positions,
+            draws=self.facts.finds_faces,
+            depth_type=self.depth_format.kind,
+            precision=self.quality.precision,
+        )
 
     @cached_property
     def keeps_faces(self) -> bool:

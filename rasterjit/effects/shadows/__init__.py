@@ -145,11 +145,13 @@ class ShadowMaps(Effect):
         if facts.shades_through_holes:
             alpha_tests = cache.tables.alpha_tests(facts.contents.textured_holes > 0)
         cells = [visible_depth.seen_cells(*one) for one in seen]
-        scenery = maps.scenery_of(
-            vertices, arrays.faces, placement, cache.shapes.boxes,
-            facts.inventory.casts_shadows, is_whole, is_open, np.concatenate(cells), plan.camera,
-            plan.size, alpha_tests, arrays.primitives,
+        casters = maps.Casters(
+            vertices, arrays.faces, placement, cache.shapes.boxes, facts.inventory.casts_shadows,
+            alpha_tests, arrays.primitives,
         )  # fmt: skip
+        scenery = maps.scenery_of(
+            casters, is_whole, is_open, np.concatenate(cells), plan.camera, plan.size
+        )
         normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
         return maps.draw_shadows(mapped_lights(facts), eye, scenery, normals, workers)
@@ -157,11 +159,10 @@ class ShadowMaps(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
+        facts = plan.facts
         drawn = draw.kernels_of(
-            find_faces=True, keep_lists=False, keep_clip_positions=False,
-            has_alpha_tests=plan.facts.shades_through_holes,
-            kinds=plan.facts.contents.primitives,
-        )  # fmt: skip
+            draw.Wanted(), facts.shades_through_holes, facts.contents.primitives
+        )
         rows = [
             row._replace(condition=f"{cast}, {row.condition}" if row.condition else cast)
             for row in drawn

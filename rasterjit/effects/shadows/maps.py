@@ -223,22 +223,16 @@ def _draw(
     coefficients = (
         (0.5, -0.5, 0.0) if row[shadows_stage.PARALLEL] else (row[shadows_stage.NEAR], 0.0, 0.0)
     )
-    draw.find_visible(
-        scenery.vertices._replace(clip_from_relative=matrix),
-        scenery.faces,
-        Objects(scenery.face_starts, nobody),
-        tuple(map(float, coefficients)),
-        viewport_of((size, size), SUBPIXEL_BITS),
-        workers,
-        lambda _: None,
-        alpha_tests=scenery.alpha_tests,
-        keep_faces=False,
-        depth=texels,
-        primitives=primitives_of(
+    drawable = draw.Drawable(
+        scenery.vertices._replace(clip_from_relative=matrix), scenery.faces,
+        Objects(scenery.face_starts, nobody), tuple(map(float, coefficients)),
+        viewport_of((size, size), SUBPIXEL_BITS), scenery.alpha_tests,
+        primitives_of(
             scenery.primitives, scenery.vertices.relative_from_model, scenery.vertices.positions,
             matrix, (size, size),
         ),
     )  # fmt: skip
+    draw.find_visible(drawable, draw.Wanted(faces=False), workers, lambda _: None, depth=texels)
 
 
 def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
@@ -466,32 +460,37 @@ def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
     return matrix
 
 
+class Casters(NamedTuple):
+    """The objects of a scene, as things that cast shadows."""
+
+    vertices: draw.ModelVertices
+    faces: NDArray[np.int32]
+    """(F, 3)."""
+    placement: Placement
+    bounds: Float64
+    """(O, 2, 3): low and high corner of each object, model space; NaN for one without any."""
+    casts: NDArray[np.bool_]
+    """(O,): which objects cast shadows."""
+    alpha_tests: AlphaTests | None = None
+    """The objects that have holes."""
+    primitives: tuple[Primitive, ...] = ()
+    """The objects whose faces are segments or points."""
+
+
 def scenery_of(
-    vertices: draw.ModelVertices,
-    faces: NDArray[np.int32],
-    placement: Placement,
-    bounds: Float64,
-    casts: NDArray[np.bool_],
+    casters: Casters,
     is_whole: NDArray[np.bool_],
     is_open: NDArray[np.bool_],
     cells: Float64,
     camera: Camera,
     size: tuple[int, int],
-    alpha_tests: AlphaTests | None,
-    primitives: tuple[Primitive, ...] = (),
 ) -> Scenery:
     """
     Return what casts shadows and what they fall on.
 
     Parameters
     ----------
-    vertices : ModelVertices
-    faces : (F, 3) int32
-    placement : Placement
-    bounds : (O, 2, 3) float64
-        Low and high corner of each object, model space; NaN for one without any.
-    casts : (O,) bool
-        Which objects cast shadows.
+    casters : Casters
     is_whole : (O,) bool
         Which objects shadows are looked up on wherever they are, seen or not.
     is_open : (O,) bool
@@ -501,11 +500,8 @@ def scenery_of(
     camera : Camera
     size : (int, int)
         Width and height of the picture, pixels.
-    alpha_tests : AlphaTests or None
-        The objects that have holes.
-    primitives : tuple of Primitive
-        The objects whose faces are segments or points.
     """
+    vertices, faces, placement, bounds, casts, alpha_tests, primitives = casters
     boxes = place_boxes(bounds, placement.relative_from_model)
     finite = np.isfinite(boxes).all(axis=(1, 2))
     starts = placement.face_starts

@@ -422,90 +422,91 @@ def _edges(count: int, least: int, most: int, workers: Workers) -> list[int]:
     return [*range(0, count, _per_task(count, least, most, workers)), count]
 
 
+class Drawable(NamedTuple):
+    """What a picture is drawn from."""
+
+    vertices: ModelVertices | NDArray[np.float64]
+    """Or (V, 4) float64, clip space."""
+    faces: NDArray[np.int32]
+    """(F, 3)."""
+    objects: Objects
+    depth_coefficients: tuple[float, float, float]
+    """The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer."""
+    viewport: Viewport
+    alpha_tests: AlphaTests | None = None
+    """The objects that have holes, for any picture: its geometry is put in."""
+    primitives: Primitives | None = None
+    """The objects whose faces are segments or points; ``None`` -> all are triangles."""
+    hidden: Sequence[tuple[int, int]] = ()
+    """Runs of faces, ascending, those of whole objects, that are not drawn."""
+    is_affine: bool = False
+    """Whether holes lie where interpolation on the screen puts them."""
+
+
+class Wanted(NamedTuple):
+    """What of a picture outlives its drawing, and how it is drawn."""
+
+    depth: bool = True
+    faces: bool = True
+    """Whether the face at each pixel does; else ``face_id`` is (H, 0)."""
+    lists: bool = False
+    """Whether those of the tiles do."""
+    clip_positions: bool = False
+    """Whether they are made even if no vertex has a ``CLIPPED`` code."""
+    draws: bool = True
+    """Whether anybody looks at depth or faces; else all pixels are empty."""
+    depth_type: Any = np.float32
+    """What depths are rounded to before they are compared: float32, float64, or int32, which cuts
+    off what is behind the point."""
+    precision: Any = np.float64
+    """Of the arithmetic that takes clip positions to the screen; that of model positions is their
+    own."""
+    reach: int = 0
+    """How far from the centres samples lie that the lists are for, as ``Viewport.reach``; 0 where
+    pictures are drawn."""
+
+
 def find_visible(
-    vertices: ModelVertices | NDArray[np.float64],
-    faces: NDArray[np.int32],
-    objects: Objects,
-    depth_coefficients: tuple[float, float, float],
-    viewport: Viewport,
+    drawable: Drawable,
+    wanted: Wanted,
     workers: Workers,
     clock: Callable[[str], None],
     *,
-    keep_depth: bool = True,
-    find_faces: bool = True,
-    keep_lists: bool = False,
-    keep_clip_positions: bool = False,
-    alpha_tests: AlphaTests | None = None,
-    keep_faces: bool = True,
     depth: NDArray[np.float32] | None = None,
     face_id: NDArray[np.int32] | None = None,
-    depth_type: Any = np.float32,
-    precision: Any = np.float64,
-    is_affine: bool = False,
     kept: Kept | None = None,
-    primitives: Primitives | None = None,
-    hidden: Sequence[tuple[int, int]] = (),
-    reach: int = 0,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
 
     Parameters
     ----------
-    vertices : ModelVertices, or (V, 4) float64, clip space
-    faces : (F, 3) int32
-    objects : Objects
-    depth_coefficients : (float, float, float)
-        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
-    viewport : Viewport
+    drawable : Drawable
+    wanted : Wanted
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
-    keep_depth : bool
-        Whether the depth outlives the drawing.
-    find_faces : bool
-        Whether anybody looks at depth and face; else all pixels are empty.
-    keep_lists : bool
-        Whether the tiles' lists outlive the drawing.
-    keep_clip_positions : bool
-        Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
-    alpha_tests : AlphaTests, optional
-        The objects that have holes, for any picture: its geometry is put in here.
-    keep_faces : bool
-        Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
     depth : (H, W) float32, optional
         Where the depth is written.
     face_id : (H, W) int32, optional
         Where the face at each pixel is written, if it outlives the drawing.
-    depth_type : dtype
-        What depths are rounded to before they are compared: float32, float64, or int32, which cuts
-        off what is behind the point.
-    precision : dtype
-        Of the arithmetic that takes clip positions to the screen; that of model positions is their
-        own.
-    is_affine : bool
-        Whether holes lie where interpolation on the screen puts them.
     kept : Kept, optional
         What the picture before left: all that is returned, but for depth and face, lies there.
         Default: nothing.
-    primitives : Primitives, optional
-        The objects whose faces are segments or points. Default: all are triangles.
-    hidden : sequence of (int, int)
-        Runs of faces, ascending, those of whole objects, that are not drawn.
-    reach : int
-        How far from the centres samples lie that the lists are for, as ``Viewport.reach``; 0 where
-        faces are found.
     """
+    vertices, faces, objects, depth_coefficients, viewport, alpha_tests = drawable[:6]
+    primitives, hidden, is_affine = drawable[6:]
+    reach, depth_type = wanted.reach, wanted.depth_type
     kept = kept or Kept(workers.memory, lasts=False)
     painted: list[Primitive] = []
     if primitives is not None:
         painted = [
-            one for one in primitives.objects if painting.is_painted(one, keep_lists, alpha_tests)
+            one for one in primitives.objects if painting.is_painted(one, wanted.lists, alpha_tests)
         ]
     # Take vertices to clip space and to the screen.
     if isinstance(vertices, ModelVertices):
         runs, left_out = None, list(vertices.unused)
-        if not (keep_lists or keep_clip_positions):
+        if not (wanted.lists or wanted.clip_positions):
             # Points are taken to the screen when they are drawn.
             left_out += [one.vertices for one in painted]
         if left_out:
@@ -514,11 +515,13 @@ def find_visible(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
         clip_positions = kept.empty("no clip positions", (0, 4), np.float64)
-        if keep_clip_positions or seen & setup.CLIPPED or primitives is not None:
+        if wanted.clip_positions or seen & setup.CLIPPED or primitives is not None:
             clip_positions = transform(*vertices[:4], workers, runs)
     else:
         clip_positions = vertices
-        screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
+        screen, seen = project(
+            clip_positions, depth_coefficients, viewport, workers, wanted.precision
+        )
     clock("transform")
     # Cut faces.
     clipped = 0
@@ -552,30 +555,30 @@ def find_visible(
         skipped = sorted({*skipped, *hidden})
         painted = [one for one in painted if one.faces not in hidden]
     # Set up triangles, and list those of each tile.
-    if find_faces or keep_lists:
+    if wanted.draws or wanted.lists:
         starts, binned, tile_depths, sums = set_up_and_bin(
             all_faces, objects, screen, viewport._replace(reach=reach) if reach else viewport,
             workers, alpha_tests, depth_type, kept, seen, skipped,
         )  # fmt: skip
-        if keep_lists:
+        if wanted.lists:
             lists = TileLists(starts, binned[: starts[-1]], all_faces, objects, hidden, reach)
     else:
         sums = set_up(all_faces, objects, screen, viewport, workers, kept, seen, skipped).sums
     clock("set up, bin")
     # Draw triangles, then points.
-    has_points = find_faces and bool(painted)
+    has_points = wanted.draws and bool(painted)
     if depth is None:
-        width = viewport.width * (keep_depth or has_points)
+        width = viewport.width * (wanted.depth or has_points)
         depth = workers.memory.empty((viewport.height, width), depth_type)
     if face_id is None:
-        width = viewport.width * (keep_faces or has_points)
+        width = viewport.width * (wanted.faces or has_points)
         face_id = workers.memory.empty((viewport.height, width), np.int32)
     points = None
     if primitives is not None and "points" in primitives.kinds:
         view = vertices.clip_from_relative, depth_coefficients, viewport
         points = painting.points_of(primitives, objects.face_starts, vertices.vertex_starts, *view)
     covered = None
-    if find_faces:
+    if wanted.draws:
         frame = depth, face_id
         covered = draw(
             starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests,
@@ -588,14 +591,14 @@ def find_visible(
                 painting.only(points.rows, painted), points.sight, depth_coefficients,
             )  # fmt: skip
             target = frame
-            if keep_lists:
+            if wanted.lists:
                 # What is see-through lies before it, or behind.
                 shape = viewport.height, viewport.width
                 target = np.empty(shape, depth_type), np.empty(shape, np.int32)
                 painting.clear(target)
                 points = points._replace(picture=target)
             sums = sums + painting.sums_of(painting.draw_cloud(cloud, viewport, target, workers))
-            if keep_lists:
+            if wanted.lists:
                 painting.merge((target[0][np.newaxis], target[1][np.newaxis]), frame, workers)
     else:
         depth.fill(nearest.empty_depth(depth_type))
@@ -610,26 +613,17 @@ def find_visible(
     )  # fmt: skip
 
 
-def kernels_of(
-    *,
-    find_faces: bool,
-    keep_lists: bool,
-    keep_clip_positions: bool,
-    has_alpha_tests: bool,
-    depth_type: Any = np.float32,
-    precision: Any = np.float64,
-    kinds: Collection[str] = (),
-) -> Rows:
+def kernels_of(wanted: Wanted, has_alpha_tests: bool, kinds: Collection[str] = ()) -> Rows:
     """
     Return the kernels that `find_visible` calls, each with its variant and when it is called.
 
-    Takes what `find_visible` takes; precision is that of model positions as well; and the kinds of
-    objects whose faces are not triangles.
+    ``wanted.precision`` is that of model positions as well; ``kinds`` are those of objects whose
+    faces are not triangles.
     """
     crossed = "a face crosses the near or far plane or the guard band"
-    depth = depth_variant(depth_type)
-    single = "float32 vertices" if np.dtype(precision) == np.float32 else ""
-    moved = "" if keep_clip_positions or kinds else crossed
+    depth = depth_variant(wanted.depth_type)
+    single = "float32 vertices" if np.dtype(wanted.precision) == np.float32 else ""
+    moved = "" if wanted.clip_positions or kinds else crossed
     rows = [
         KernelRow(projection.transform_vertices, single),
         KernelRow(projection.transform_positions, single, moved),
@@ -640,24 +634,24 @@ def kernels_of(
         *(lines.kernel_rows() if "lines" in kinds else []),
         KernelRow(setup.set_up_triangles),
     ]  # fmt: skip
-    if find_faces or keep_lists:
+    if wanted.draws or wanted.lists:
         rows += [
             *rows_where("", binning.start_lists, binning.bin_triangles),
             KernelRow(find_tile_depths, depth, "a face covers whole tiles"),
         ]
-    if find_faces:
+    if wanted.draws:
         rows.append(KernelRow(nearest.draw_tiles, depth))
-    if find_faces or keep_lists:
+    if wanted.draws or wanted.lists:
         batched = triangle_batches.plan_batch, triangle_batches.order_triangles
         rows += [*rows_where("", *batched), KernelRow(nearest.draw_planned, depth)]
-    if find_faces and "points" in kinds:
+    if wanted.draws and "points" in kinds:
         from rasterjit.pipeline.visibility import point_coverage
 
         rows += [
             KernelRow(point_coverage.draw_points, depth),
             KernelRow(point_coverage.merge_pictures, depth, "several threads draw points"),
         ]
-    if find_faces and has_alpha_tests:
+    if wanted.draws and has_alpha_tests:
         rows += [KernelRow(alpha_test.keep_shown, depth), KernelRow(alpha_test.find_alphas)]
     return rows
 
