@@ -19,10 +19,11 @@ from naive_layered import Layered
 
 import rasterjit as rj
 from rasterjit.pipeline.lighting import blinn_phong, layered, light_stages, sheen
-from rasterjit.pipeline.records import Layers
+from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind, fixed
+from rasterjit.pipeline.records import Layers, Lighting, Microfacets, Surface
 from rasterjit.pipeline.surface import samples as rows
+from rasterjit.rendering import shading_passes
 from rasterjit.rendering.plan import list_passes
-from rasterjit.runtime.driver import Step
 from rasterjit.scene.material import LAYER_TEXTURES
 
 SIZE = (20, 20)
@@ -478,20 +479,20 @@ def test_what_float32_cannot_tell_is_a_number_all_the_same(row):
     viewer, parts, dark = np.float32([0, 0, 0, 1]), np.ones(2, np.float32), np.zeros(3, np.float32)
     there = np.zeros((1, 1), np.float32)
     layers = Layers(there, there, None, there, there, np.zeros((1, 9), np.float32), sheen.ALBEDO)
-    ambient = (
-        Step(stage, arguments)
-        for stage, arguments in (
-            (light_stages.show_ambient_on_facets, (dark, viewer)),
-            (light_stages.show_ambient, (dark,)),
-        )
+    surface = Surface(*(None,) * 7, microfacets=Microfacets(None, parts), layers=layers)
+    arrays = ShadingArrays(None, None, surface, Lighting(lights, dark, None), viewer, None, None)
+    needs = ShadingNeeds(
+        1, microfacets=True, layers=True, coats=True, sheens=True, dielectrics=True
     )
-    facets = Step(light_stages.add_lights_on_facets, (lights, 0, 1, viewer, parts))
-    steps = [
-        *layered.starting_steps(layers, Step(light_stages.normalize_normals, ())),
-        Step(light_stages.normalize_normals, ()),
-        *layered.around_steps(layers, viewer, *ambient, is_first=True),
-        *layered.light_steps(layers, [], facets, (lights, 0, parts)),
-        *layered.finishing_steps(layers, viewer),
+    normalize = fixed(light_stages.normalize_normals)
+    around = Pass(light_stages.show_ambient_on_facets, lambda a: (a.lighting.ambient, a.viewer))
+    passes = [
+        *layered.starting_passes(needs, normalize),
+        normalize,
+        *layered.around_passes(needs, around, shading_passes.ambient_pass(), is_first=True),
+        *shading_passes.add_passes(needs, 0, 1),
+        *layered.finishing_passes(needs),
     ]
+    steps = bind(passes, arrays)
     blocks.run(samples, *((step.stage, *step.arguments) for step in steps))
     assert np.isfinite(samples[rows.OUT_RED : rows.OUT_RED + 3]).all()

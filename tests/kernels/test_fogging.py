@@ -12,8 +12,8 @@ import pytest
 import rasterjit as rj
 from rasterjit.effects.fog import FOG, fog_record
 from rasterjit.effects.fog import stage as fog_stage
+from rasterjit.pipeline.passes import ShadingArrays, ShadingNeeds, bind
 from rasterjit.pipeline.surface import samples as block
-from rasterjit.survey.effect import Look
 
 FOGS = [
     rj.Fog("#8090a0", "linear", start=2.0, end=9.0),
@@ -28,8 +28,9 @@ FOGS = [
 
 def cover(samples, record, viewer):
     """Cover samples with fog."""
-    look = Look(None, None, None, viewer)
-    blocks.run(samples, *((one, *own) for one, own in FOG.places["sample"](record, look)))
+    arrays = ShadingArrays(None, None, None, None, viewer, None, None)
+    passes = FOG.places["sample"](record, ShadingNeeds(0))
+    blocks.run(samples, *((one, *own) for one, own in bind(passes, arrays)))
 
 
 def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
