@@ -29,6 +29,7 @@ from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
 from rasterjit.survey.clip_planes import Look
 from rasterjit.survey.contents import SMOOTH
+from rasterjit.survey.effect import SeesThrough
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
@@ -188,7 +189,7 @@ def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
 
 def _refuse_mixing(plan: RenderPlan) -> None:
     """Raise ``ValueError`` if a pixel shows more than its nearest face."""
-    sees_through = any(one.effect.sees_through for one in plan.planned)
+    sees_through = any(isinstance(one.effect, SeesThrough) for one in plan.planned)
     if plan.layers is not None or plan.pictures > 1 or sees_through:
         raise ValueError(
             "partitions must be opaque: what is seen through a face, or mixed at its edges, may "

@@ -38,6 +38,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short, thread_count
 from rasterjit.survey.clip_planes import join
+from rasterjit.survey.effect import LooksAround
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -223,6 +224,10 @@ def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
         raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
+JOINING = tuple(one for one in EFFECTS if isinstance(one, LooksAround) and one.joins_faces)
+"""Effects that no part of a scene has alone."""
+
+
 def _check_setting(setting: Any) -> Scene:
     """Return the light of the whole, or raise ``ValueError`` for what parts cannot show alone."""
     if setting is None:
@@ -230,7 +235,7 @@ def _check_setting(setting: Any) -> Scene:
     if not isinstance(setting, Scene):
         raise ValueError(f"setting must be a Scene or None, got {in_short(setting)}")
     if setting.nodes:
-        joined = {effect.field for effect in EFFECTS if effect.joins_faces}
+        joined = {effect.field for effect in JOINING}
         held = [name.replace("_", " ") for name in EFFECT_FIELDS if name not in joined]
         raise ValueError(
             f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
@@ -241,8 +246,8 @@ def _check_setting(setting: Any) -> Scene:
             f"setting must have no labels, got {len(setting.labelled)}: they are drawn over the "
             "finished picture, which no partition has"
         )
-    for effect in EFFECTS:
-        if effect.joins_faces and getattr(setting, effect.field) is not None:
+    for effect in JOINING:
+        if getattr(setting, effect.field) is not None:
             raise ValueError(
                 f"setting.{effect.field} must be None: it looks at faces of several partitions at "
                 "once"

@@ -14,13 +14,13 @@ import numpy as np
 
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import shade
-from rasterjit.survey.effect import FrameContext, Planned
+from rasterjit.survey.effect import FrameContext, Planned, SeesThrough
 from rasterjit.survey.plan import RenderPlan
 
 
 def effect_of(plan: RenderPlan) -> Planned | None:
     """Return the effect that shows what lies behind glass; ``None`` where a frame has none."""
-    return next((one for one in plan.planned if one.effect.sees_through), None)
+    return next((one for one in plan.planned if isinstance(one.effect, SeesThrough)), None)
 
 
 def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:

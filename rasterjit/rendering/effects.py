@@ -22,7 +22,15 @@ from rasterjit.effects.transparency import TRANSPARENCY
 from rasterjit.effects.vignette import VIGNETTE
 from rasterjit.effects.wireframe import WIREFRAME
 from rasterjit.survey import material_rows as rows
-from rasterjit.survey.effect import Absent, Active, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.effect import (
+    Absent,
+    Active,
+    Effect,
+    FrameContext,
+    LooksAround,
+    Planned,
+    Planning,
+)
 from rasterjit.survey.facts import Facts
 
 EFFECTS: tuple[Effect, ...] = (
@@ -101,7 +109,8 @@ def prepare_effects(context: FrameContext) -> tuple[Active, ...]:
         if planned.name in done:
             record = done[planned.name]
         else:
-            seen = [(plan.camera, effect.see(context))]
+            own = effect.see(context) if isinstance(effect, LooksAround) else None
+            seen = [(plan.camera, own)]
             record = effect.prepare(context, planned.data, seen)
         if record is not None:
             found.append(Active(effect, record))

@@ -59,7 +59,7 @@ from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.camera_view import Through
 from rasterjit.survey.clip_planes import join
-from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.effect import Bends, FrameContext, look_around
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 
@@ -160,7 +160,9 @@ def plan_lensed(
     text = f"{type(lens).__name__}: {looks.described}"
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
-        one._replace(data=one.effect.bent(one.data, eye, pixels)) if one.used else one
+        one._replace(data=one.effect.bent(one.data, eye, pixels))
+        if one.used and isinstance(one.effect, Bends)
+        else one
         for one in whole[0].plan.effects
     )
     plan = whole[0].plan.with_(
@@ -298,7 +300,7 @@ def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
 def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
-        for one in plan.planned:
+        for one in look_around(plan.planned):
             effect = one.effect
             looks_around = effect.looks == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):

@@ -25,6 +25,7 @@ from rasterjit.rendering.together import KNOWN_CAMERAS, depth_way
 from rasterjit.rendering.views import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
+from rasterjit.survey.effect import InGroups
 from rasterjit.survey.many_views import Group, ManyViews
 
 MOST_PIXELS = 1 << 15
@@ -132,7 +133,7 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
         way, *factors = depth_way(plan.camera)
         yield "depth_way", way
         yield "depth_factors", factors
-    changed = [one.effect for one in plan.planned if one.effect.in_groups]
+    changed = [one.effect for one in plan.planned if isinstance(one.effect, InGroups)]
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
         own = ManyViews(

@@ -35,7 +35,7 @@ from rasterjit.pipeline.surface import (
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.survey.blending import Layers
-from rasterjit.survey.effect import Active, acting
+from rasterjit.survey.effect import Active, SeesThrough, acting
 
 DIFFUSE = rows.OUT_RED
 """First row of the light on vertices without highlights: what is seen is not known yet there."""
@@ -525,8 +525,8 @@ def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass
     from rasterjit.pipeline.surface import layers as moves
 
     acts = acting(effects, "sample")
-    seen = [one for one in acts if one.effect.sees_through]
-    over = effect_passes([one for one in acts if not one.effect.sees_through], "sample", needs)
+    seen = [one for one in acts if isinstance(one.effect, SeesThrough)]
+    over = effect_passes([one for one in acts if one not in seen], "sample", needs)
 
     def dark(a: ShadingArrays) -> tuple[Any, ...]:
         return np.zeros((len(a.surface.through.rows), 3), np.float32), moves.MIST_RED

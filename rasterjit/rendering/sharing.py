@@ -22,6 +22,7 @@ from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.contents import Contents
+from rasterjit.survey.effect import InGroups
 from rasterjit.survey.lights import reach
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
@@ -32,7 +33,10 @@ BY_KERNEL = (
 )  # fmt: skip
 """Outputs of which NumPy does nothing view by view; attributes of vertices, too."""
 
-OWN_ANSWERS = tuple(one for one in EFFECTS if one.in_groups and not one.follows_facts)
+IN_GROUPS = tuple(one for one in EFFECTS if isinstance(one, InGroups))
+"""Effects that views in groups may have."""
+
+OWN_ANSWERS = tuple(one for one in IN_GROUPS if not one.follows_facts)
 """Effects of groups that answer by more than facts."""
 
 LIGHTS = AmbientLight, DirectionalLight, PointLight, SpotLight
@@ -64,7 +68,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     if facts.background_image is not None or plan.keeps_clip_positions or facts.diagnose:
         return False
     # Others prepare something for each picture, from what is seen there.
-    if not all(one.effect.in_groups for one in plan.planned if one.effect.places):
+    if not all(isinstance(one.effect, InGroups) for one in plan.planned if one.effect.places):
         return False
     if not all(map(_is_shared, scene.lights)):
         return False

@@ -30,7 +30,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of
-from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.effect import FrameContext, SeesThrough, look_around
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
@@ -63,7 +63,7 @@ class RegionRenderer:
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region
-        (`Effect.looks`).
+        (`LooksAround`).
     """
 
     def __init__(
@@ -340,12 +340,12 @@ def _margin_of(plan: RenderPlan) -> int:
         If an effect looks at any pixels beyond the edges of a region.
     """
     farthest = 0
-    for planned in plan.planned:
+    for planned in look_around(plan.planned):
         if planned.effect.looks != "neighbours":
             continue
         reach = planned.effect.reach(planned.data)
         farthest = max(farthest, reach or 0)
-        if planned.effect.sees_through and plan.pictures == 1 and not plan.whole:
+        if isinstance(planned.effect, SeesThrough) and plan.pictures == 1 and not plan.whole:
             # The whole picture behind glass is drawn before.
             if max(plan.size) > MAX_SIZE:
                 raise ValueError(

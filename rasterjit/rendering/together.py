@@ -24,12 +24,12 @@ from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.rendering import notices
 from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
-from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.kept import MOST_KINDS, Kept
 from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
 from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.sharing import (
     BY_KERNEL,
+    IN_GROUPS,
     can_share,
     kind_of,
     kind_of_plan,
@@ -263,7 +263,7 @@ class Together:
             for kind, plain, camera in zip(kinds, is_plain, seen, strict=True)
         ]
         fields = self._fields(seen, known, views, view)
-        for effect in EFFECTS if self.is_colored else ():
+        for effect in IN_GROUPS if self.is_colored else ():
             fields |= effect.differ(self.scene, group)
         fields["coefficients"] = coefficients
         words = {name: words_of(values) for name, values in fields.items()}

@@ -12,7 +12,7 @@ plan knows of them.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from numpy.typing import NDArray
@@ -159,17 +159,6 @@ class Effect:
         What switches it in the viewer; empty: nothing does.
     modes : dict of str
         What the key goes through before it is off, with a word for each; empty: on and off.
-    looks : str
-        How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have
-        (but see `reach`), or at the "whole" picture, which is then looked through before (`see`).
-    is_toned : bool
-        Whether what it shows where no face is goes through the tone curve; else it is shown as
-        given.
-    joins_faces : bool
-        Whether it draws what all faces make together: no part of a scene has it alone.
-    sees_through : bool
-        Whether it shows another picture of the same view, without some objects (`hidden`), which
-        is drawn before, and handed to `prepare` as what it sees, (H, W, 4) float32, linear.
     is_explained : bool
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
@@ -177,14 +166,8 @@ class Effect:
     settings : tuple of str
         The settings of `Quality` that matter only to frames that need it, or another one that names
         them too.
-    reads_clip_positions : bool
-        Whether it reads where vertices lie before they are divided by w.
     follows_facts : bool
         Whether facts alone decide what it answers: it is not asked again while they hold.
-    in_groups : bool
-        Whether views that have it are drawn in groups, in machine code from one to the next: what
-        it reads follows from the plan (`share`), but for arrays that follow from the camera and
-        where objects are (`differ`). Else each picture must be looked at to prepare it.
     places : dict of function
         What it does, by place; see ``PLACES``.
     """
@@ -193,16 +176,10 @@ class Effect:
     field = ""
     key = ""
     modes: Mapping[str, str] = {}
-    looks = "sample"
-    is_toned = True
-    joins_faces = False
-    sees_through = False
     is_explained = False
     term = ""
     settings: tuple[str, ...] = ()
-    reads_clip_positions = False
     follows_facts = False
-    in_groups = False
     places: Mapping[str, Callable[..., Any]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -222,53 +199,6 @@ class Effect:
         """Say why a frame needs it or not."""
         raise NotImplementedError
 
-    def reads_depth(self, plan: RenderPlan) -> bool:
-        """Tell whether it reads the depth of visible faces."""
-        return False
-
-    def looks_first(self, data: Any) -> bool:
-        """
-        Tell whether it looks at the whole picture before it acts, as `see` says.
-
-        ``data`` is what the plan knows of it.
-        """
-        return self.looks == "whole"
-
-    def bent(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
-        """
-        Return what the plan knows of it where a lens bends the picture.
-
-        Parameters
-        ----------
-        data
-            What the plan knows of it.
-        eye : (3,) float64
-            World space.
-        pixels : callable
-            Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
-        """
-        return data
-
-    def hidden(self, facts: Facts) -> NDArray[Any]:
-        """Return which objects, (O,) bool, the picture leaves out that is drawn before."""
-        raise NotImplementedError
-
-    def refusal(self) -> str:
-        """Say what must be otherwise where it cannot be drawn."""
-        return f"scene.{self.field} must be None"
-
-    def reach(self, data: Any) -> int | None:
-        """Return how many pixels away the neighbours are that it looks at; None: any number."""
-        return None
-
-    def see(self, context: FrameContext) -> Any:
-        """Return what it must know of a picture, or of a part of one, before it is prepared."""
-        return None
-
-    def join(self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]) -> Any:
-        """Return what it would see of a picture, given what it sees of its parts and where."""
-        return None
-
     def prepare(self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]) -> Any:
         """
         Return the record that its stages read; None: there is nothing to do.
@@ -282,53 +212,6 @@ class Effect:
             What it sees of the picture, and of others that it is prepared with (`see`).
         """
         return data
-
-    def answers(self, scene: Scene, group: Group) -> Any:
-        """
-        Tell which of many views in which faces are shaded need it, (N,) bool, or of all the same.
-
-        Asked only of those that do not follow from facts.
-        """
-        return True
-
-    def of_part(self, record: Any, corner: tuple[int, int]) -> Any:
-        """Return the record of a whole picture for a part of it, whose first pixel is given."""
-        return record
-
-    def share(self, plan: RenderPlan, data: Any, field: Field) -> Any:
-        """
-        Return the record for many views of one plan, as `prepare` does for each of them.
-
-        Parameters
-        ----------
-        plan : RenderPlan
-            Of one of the views.
-        data
-            What that plan knows of it.
-        field : callable
-            Returns an array in which each view finds what `differ` gives of it under that name.
-        """
-        return data
-
-    def differ(self, scene: Scene, group: Group) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
-        return {}
-
-    def calls(
-        self, record: Any, plan: RenderPlan, picture: Picture, first_row: int = 0
-    ) -> list[KernelCall]:
-        """
-        Return how it acts at "background" or "overlay", in groups.
-
-        Overlays get whole pictures, backgrounds may get some rows, of which the first is given.
-        """
-        return []
-
-    def calls_mixed(
-        self, record: Any, linear: NDArray[Any], background: NDArray[Any], shown: NDArray[Any]
-    ) -> list[KernelCall]:
-        """Return how it acts on mixed rows, in groups: takes what its function at "mixed" does."""
-        return []
 
     def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
         """
@@ -375,6 +258,150 @@ class Effect:
         return "", None
 
 
+class InGroups(Effect):
+    """
+    An effect that batches and recorded frames draw, without Python in between.
+
+    What it reads follows from the plan (`share`), but for arrays that follow from the camera and
+    where objects are (`differ`). Others must be prepared for each picture.
+    """
+
+    def answers(self, scene: Scene, group: Group) -> Any:
+        """
+        Tell which of many views in which faces are shaded need it, (N,) bool, or of all the same.
+
+        Asked only of those that do not follow from facts.
+        """
+        return True
+
+    def share(self, plan: RenderPlan, data: Any, field: Field) -> Any:
+        """
+        Return the record for many views of one plan, as `prepare` does for each of them.
+
+        Parameters
+        ----------
+        plan : RenderPlan
+            Of one of the views.
+        data
+            What that plan knows of it.
+        field : callable
+            Returns an array in which each view finds what `differ` gives of it under that name.
+        """
+        return data
+
+    def differ(self, scene: Scene, group: Group) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
+        return {}
+
+    def calls(
+        self, record: Any, plan: RenderPlan, picture: Picture, first_row: int = 0
+    ) -> list[KernelCall]:
+        """
+        Return how it acts at "background" or "overlay", in groups.
+
+        Overlays get whole pictures, backgrounds may get some rows, of which the first is given.
+        """
+        return []
+
+    def calls_mixed(
+        self, record: Any, linear: NDArray[Any], background: NDArray[Any], shown: NDArray[Any]
+    ) -> list[KernelCall]:
+        """Return how it acts on mixed rows, in groups: takes what its function at "mixed" does."""
+        return []
+
+
+class LooksAround(Effect):
+    """
+    An effect that reads more of a picture than the sample that it acts on.
+
+    Attributes
+    ----------
+    looks : str
+        How far: at a "sample", at its "neighbours", which parts of a picture do not have (but see
+        `reach`), or at the "whole" picture, which is then looked through before (`see`).
+    joins_faces : bool
+        Whether it draws what all faces make together: no part of a scene has it alone.
+    reads_clip_positions : bool
+        Whether it reads where vertices lie before they are divided by w.
+    """
+
+    looks = "neighbours"
+    joins_faces = False
+    reads_clip_positions = False
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell whether it reads the depth of visible faces."""
+        return False
+
+    def looks_first(self, data: Any) -> bool:
+        """
+        Tell whether it looks at the whole picture before it acts, as `see` says.
+
+        ``data`` is what the plan knows of it.
+        """
+        return self.looks == "whole"
+
+    def refusal(self) -> str:
+        """Say what must be otherwise where it cannot be drawn."""
+        return f"scene.{self.field} must be None"
+
+    def reach(self, data: Any) -> int | None:
+        """Return how many pixels away the neighbours are that it looks at; None: any number."""
+        return None
+
+    def see(self, context: FrameContext) -> Any:
+        """Return what it must know of a picture, or of a part of one, before it is prepared."""
+        return None
+
+    def join(self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]) -> Any:
+        """Return what it would see of a picture, given what it sees of its parts and where."""
+        return None
+
+    def of_part(self, record: Any, corner: tuple[int, int]) -> Any:
+        """Return the record of a whole picture for a part of it, whose first pixel is given."""
+        return record
+
+
+class SeesThrough(LooksAround):
+    """
+    An effect that shows another picture of the same view, without some objects.
+
+    That is drawn before, and handed to `Effect.prepare` as what it sees, (H, W, 4) float32, linear.
+    """
+
+    def hidden(self, facts: Facts) -> NDArray[Any]:
+        """Return which objects, (O,) bool, the picture leaves out that is drawn before."""
+        raise NotImplementedError
+
+
+class Backdrop(Effect):
+    """An effect that shows something behind all faces that no tone curve touches."""
+
+
+class Bends(Effect):
+    """An effect of which a lens moves what the plan knows."""
+
+    def bent(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
+        """
+        Return what the plan knows of it where a lens bends the picture.
+
+        Parameters
+        ----------
+        data
+            What the plan knows of it.
+        eye : (3,) float64
+            World space.
+        pixels : callable
+            Returns where points relative to the eye, (N, 3), are seen: (N, 2), NaN if not.
+        """
+        return data
+
+
+def look_around(planned: Iterable[Planned]) -> list[Planned]:
+    """Return those of some effects that look around: see `LooksAround`."""
+    return [one for one in planned if isinstance(one.effect, LooksAround)]
+
+
 class Active(NamedTuple):
     """An effect in a picture, prepared."""
 
@@ -393,7 +420,7 @@ def acting(effects: Sequence[Active], place: str) -> list[Active]:
 
 def shown_as_given(effect: Effect) -> bool:
     """Tell whether an effect shows something behind all faces that no tone curve touches."""
-    return "background" in effect.places and not effect.is_toned
+    return isinstance(effect, Backdrop)
 
 
 def with_field(scene: Scene, name: str, value: Any) -> Scene:

@@ -21,7 +21,7 @@ from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
 from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, Planned
+from rasterjit.survey.effect import Absent, Planned, look_around
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.shading_needs import shading_needs
 
@@ -168,7 +168,9 @@ class RenderPlan(Printed):
         """The effects that look at the whole picture before they are prepared, and still do."""
         done = {} if self.drawn is None else self.drawn[0]
         return [
-            one for one in self.planned if one.effect.looks_first(one.data) and one.name not in done
+            one
+            for one in look_around(self.planned)
+            if one.effect.looks_first(one.data) and one.name not in done
         ]
 
     @property
@@ -227,7 +229,11 @@ class RenderPlan(Printed):
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
         done = {} if self.drawn is None else self.drawn[0]
-        return any(one.effect.reads_depth(self) for one in self.planned if one.name not in done)
+        return any(
+            one.effect.reads_depth(self)
+            for one in look_around(self.planned)
+            if one.name not in done
+        )
 
     @cached_property
     def keeps_lists(self) -> bool:
@@ -238,7 +244,9 @@ class RenderPlan(Printed):
     @cached_property
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
-        return self.facts.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
+        return self.facts.diagnose or any(
+            one.effect.reads_clip_positions for one in look_around(self.planned)
+        )
 
     @property
     def visibility(self) -> Wanted:

@@ -29,6 +29,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     add_to_field,
@@ -102,13 +103,12 @@ def sized_occlusion(scene: Scene) -> AmbientOcclusion:
     return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
 
 
-class Occlusion(Effect):
+class Occlusion(LooksAround):
     """Dim the light from all around."""
 
     name = "ambient occlusion"
     field = "ambient_occlusion"
     key = "o"
-    looks = "neighbours"
     joins_faces = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:

@@ -19,7 +19,7 @@ from rasterjit.pipeline.fragments import encoded
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.effect import Absent, Backdrop, Effect, FrameContext, Planned, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -79,11 +79,10 @@ def _light(part: NDArray[Any]) -> NDArray[np.float32]:
     return light
 
 
-class PictureBehind(Effect):
+class PictureBehind(Backdrop):
     """Show a picture where no face is."""
 
     name = "background image"
-    is_toned = False
     follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:

@@ -34,6 +34,7 @@ from rasterjit.survey.effect import (
     Effect,
     Field,
     FrameContext,
+    InGroups,
     KernelCall,
     Picture,
     Planned,
@@ -135,14 +136,13 @@ class SeenAlone(Environment):
     lights = False
 
 
-class EnvironmentLight(Effect):
+class EnvironmentLight(InGroups):
     """Light what is seen from all around."""
 
     name = "environment light"
     key = "v"
     term = "environment"
     follows_facts = True
-    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light from all around reaches a colour that is asked for."""
@@ -207,13 +207,12 @@ class EnvironmentLight(Effect):
     places: ClassVar = {"around": shed}
 
 
-class EnvironmentBackground(Effect):
+class EnvironmentBackground(InGroups):
     """Show the environment where no face is."""
 
     name = "environment background"
     key = "b"
     follows_facts = True
-    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether the environment is seen where no face is."""

@@ -26,6 +26,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     add_to_field,
@@ -107,13 +108,12 @@ def find_shares(
     return shares
 
 
-class EyeDomeLighting(Effect):
+class EyeDomeLighting(LooksAround):
     """Darken what lies behind its neighbours."""
 
     name = "eye-dome lighting"
     field = "eye_dome"
     key = "y"
-    looks = "neighbours"
     joins_faces = True
     follows_facts = True
 

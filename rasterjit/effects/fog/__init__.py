@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface import attributes
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Absent, Effect, Field, Planned, Planning
+from rasterjit.survey.effect import Absent, Effect, Field, InGroups, Planned, Planning
 from rasterjit.survey.facts import DISTANCE_ROUNDING, Facts
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
@@ -80,13 +80,12 @@ def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.clip(eyes - (fog.height or 0.0), -LARGEST, LARGEST).astype(np.float32)
 
 
-class FogEffect(Effect):
+class FogEffect(InGroups):
     """Cover lit samples."""
 
     name = "fog"
     field = "fog"
     key = "n"
-    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether fog may cover a colour that is asked for."""

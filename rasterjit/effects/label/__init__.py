@@ -23,7 +23,15 @@ from rasterjit.scene.label import Label
 from rasterjit.scene.pixels import clip_from_relative, project
 from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.effect import (
+    Absent,
+    Bends,
+    Effect,
+    FrameContext,
+    LooksAround,
+    Planned,
+    Planning,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -259,7 +267,7 @@ def _cross(one: Sequence[float], other: Sequence[float]) -> list[float]:
     ]
 
 
-class Labels(Effect):
+class Labels(LooksAround, Bends):
     """Draw texts over the finished picture."""
 
     name = "labels"

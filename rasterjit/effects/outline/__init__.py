@@ -31,6 +31,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     add_to_field,
@@ -109,13 +110,12 @@ def disc_rows(width: int) -> NDArray[np.int32]:
     return np.array(rows, np.int32)
 
 
-class Outlines(Effect):
+class Outlines(LooksAround):
     """Draw the edges of shapes over the finished picture."""
 
     name = "outline"
     field = "outline"
     key = "k"
-    looks = "neighbours"
     joins_faces = True
     follows_facts = True
 

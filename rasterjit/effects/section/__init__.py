@@ -31,6 +31,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     with_field,
@@ -42,13 +43,14 @@ MARK = np.array([255, 255, 255, 255], np.uint8)
 """What marks a pixel that a line goes through."""
 
 
-class Sections(Effect):
+class Sections(LooksAround):
     """Say by what a scene is cut: what is drawn is what is left of it."""
 
     name = "section"
     field = "section"
     key = "p"
     modes: ClassVar = {"own": "the scene's own, or across z", "x": "across x", "y": "across y"}
+    looks = "sample"
     joins_faces = True
     follows_facts = True
 
@@ -94,12 +96,11 @@ class Sections(Effect):
         return with_field(scene, self.field, Plane(tuple(center.tolist()), normal))
 
 
-class SectionLines(Effect):
+class SectionLines(LooksAround):
     """Draw the lines along which planes cut over the finished picture."""
 
     name = "section lines"
     field = "section"
-    looks = "neighbours"
     reads_clip_positions = True
     follows_facts = True
 

@@ -29,6 +29,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     with_field,
@@ -81,7 +82,7 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
     return passes
 
 
-class ShadowMaps(Effect):
+class ShadowMaps(LooksAround):
     """Let each light through as far as nothing is in its way."""
 
     name = "shadows"

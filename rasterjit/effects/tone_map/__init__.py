@@ -22,6 +22,7 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.survey.effect import (
     Absent,
     Effect,
+    InGroups,
     KernelCall,
     Planned,
     Planning,
@@ -47,14 +48,13 @@ def tone_record(tone_map: ToneMap) -> ToneRecord:
     )
 
 
-class ToneMapping(Effect):
+class ToneMapping(InGroups):
     """Map what is shown in 8 bits."""
 
     name = "tone mapping"
     field = "tone_map"
     key = "t"
     follows_facts = True
-    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""

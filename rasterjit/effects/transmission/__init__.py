@@ -29,6 +29,7 @@ from rasterjit.survey.effect import (
     FrameContext,
     Planned,
     Planning,
+    SeesThrough,
 )
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.material_rows import without_transmission
@@ -127,12 +128,10 @@ def mean_scales(relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]
     return np.sqrt(total / 3.0)
 
 
-class Transmission(Effect):
+class Transmission(SeesThrough):
     """Show what lies behind glass."""
 
     name = "transmission"
-    sees_through = True
-    looks = "neighbours"
     term = "what is seen through it"
     follows_facts = True
 
@@ -150,7 +149,7 @@ class Transmission(Effect):
         return unlit_reason(facts)
 
     def reach(self, data: Any) -> None:
-        """Tell that a refracted ray may lead to any pixel: see `sees_through`."""
+        """Tell that a refracted ray may lead to any pixel: see `SeesThrough`."""
 
     def hidden(self, facts: Facts) -> NDArray[np.bool_]:
         """Return which objects the picture behind glass leaves out, besides what is blended."""

@@ -24,6 +24,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    InGroups,
     KernelCall,
     Picture,
     Planned,
@@ -34,14 +35,13 @@ from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
 
-class Vignetting(Effect):
+class Vignetting(InGroups):
     """Darken the corners of the finished picture."""
 
     name = "vignette"
     field = "vignette"
     key = "z"
     follows_facts = True
-    in_groups = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether corners are darkened: they are 8-bit pixels."""

@@ -30,6 +30,7 @@ from rasterjit.survey.effect import (
     Absent,
     Effect,
     FrameContext,
+    LooksAround,
     Planned,
     Planning,
     with_field,
@@ -193,13 +194,14 @@ def list_by_bands(
     return starts, listed
 
 
-class Edges(Effect):
+class Edges(LooksAround):
     """Draw the edges of faces over the finished picture."""
 
     name = "wireframe"
     field = "wireframe"
     key = "g"
     modes: ClassVar = {"overlay": "over the faces", "only": "alone"}
+    looks = "sample"
     joins_faces = True
     is_explained = True
     settings = ("lines",)
