@@ -29,6 +29,7 @@ from rasterjit.survey.lights import (
     PlannedLights,
     plan_lights,
 )
+from rasterjit.survey.many_views import Group
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
 
@@ -347,13 +348,17 @@ class Facts:
         return is_mixed and self.quality.blending == "srgb8"
 
 
-def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
-    """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
+def is_fog_in_reach(fog: Fog | None, views: Boxes | Group) -> Any:
+    """
+    Tell whether fog may cover anything in view, or in each of many views, (N,) bool.
+
+    Not if it is empty or begins beyond all in view.
+    """
     if fog is None or fog.density == 0.0:
         return False
     if fog.mode != "linear" or fog.start == 0.0:
         return True
-    return boxes.farthest() * DISTANCE_ROUNDING > fog.start
+    return views.farthest() * DISTANCE_ROUNDING > fog.start
 
 
 def look(

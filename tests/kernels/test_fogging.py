@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import blocks
@@ -105,7 +106,7 @@ def test_fog_of_density_zero_changes_no_bit(fog):
     samples = rng.uniform(0, 4, (block.BLOCK_ROWS, 50)).astype(np.float32)
     samples[block.POINT_X : block.POINT_Z + 1] = points.T
     before = samples.copy()
-    empty = record._replace(density=np.float32(0.0))
+    empty = record._replace(fog=dataclasses.replace(fog, density=0.0))
     cover(samples, empty, np.array([0, 0, 0, 1], np.float32))
     assert (samples == before).all()
 

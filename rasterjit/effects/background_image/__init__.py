@@ -19,7 +19,7 @@ from rasterjit.pipeline.fragments import encoded
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Absent, Backdrop, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.effect import Absent, Backdrop, FrameContext, Planned, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 

@@ -31,7 +31,6 @@ from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     Field,
     FrameContext,
     InGroups,

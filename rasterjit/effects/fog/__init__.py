@@ -18,16 +18,10 @@ from rasterjit.pipeline.surface import attributes
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Absent, Effect, Field, InGroups, Planned, Planning
-from rasterjit.survey.facts import DISTANCE_ROUNDING, Facts
+from rasterjit.survey.effect import Absent, Field, InGroups, Planned, Planning
+from rasterjit.survey.facts import Facts, is_fog_in_reach
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
-
-FOG_MODES = {
-    "linear": fog_stage.LINEAR,
-    "exp": fog_stage.EXPONENTIAL,
-    "exp2": fog_stage.EXPONENTIAL_SQUARED,
-}
 
 HALVINGS = 1.4426950408889634
 """One over ln 2: the binary exponent of e."""
@@ -39,40 +33,18 @@ LARGEST = float(np.finfo(np.float32).max)
 
 
 class FogRecord(NamedTuple):
-    """What lies between the surfaces and the eye."""
+    """The fog of a frame."""
 
-    mode: int
-    """See ``stage``."""
-    color: Any
-    """(3,) float32, linear."""
-    end: Any
-    """float32, scene units: distance that nothing is seen beyond."""
-    per_range: Any
-    """float32: one over the distance from where the fog begins to its end."""
-    density: Any
-    """float32: halvings a scene unit."""
-    above: Any
-    """(1,) float32, scene units: height of the eye over where the fog has its density."""
-    falloff: Any
-    """float32: halvings of the density a scene unit upwards; 0 for even density."""
-    flat: Any
-    """Number of ways of shading that light faces at their middles | None -> none."""
+    fog: Fog
+    above: NDArray[np.float32]
+    """(1,) scene units: height of the eye over where the fog has its density."""
+    finds_points: bool
+    """Whether samples may be lit at the middles of faces, and have no points of their own yet."""
 
 
 def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
-    """Return fog as shading reads it, for a scene with or without objects shaded flat."""
-    halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
-    start, end = fog.start or 0.0, fog.end or 0.0
-    return FogRecord(
-        FOG_MODES[fog.mode],
-        np.array(fog.color, np.float32),
-        np.float32(end),
-        np.float32(1.0 / (end - start) if end > start else 0.0),
-        np.float32((fog.density or 0.0) * halvings),
-        _heights(fog, np.array(camera.eye_position()[1:2], np.float64)),
-        np.float32((fog.falloff or 0.0) * HALVINGS),
-        np.int64(1) if has_flat else None,
-    )
+    """Return fog as its passes read it, for a scene with or without objects shaded flat."""
+    return FogRecord(fog, _heights(fog, np.array(camera.eye_position()[1:2])), has_flat)
 
 
 def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -106,13 +78,8 @@ class FogEffect(InGroups):
         return f"mode {fog.mode}{by_height}"
 
     def answers(self, scene: Scene, group: Group) -> Any:
-        """Tell which views the fog is in reach of: ``facts.is_fog_in_reach``."""
-        fog = scene.fog
-        if fog is None or fog.density == 0.0:
-            return False
-        if fog.mode != "linear" or fog.start == 0.0:
-            return True
-        return group.farthest() * DISTANCE_ROUNDING > fog.start
+        """Tell which views the fog is in reach of."""
+        return is_fog_in_reach(scene.fog, group)
 
     def share(self, plan: RenderPlan, data: FogRecord, field: Field) -> FogRecord:
         """Return the fog, with the height of each view's eye."""
@@ -125,24 +92,28 @@ class FogEffect(InGroups):
 
     def neutral(self, record: FogRecord) -> FogRecord:
         """Return fog without density."""
-        zero = np.float32(0.0)
-        return record._replace(mode=fog_stage.EXPONENTIAL, density=zero, falloff=zero)
+        return record._replace(fog=Fog(record.fog.color, "exp", density=0.0))
 
     @staticmethod
-    def cover(fog: FogRecord, needs: ShadingNeeds) -> list[Pass]:
+    def cover(record: FogRecord, needs: ShadingNeeds) -> list[Pass]:
         """Return the passes that lay fog over what is seen."""
-        passes = []
-        if fog.flat is not None:
-            # Find the points of what was lit at the middles of faces.
+        fog, passes, color = record.fog, [], np.array(record.fog.color, np.float32)
+        if record.finds_points:
             passes = [
                 Pass(attributes.gather_positions, lambda a: (a.placement.positions,)),
                 Pass(attributes.find_points, lambda a: (a.placement, a.surface.materials, 1)),
             ]
-        if fog.mode == fog_stage.LINEAR:
-            own = fog.end, fog.per_range, fog.color
+        if fog.mode == "linear":
+            start, end = fog.start or 0.0, fog.end or 0.0
+            per_range = 1.0 / (end - start) if end > start else 0.0
+            own = np.float32(end), np.float32(per_range), color
             return [*passes, Pass(fog_stage.cover_linearly, lambda a: (*own, a.viewer))]
-        squares = np.float32(fog.mode == fog_stage.EXPONENTIAL_SQUARED)
-        own = fog.density, squares, fog.above, fog.falloff, fog.color
+        halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
+        density, falloff = (fog.density or 0.0) * halvings, (fog.falloff or 0.0) * HALVINGS
+        own = (
+            np.float32(density), np.float32(fog.mode == "exp2"), record.above,
+            np.float32(falloff), color,
+        )  # fmt: skip
         return [*passes, Pass(fog_stage.cover_exponentially, lambda a: (*own, a.viewer))]
 
     places: ClassVar = {"sample": cover}

@@ -29,9 +29,6 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
-LINEAR, EXPONENTIAL, EXPONENTIAL_SQUARED = 0, 1, 2
-"""Modes, as ``FogRecord.mode`` numbers them."""
-
 NEARLY_LEVEL = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
 

@@ -26,7 +26,6 @@ from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import (
     Absent,
     Bends,
-    Effect,
     FrameContext,
     LooksAround,
     Planned,

@@ -29,7 +29,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import Plane, planes_of
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     FrameContext,
     LooksAround,
     Planned,

@@ -27,7 +27,6 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     FrameContext,
     LooksAround,
     Planned,

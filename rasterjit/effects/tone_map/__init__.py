@@ -21,7 +21,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     InGroups,
     KernelCall,
     Planned,

@@ -25,7 +25,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.contents import in_words
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     FrameContext,
     Planned,
     Planning,

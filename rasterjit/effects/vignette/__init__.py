@@ -22,7 +22,6 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.vignette import Vignette
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     FrameContext,
     InGroups,
     KernelCall,

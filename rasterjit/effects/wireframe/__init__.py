@@ -28,7 +28,6 @@ from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import (
     Absent,
-    Effect,
     FrameContext,
     LooksAround,
     Planned,
