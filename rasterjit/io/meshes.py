@@ -230,6 +230,13 @@ def _load(
     return make(found, str(file), on_invalid, crease_angle, left_out, resources.budget)
 
 
+def readable_formats() -> frozenset[str]:
+    """Return the extensions that `load` takes with what is installed, in lower case, no dot."""
+    from rasterjit.io.foreign.readers import foreign_formats
+
+    return frozenset({*GLTF_FORMATS, "3mf", "binvox", *OWN_FORMATS, *foreign_formats()})
+
+
 def _up_of(file: Path) -> tuple[float, float, float] | None:
     """Return which way is up by a file or the definition of its format; None if neither tells."""
     extension = extension_of(file)

@@ -21,7 +21,7 @@ import pytest
 from planted_files import PLANTED
 
 import rasterjit as rj
-from rasterjit.io.foreign import door, wire
+from rasterjit.io.foreign import door, truncation, wire
 
 ROOT = Path(__file__).parents[2]
 HDF5 = "h5py"
@@ -462,3 +462,53 @@ def test_what_crashes_or_never_ends_is_an_error_that_names_the_file(tmp_path, mo
     # The next file is read as if nothing had been.
     sound = tables(tmp_path / "b.vtk", [("triangle", np.array([[0, 1, 2]]))])
     assert rj.load(sound).nodes
+
+
+@linux
+@pytest.mark.parametrize("kind", ["mdpa", "tec", "dat", "msh", "inp", "avs", "mesh", "vol"])
+def test_a_file_cut_short_anywhere_is_not_read_for_ever(tmp_path, kind):
+    whole = tables(tmp_path / f"a.{kind}", [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))])
+    content = whole.read_bytes()
+    said = [
+        str(outcome(whole))
+        for cut in range(1, 20)
+        if whole.write_bytes(content[: cut * len(content) // 20])
+    ]
+    assert not [one for one in said if "takes more than" in one]
+    if kind in ("mdpa", "tec", "dat"):
+        assert [one for one in said if "it ends where more is expected" in one]
+
+
+@pytest.mark.parametrize("mode", ["r", "rb"])
+def test_a_file_is_read_in_vain_only_so_often(tmp_path, mode):
+    path = tmp_path / "a"
+    path.write_text("one\ntwo\n")
+    with truncation._open(path, mode) as file:
+        for _ in range(3):
+            # What comes in between is no vain reading.
+            file.seek(0)
+            assert len(file.readlines()) == 2
+            for _ in range(truncation._MAX_EMPTY_READS // 2):
+                assert not file.readline()
+        with pytest.raises(EOFError, match="it ends where more is expected"):
+            all(not file.readline() for _ in range(truncation._MAX_EMPTY_READS))
+
+
+@pytest.mark.parametrize("options", [
+    {}, {"mode": "rb"}, {"encoding": "latin-1"}, {"newline": ""}, {"errors": "replace"},
+    {"mode": "rb", "buffering": 0}, {"mode": "rb", "encoding": "utf-8"}, {"mode": "x y"},
+    {"mode": 3},
+])  # fmt: skip
+def test_files_are_opened_as_python_opens_them(tmp_path, options):
+    path = tmp_path / "a"
+    path.write_bytes(b"one\r\nt\xffo\n")
+
+    def read(opened):
+        """Return what a file holds, or what is said about it."""
+        try:
+            with opened(path, **options) as file:
+                return file.read()
+        except Exception as error:
+            return type(error), str(error)
+
+    assert read(truncation._open) == read(open)

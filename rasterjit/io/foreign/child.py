@@ -30,6 +30,7 @@ from rasterjit.io.foreign.limits import (
     library_places,
     without_network,
 )
+from rasterjit.io.foreign.truncation import refuse_endless_reads
 
 _OURS = ("rasterjit.io.foreign.readers", "rasterjit.io.foreign.wire")
 """Modules of this package that a copy needs."""
@@ -54,6 +55,7 @@ def serve(file: int) -> None:
         os.dup2(silent, number)
     sys.dont_write_bytecode = True
     without_network()
+    refuse_endless_reads()
     if _FORKS:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
     guard = Guard()

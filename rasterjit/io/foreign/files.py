@@ -17,7 +17,8 @@ from rasterjit.io.text.parts import Thing
 
 CELL_FORMATS = (
     "vtk", "vtu", "xdmf", "xmf", "msh", "mesh", "meshb", "inp", "bdf", "nas", "fem", "su2", "med",
-    "cgns", "exo", "ex2", "e", "avs", "ugrid", "tec", "vol", "f3grid", "mdpa", "h5m",
+    "cgns", "exo", "ex2", "e", "avs", "ugrid", "tec", "dat", "vol", "f3grid", "mdpa", "h5m", "hmf",
+    "ele", "node", "post", "dato", "wkt", "xml",
 )  # fmt: skip
 """Formats that meshio reads."""
 
@@ -65,6 +66,11 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
         if is_vtk and find_spec("pyvista") is not None:
             with contextlib.suppress(MeshFileError):
                 return _by_pyvista(path, left_out)
+        if isinstance(error, ImportError):
+            raise MeshFileError(
+                f"{path}: reading {form} needs a package that is not installed ({error}); "
+                "pip install 'meshio[all]' brings it"
+            ) from error
         text = said.getvalue() if isinstance(error, SystemExit) else reason_of(error)
         reason = " ".join(text.split())[:200] or "it is damaged or something else"
         has_other = is_vtk and find_spec("pyvista") is None

@@ -82,6 +82,27 @@ def read_file(
         return _read_by_trimesh(file, extension, resources, on_invalid, left_out)
 
 
+def foreign_formats() -> set[str]:
+    """Return the extensions that packages of others read, as far as these are installed."""
+    by_package = {"laspy": LAS_FORMATS, "meshio": CELL_FORMATS, "pyvista": VTK_FORMATS}
+    known = [name for package, names in by_package.items() if find_spec(package) for name in names]
+    return {*known, *_trimesh_formats()}
+
+
+def _trimesh_formats() -> set[str]:
+    """Return the extensions that trimesh reads with what is installed."""
+    from trimesh.exchange import load as loaders
+
+    found = loaders.available_formats() | set(loaders.voxel_loaders)
+    # It has some of meshio's, too, which are read by meshio itself, or have no such extension.
+    return {name for name in found if name not in CELL_FORMATS and name == _extension(name)}
+
+
+def _extension(name: str) -> str:
+    """Return the extension of a file whose name ends in one, as `extension_of` tells it."""
+    return extension_of(Path(f"a.{name}"))
+
+
 def modules_for(extension: str) -> tuple[str, ...]:
     """Return the modules that a format is read with, as far as they are installed."""
     if extension in LAS_FORMATS:
@@ -121,7 +142,7 @@ def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut)
     import trimesh
 
     loaders = trimesh.exchange.load
-    known = loaders.available_formats() | set(loaders.voxel_loaders) | set(_NEEDED)
+    known = _trimesh_formats() | set(_NEEDED)
     if extension not in known and extension not in loaders.mesh_loaders:
         named = [*(name for name in _SHOWN_FORMATS if name in known), *_SHOWN_OWN]
         shown = ", ".join(f".{name}" for name in named)
@@ -142,6 +163,9 @@ def _loaded(file: Path, extension: str, resources: Resources, left_out: LeftOut)
             options: dict[str, Any] = {"resolver": resolver, "process": False}
             if bound is not None:
                 return trimesh.load_scene(io.BytesIO(bound), file_type=extension, **options)
+            if extension == "tar.bz2":
+                # As such it unpacks no archive; as the other it tells itself how one is packed.
+                options["file_type"] = "tar.gz"
             return trimesh.load_scene(file, **options)
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
