@@ -4,6 +4,7 @@ Read mutated files of every format in a process that is watched.
 ``python -m benchmarks.fuzz_files --files 20000 --seed 1`` ends with status 1 if a file ended the
 process, took longer than it may, more memory than it may, raised something else than a
 ``ValueError`` that names it, or was loaded without a word and without all of its triangles.
+``--results FILE`` writes down each case as it goes; run again, it goes on where that file ends.
 ``--case 123 --keep FOLDER`` reads one of them again and keeps it.
 """
 
@@ -12,24 +13,28 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import re
+import queue
 import resource
 import select
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections import Counter, defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, TextIO
 
 import click
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
+from benchmarks.fuzz_files.all_samples import SAMPLES, without_package
 from benchmarks.fuzz_files.judging import judge, read_sound_files, sample_of
+from benchmarks.fuzz_files.tables import report, write_page
 from benchmarks.pairing import ROOT, package_environment
+from rasterjit.io.foreign import door
 
 LONGEST_SECONDS, WAITING_SECONDS = 10.0, 300.0
 """For one file: of the processor, and by the clock, as others use the processor as well."""
@@ -40,14 +45,8 @@ ADDRESS_SPACE = 16 << 30
 STARTING_SECONDS = 600.0
 """In which the process must have read the sound files; kernels may have to be compiled for it."""
 
-LISTED = 40
-
-COLUMNS = ("tried", "own error", "of these, stopped", "read", "crash", "hung", "a foreign",
-           "lost without a word", "other")  # fmt: skip
-"""Of the table; those behind "read" are how faults begin."""
-
-STOPPED = re.compile(r"its reader (?:crashed|takes more)|needs more memory than max_bytes")
-"""What is said of files whose readers were stopped where they could do no harm."""
+READER_SECONDS = 1
+"""Of the processor, in place of ten: what packages of others may take in a process of its own."""
 
 
 class Reader:
@@ -105,6 +104,7 @@ class Reader:
 def serve(seed: int, answers: TextIO) -> None:
     """Answer the numbers of cases that stand on standard input."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    door._SECONDS = READER_SECONDS
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         read_sound_files(Path(folder))
     print("true", file=answers, flush=True)
@@ -114,38 +114,49 @@ def serve(seed: int, answers: TextIO) -> None:
         print(json.dumps(answer), file=answers, flush=True)
 
 
-def report(results: list[dict[str, Any]], seed: int, console: Console) -> bool:
-    """Print what became of all cases; tell whether nothing is wrong."""
-    table = Table(title=f"{len(results):,} mutated files, seed {seed}")
-    table.add_column("sample")
-    for name in COLUMNS:
-        table.add_column(name, justify="right")
-    counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for one in results:
-        count = counts[one["sample"]]
-        is_own = one["outcome"] == "refused" and not one["faults"]
-        count.update({"tried": 1, "own error": int(is_own)})
-        count.update({"read": int(one["outcome"] in ("loaded", "warned"))})
-        count.update({"of these, stopped": int(is_own and bool(STOPPED.search(one["said"])))})
-        for fault in one["faults"]:
-            count.update([next((name for name in COLUMNS if fault.startswith(name)), "other")])
-    counts["all"] = sum(counts.values(), Counter())
-    for sample, count in counts.items():
-        table.add_row(sample, *(str(count[name]) for name in COLUMNS))
-    console.print(table)
-    faulty = [one for one in results if one["faults"]]
-    kinds = Counter(fault.split(":")[0].split(",")[0] for one in faulty for fault in one["faults"])
-    slowest = max(results, key=lambda one: one["seconds"])
-    largest = max(results, key=lambda one: one["peak"])
-    for kind in ("crash", "hung", "a foreign exception", "lost without a word"):
-        console.print(f"{kind}: {kinds.pop(kind, 0)}")
-    for kind, count in kinds.items():
-        console.print(f"{kind}: {count}")
-    console.print(f"slowest: {slowest['seconds']:.2f} s of the processor, case {slowest['number']}")
-    console.print(f"largest: {largest['peak']:,} bytes, case {largest['number']}")
-    for one in faulty[:LISTED]:
-        console.print(f"case {one['number']}, {one['sample']}, {one['how']}: {one['faults'][0]}")
-    return not faulty
+def read_all(numbers: list[int], seed: int, workers: int) -> Iterator[dict[str, Any]]:
+    """Yield what became of cases as they are read, by several processes at a time."""
+    waiting, found = iter(numbers), queue.SimpleQueue[Any]()
+    taking, is_over = threading.Lock(), threading.Event()
+
+    def work() -> None:
+        """Read cases while there are any."""
+        with tempfile.TemporaryFile("w+") as log:
+            reader = Reader(seed, log)
+            try:
+                while not is_over.is_set():
+                    with taking:
+                        number = next(waiting, None)
+                    if number is None:
+                        break
+                    found.put(reader.read(number))
+            finally:
+                reader.close()
+                found.put(None)
+
+    with ThreadPoolExecutor(workers) as pool:
+        ends = [pool.submit(work) for _ in range(workers)]
+        try:
+            for _ in ends:
+                while (result := found.get()) is not None:
+                    yield result
+        finally:
+            is_over.set()
+        for end in ends:
+            end.result()
+
+
+def _known_results(path: Path | None, seed: int) -> dict[int, dict[str, Any]]:
+    """Return the results that stand in a file, by the numbers of the cases; begin it if need be."""
+    if path is None:
+        return {}
+    head = {"seed": seed, "samples": list(SAMPLES)}
+    if not path.exists():
+        path.write_text(json.dumps(head) + "\n")
+    first, *lines = path.read_text().splitlines()
+    if json.loads(first) != head:
+        raise click.ClickException(f"{path} holds results of another seed or of other samples")
+    return {one["number"]: one for one in map(json.loads, lines)}
 
 
 @click.command()
@@ -154,11 +165,22 @@ def report(results: list[dict[str, Any]], seed: int, console: Console) -> bool:
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True)
 @click.option("--case", type=click.IntRange(0), help="Read this case alone, in this process.")
 @click.option("--keep", type=click.Path(path_type=Path), help="Folder for the file of --case.")
-@click.option("--output", type=click.Path(path_type=Path), help="JSON of all cases with faults.")
+@click.option(
+    "--results",
+    "kept",
+    type=click.Path(path_type=Path),
+    help="A line of JSON for each case, which stays where it stands.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes that read."
+)
+@click.option(
+    "--page", type=click.Path(path_type=Path, exists=True), help="Page whose table is written anew."
+)
 @click.option("--serve", "is_server", is_flag=True, hidden=True)
 def main(
-    files: int, first: int, seed: int, case: int | None, keep: Path | None, output: Path | None,
-    is_server: bool,
+    files: int, first: int, seed: int, case: int | None, keep: Path | None, kept: Path | None,
+    workers: int, page: Path | None, is_server: bool,
 ) -> None:  # fmt: skip
     """Read mutated files of every format that is read."""
     if is_server:
@@ -174,18 +196,25 @@ def main(
             read_sound_files(Path(other))
         Console().print_json(data={**judge(seed, case, folder), "folder": str(folder)})
         return
-    results, start = [], time.perf_counter()
-    with tempfile.TemporaryFile("w+") as log, Progress(console=Console(stderr=True)) as progress:
-        reader = Reader(seed, log)
-        try:
-            for number in progress.track(range(first, first + files), description=f"seed {seed}"):
-                results.append(reader.read(number))
-        finally:
-            reader.close()
+    known, start = _known_results(kept, seed), time.perf_counter()
+    waiting = [number for number in range(first, first + files) if number not in known]
+    click.echo(f"seed {seed}, cases {first} to {first + files - 1}, {len(waiting)} to read")
+    for name, package in without_package().items():
+        click.echo(f"not read: .{name}, for {package} is not installed")
+    with (
+        open(os.devnull if kept is None else kept, "a") as file,
+        Progress(console=Console(stderr=True)) as progress,
+    ):
+        task = progress.add_task(f"seed {seed}", total=len(waiting))
+        for result in read_all(waiting, seed, workers):
+            known[result["number"]] = result
+            print(json.dumps(result), file=file, flush=True)
+            progress.advance(task)
+    results = [known[number] for number in range(first, first + files)]
     is_good = report(results, seed, Console(width=160))
     click.echo(f"{time.perf_counter() - start:.0f} s")
-    if output is not None:
-        output.write_text(json.dumps([one for one in results if one["faults"]], indent=1))
+    if page is not None:
+        write_page(results, page)
     sys.exit(0 if is_good else 1)
 
 

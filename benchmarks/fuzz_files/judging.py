@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import rasterjit as rj
+from benchmarks.fuzz_files.all_samples import SAMPLES
+from benchmarks.fuzz_files.foreign_counts import Counts, Held, counts_of
 from benchmarks.fuzz_files.mutations import mutated
-from benchmarks.fuzz_files.samples import SAMPLES, Files, opened
+from benchmarks.fuzz_files.samples import Files, opened
 from benchmarks.fuzz_files.strict import points_of, triangles_of
 from benchmarks.memory import reset_peak, resident
+from rasterjit.io.gltf.scene import GLTF_FORMATS
+from rasterjit.io.kinds import extension_of
+from rasterjit.io.meshes import OWN_FORMATS
 from rasterjit.io.skipped import LoadWarning
 
 MAX_BYTES = 32 << 20
@@ -21,6 +27,9 @@ MAX_BYTES = 32 << 20
 
 SLACK = 4 << 20
 """Bytes by which a process grows for other reasons, such as modules that it imports."""
+
+OWN = (*OWN_FORMATS, *GLTF_FORMATS, "3mf", "binvox")
+"""Formats that no package of others reads: what cannot be told by the letter is not counted."""
 
 ON_DAMAGE = ("error", "warn")
 
@@ -85,7 +94,7 @@ def judge_files(sample: str, files: Files, folder: Path, on_damage: str) -> dict
     if peak > 2 * MAX_BYTES + SLACK:
         faults.append(f"it took {peak:,} bytes")
     if outcome == "loaded" and not sample.startswith("sky"):
-        faults += _lost(scene, sample, files)
+        faults += _lost(scene, sample, files, path)
     if scene is not None:
         _draw(scene, sample, faults)
     return {
@@ -119,20 +128,23 @@ def _read(path: Path, sample: str, on_damage: str, faults: list[str]) -> tuple[A
     return scene, "warned" if said else "loaded", said
 
 
-def _lost(scene: Any, sample: str, files: Files) -> list[str]:
+def _lost(scene: Any, sample: str, files: Files, path: Path) -> list[str]:
     """Return what a scene that was loaded without a word lacks or has beyond its file."""
     points = points_of(sample, files)
     if points is not None:
-        drawn = [node.mesh for node in scene.nodes if node.mesh.primitive == "points"]
-        count = sum(len(mesh) for mesh in drawn)
-        return [] if count == points else [f"lost without a word: {count} of {points} points"]
-    held = triangles_of(sample, files)
+        held: Any = {"points": Held(points)}
+    else:
+        held = triangles_of(sample, files)
+    if held is None and extension_of(path) not in OWN:
+        held = counts_of(path)
     if held is None:
         return []
+    if isinstance(held, int):
+        held = {"triangles": Held(held)}
+    if isinstance(held, dict):
+        return _fewer(scene, held)
     meshes = [node.mesh for node in scene.nodes if node.mesh.primitive == "triangles"]
     count = sum(len(mesh.faces) for mesh in meshes)
-    if isinstance(held, int):
-        return [] if count == held else [f"lost without a word: {count} of {held} triangles"]
     if 3 * count != len(held):
         return [f"lost without a word: {count} of {len(held) // 3} triangles"]
     found = [np.empty((0, 3)), *(mesh.vertices[mesh.faces].reshape(-1, 3) for mesh in meshes)]
@@ -141,6 +153,21 @@ def _lost(scene: Any, sample: str, files: Files) -> list[str]:
         for rows in (np.concatenate(found), np.array(held).reshape(-1, 3))
     )
     return [] if np.array_equal(mine, expected) else ["other corners than the file's"]
+
+
+def _fewer(scene: Any, held: Counts) -> list[str]:
+    """Return of what a scene has fewer, or more, than its file."""
+    found = Counter[str]()
+    for node in scene.nodes:
+        mesh = node.mesh
+        parts = {"triangles": "faces", "lines": "segments", "points": "vertices"}
+        what = "segments" if mesh.primitive == "lines" else mesh.primitive
+        found[what] += len(getattr(mesh, parts[mesh.primitive]))
+    return [
+        f"lost without a word: {found[what]} of {least} {what}"
+        for what, (least, is_exact) in held.items()
+        if found[what] < least or (is_exact and found[what] > least)
+    ]
 
 
 def _draw(loaded: Any, sample: str, faults: list[str]) -> None:

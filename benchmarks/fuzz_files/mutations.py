@@ -192,12 +192,16 @@ def _change_gltf(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _change_glb(content: bytes, rng: np.random.Generator) -> bytes:
-    """Change a value of the JSON, or a number of the header."""
+    """Change a value of the JSON, a number of the header, or the buffer."""
     if rng.random() < 0.1:
         at = int(rng.choice([0, 4, 8, 12, 16]))
         return content[:at] + struct.pack("<I", int(rng.choice(WHOLE))) + content[at + 4 :]
     (length,) = struct.unpack_from("<I", content, 12)
-    return glb_of(_change_gltf(content[20 : 20 + length], rng), content[28 + length :])
+    header, buffer = content[20 : 20 + length], content[28 + length :]
+    if rng.random() < 0.3:
+        # What is packed there is reached by any bytes.
+        return glb_of(header, change_bytes(buffer, "", rng))
+    return glb_of(_change_gltf(header, rng), buffer)
 
 
 def _change_zip(content: bytes, rng: np.random.Generator) -> bytes:
@@ -259,8 +263,9 @@ def _change_png(content: bytes, rng: np.random.Generator) -> bytes:
 KINDS = {"bytes": change_bytes, "words": change_words, "structure": change_structure}
 
 STRUCTURES = {
-    "gltf": _change_gltf, "glb": _change_glb, "3mf": _change_zip, "zae": _change_zip,
-    "3dxml": _change_zip, "zip": _change_zip, "bz2": _change_bz2, "gz": _change_gz,
-    "png": _change_png, "stl": _change_stl,
+    "gltf": _change_gltf, "glb": _change_glb, "vrm": _change_glb,
+    "3mf": _change_zip, "zae": _change_zip, "3dxml": _change_zip, "zip": _change_zip,
+    "bz2": _change_bz2, "gz": _change_gz, "png": _change_png,
+    "stl": _change_stl, "stl_ascii": _change_stl,
 }  # fmt: skip
 """What changes the structure of files with an extension."""

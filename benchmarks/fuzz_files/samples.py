@@ -356,13 +356,6 @@ def xyz() -> Files:
     return {"a.xyz": rows_of(grid()[0]).encode()}
 
 
-def dxf() -> Files:
-    """Return a drawing of a line."""
-    codes = [0, "SECTION", 2, "ENTITIES", 0, "LINE", 8, 0, 10, 0.0, 20, 0.0, 11, 1.0, 21, 1.0,
-             0, "ENDSEC", 0, "EOF"]  # fmt: skip
-    return {"a.dxf": "".join(f"{code}\n" for code in codes).encode()}
-
-
 def zip_of_obj() -> Files:
     """Return an OBJ file with all that it names in a ZIP archive."""
     return {"a.zip": zipped(obj())}
@@ -427,67 +420,62 @@ def sky_picture() -> Files:
     return {"sky.png": picture("PNG", (8, 4))}
 
 
-CELLS = ("vtk", "vtu", "msh", "mesh", "meshb", "inp", "bdf", "nas", "fem", "avs", "tec",
-         "vol", "mdpa")  # fmt: skip
-"""Formats of simulations that meshio writes and reads without further packages."""
-
-CLOUDS = ("las", "laz")
-
-
-def cells(kind: str) -> Files:
-    """Return the grid as meshio writes it."""
-    import contextlib
-    import tempfile
-    from pathlib import Path
-
-    import meshio
-
-    vertices, faces = grid()
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-        place = Path(folder, f"a.{kind}")
-        with contextlib.redirect_stderr(io.StringIO()):
-            meshio.Mesh(vertices, [("triangle", faces)]).write(place)
-        return {place.name: place.read_bytes()}
-
-
-def cloud(kind: str) -> Files:
-    """Return the vertices of the grid as points with colours."""
-    import laspy
-
-    stream, file = io.BytesIO(), laspy.create(point_format=3, file_version="1.2")
-    file.x, file.y, file.z = grid()[0].T
-    file.red = file.green = np.arange(SIDE * SIDE) * 4096
-    file.write(stream, do_compress=kind == "laz")
-    return {f"a.{kind}": stream.getvalue()}
-
-
-def svg() -> Files:
-    """Return a drawing of lines and curves."""
-    return {
-        "a.svg": b'<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0 L4 0 L4 3 Z"/>'
-        b'<circle cx="2" cy="2" r="1"/><rect x="0" y="0" width="3" height="2"/></svg>'
-    }
-
-
-def pcd() -> Files:
-    """Return points as text."""
+def pcd(data: str) -> Files:
+    """Return points as ``"ascii"`` or ``"binary"``."""
+    points = grid()[0].astype("<f4")
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 16\nHEIGHT 1\n"
-    return {"a.pcd": f"{head}POINTS 16\nDATA ascii\n{rows_of(grid()[0])}".encode()}
+    content = rows_of(points).encode() if data == "ascii" else points.tobytes()
+    return {"a.pcd": f"{head}POINTS 16\nDATA {data}\n".encode() + content}
+
+
+def pcd_compressed() -> Files:
+    """Return points whose bytes are packed in runs of their own."""
+    columns = np.ascontiguousarray(grid()[0].astype("<f4").T).tobytes()
+    runs = [columns[at : at + 32] for at in range(0, len(columns), 32)]
+    packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+    head = pcd("binary")["a.pcd"].partition(b"DATA")[0] + b"DATA binary_compressed\n"
+    return {"a.pcd": head + struct.pack("<II", len(packed), len(columns)) + packed}
+
+
+def rows(kind: str) -> Files:
+    """Return points as rows of numbers: positions, with normals, colours or a head of names."""
+    points = grid()[0]
+    normals, colors = np.tile([0.0, 0.6, 0.8], (len(points), 1)), np.round(points * 60) % 256
+    if kind == "xyzn":
+        points = np.hstack([points, normals])
+    elif kind == "xyzrgb":
+        points = np.hstack([points, colors])
+    elif kind == "pts":
+        points = np.hstack([points, colors[:, :1], colors])
+    text = rows_of(points)
+    if kind == "pts":
+        text = f"{len(points)}\n{text}"
+    elif kind == "csv":
+        text = "x,y,z\n" + text.replace(" ", ",")
+    return {f"a.{kind}": text.encode()}
+
+
+def renamed(files: Files, kind: str) -> Files:
+    """Return a file under another extension."""
+    (content,) = files.values()
+    return {f"a.{kind}": content}
 
 
 SAMPLES: dict[str, Callable[[], Files]] = {
     "obj": obj, "obj plain": obj_plain, "ply text": ply_text,
     "ply little": lambda: ply_binary("little"), "ply big": lambda: ply_binary("big"),
     "stl text": stl_text, "stl binary": stl_binary, "off": off, "glb": glb, "gltf": gltf,
+    "vrm": lambda: renamed(glb(), "vrm"), "stl_ascii": lambda: renamed(stl_text(), "stl_ascii"),
     "dae": dae, "zae": zae, "3mf": three_mf, "3dxml": three_dxml, "xaml": xaml, "binvox": binvox,
-    "xyz": xyz, "dxf": dxf, "zip": zip_of_obj, "tar.gz": lambda: tar_of_stl("gz"),
+    **{kind: lambda kind=kind: rows(kind)
+       for kind in ("xyz", "xyzn", "xyzrgb", "pts", "asc", "txt", "csv")},
+    "pcd text": lambda: pcd("ascii"), "pcd binary": lambda: pcd("binary"),
+    "pcd compressed": pcd_compressed, "zip": zip_of_obj, "tar.gz": lambda: tar_of_stl("gz"),
     "tar.bz2": lambda: tar_of_stl("bz2"), "bz2": bz2_of_ply,
     **{f"picture {kind}": lambda kind=kind: skin(kind)
        for kind in ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")},
     "sky hdr": lambda: sky_hdr(12), "sky hdr flat": lambda: sky_hdr(5), "sky exr": sky_exr,
-    "sky png": sky_picture, "svg": svg, "pcd": pcd,
-    **{kind: lambda kind=kind: cells(kind) for kind in CELLS},
-    **{kind: lambda kind=kind: cloud(kind) for kind in CLOUDS},
+    "sky png": sky_picture,
 }  # fmt: skip
 """What makes each sample; those that begin with ``sky`` are environments."""
 

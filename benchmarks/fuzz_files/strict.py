@@ -24,6 +24,9 @@ from benchmarks.fuzz_files.samples import Files, opened
 Corners = list[tuple[float, float, float]]
 """The three corners of each triangle, one triangle after the other."""
 
+Reader = Callable[[bytes, Files], "int | Corners"]
+"""What is given the file that is opened, and all files, and returns what it holds."""
+
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _WHOLE = re.compile(r"[-+]?[0-9]+", re.ASCII)
@@ -61,7 +64,7 @@ def points_of(name: str, files: Files) -> int | None:
     return _answer(READERS_OF_POINTS.get(name), files)
 
 
-def _answer(reader: Callable[[bytes, Files], Any] | None, files: Files) -> Any:
+def _answer(reader: Reader | None, files: Files) -> Any:
     """Return what a reader says of the file that is opened, or None."""
     if reader is None:
         return None
@@ -149,15 +152,43 @@ def _obj_points(content: bytes, files: Files) -> int:
     return first.count(["v"])
 
 
-def _xyz(content: bytes, _files: Files) -> int:
-    """Count the rows of an XYZ file of three numbers each."""
-    rows = [line.split() for line in _text(content).split("\n") if line.strip()]
-    for row in rows:
-        if len(row) != 3:
-            raise NotSoundError(row)
-        for word in row:
-            _number(word)
-    return len(rows)
+def _rows(columns: int, head: str = "", separator: str | None = None) -> Reader:
+    """Return what counts the rows of a file of points, each of so many numbers."""
+
+    def count(content: bytes, _files: Files) -> int:
+        """Count the rows; of a head that is their number, they must be as many."""
+        lines = [line.strip() for line in _text(content).split("\n") if line.strip()]
+        if head == "count":
+            if _whole(lines[0]) != len(lines) - 1:
+                raise NotSoundError(lines[0])
+        elif head and lines[0] != head:
+            raise NotSoundError(lines[0])
+        rows = [line.split(separator) for line in (lines[1:] if head else lines)]
+        for row in rows:
+            if len(row) != columns:
+                raise NotSoundError(row)
+            for word in row:
+                _number(word)
+        return len(rows)
+
+    return count
+
+
+def _pcd(content: bytes, files: Files) -> int:
+    """Count the points of a PCD file of three numbers each, of any of the three kinds."""
+    head, _, rest = content.partition(b"DATA ")
+    kind, _, body = rest.partition(b"\n")
+    fields = {line.split()[0]: line.split()[1:] for line in _text(head).split("\n") if line}
+    expected = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
+    if any(fields[name] != words.split() for name, words in expected.items()):
+        raise NotSoundError(fields)
+    (width,), (height,), (points,) = (fields[name] for name in ("WIDTH", "HEIGHT", "POINTS"))
+    count = _whole(points)
+    held = {b"ascii": lambda: _rows(3)(body, files), b"binary": lambda: len(body) / 12,
+            b"binary_compressed": lambda: count}[kind]()  # fmt: skip
+    if not held == count == _whole(width) * _whole(height):
+        raise NotSoundError(count)
+    return count
 
 
 def _place(number: int, before: int) -> int:
@@ -423,15 +454,22 @@ def _binvox(content: bytes, _files: Files) -> int:
     )
 
 
-READERS: dict[str, Callable[[bytes, Files], int | Corners]] = {
+READERS: dict[str, Reader] = {
     "obj": _obj, "obj plain": _obj, "ply text": _ply, "ply little": _ply, "ply big": _ply,
-    "stl text": _stl_text, "stl binary": _stl_binary, "off": _off, "glb": _gltf, "gltf": _gltf,
+    "stl text": _stl_text, "stl_ascii": _stl_text, "stl binary": _stl_binary, "off": _off,
+    **dict.fromkeys(("glb", "gltf", "vrm", "glb moving"), _gltf),
+    **{f"{codec} {kind}": _gltf for codec in ("draco", "meshopt", "ktx2")
+       for kind in ("glb", "gltf")},
     "3mf": _three_mf, "dae": _dae, "zae": _zae, "xaml": _xaml, "binvox": _binvox,
     **{f"picture {kind}": _obj for kind in ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")},
 }  # fmt: skip
 """What tells the triangles of each sample."""
 
-READERS_OF_POINTS: dict[str, Callable[[bytes, Files], int]] = {
-    "xyz": _xyz, "obj": _obj_points, "obj plain": _obj_points,
+READERS_OF_POINTS: dict[str, Reader] = {
+    "obj": _obj_points, "obj plain": _obj_points,
+    **dict.fromkeys(("pcd text", "pcd binary", "pcd compressed"), _pcd),
+    **dict.fromkeys(("xyz", "asc", "txt"), _rows(3)),
+    **dict.fromkeys(("xyzn", "xyzrgb"), _rows(6)),
+    "pts": _rows(7, "count"), "csv": _rows(3, "x,y,z", ","),
 }  # fmt: skip
 """What tells the points of samples that are points, or are where their faces are gone."""

@@ -19,20 +19,41 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
+from rasterjit.io.foreign import door
+from rasterjit.io.meshes import readable_formats
 from rasterjit.io.skipped import LoadWarning
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
+all_samples = importlib.import_module("benchmarks.fuzz_files.all_samples")
 command = importlib.import_module("benchmarks.fuzz_files.__main__")
 judging = importlib.import_module("benchmarks.fuzz_files.judging")
 samples = importlib.import_module("benchmarks.fuzz_files.samples")
 strict = importlib.import_module("benchmarks.fuzz_files.strict")
+tables = importlib.import_module("benchmarks.fuzz_files.tables")
+SAMPLES = all_samples.SAMPLES
 
 needs_special_files = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 SPECIAL = ("pipe", "device", "socket", "link")
 
+packed_samples = importlib.import_module("benchmarks.fuzz_files.packed_samples")
+PACKAGES = {
+    f"{codec} {kind}": package
+    for codec, package in packed_samples.PACKAGES.items()
+    for kind in ("glb", "gltf")
+} | {"sky exr": "OpenEXR"}
+"""What some samples are made or read with."""
+
 FACES = {"off": 20, "glb": 50, "3mf": 36, "dae": 18, "binvox": 28}
 """Triangles of some samples."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def readers_of_others_are_given_up_soon():
+    """Files here are small."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(door, "_SECONDS", command.READER_SECONDS)
+        yield
 
 
 def read(path):
@@ -82,23 +103,36 @@ def test_the_corpus_is_written_by_its_script(tmp_path):
 # Sound files, and how they are counted
 
 
-@pytest.mark.parametrize("name", samples.SAMPLES)
+def test_every_extension_that_is_read_has_a_sound_file():
+    assert readable_formats() - set(all_samples.without_package()) == all_samples.extensions()
+
+
+@pytest.mark.parametrize("name", SAMPLES)
 def test_a_sound_file_is_read_without_a_word(tmp_path, name):
-    if name == "sky exr":
-        pytest.importorskip("OpenEXR")
-    found = judging.judge_files(name, samples.SAMPLES[name](), tmp_path, "error")
+    needs(name)
+    found = judging.judge_files(name, SAMPLES[name](), tmp_path, "error")
     assert found["faults"] == []
-    assert found["outcome"] == ("refused" if name == "tar.bz2" else "loaded"), found["said"]
+    assert found["outcome"] == "loaded", found["said"]
+
+
+def needs(name):
+    """Skip a test where a package is missing that a sample is made or read with."""
+    if name in PACKAGES:
+        pytest.importorskip(PACKAGES[name])
 
 
 @pytest.mark.parametrize("name", FACES)
 def test_triangles_are_counted_by_the_letter(name):
-    held = strict.triangles_of(name, samples.SAMPLES[name]())
+    held = strict.triangles_of(name, SAMPLES[name]())
     assert (len(held) // 3 if isinstance(held, list) else held) == FACES[name]
 
 
-def test_points_are_counted_by_the_letter():
-    assert strict.points_of("xyz", samples.xyz()) == 16
+@pytest.mark.parametrize("name", strict.READERS_OF_POINTS)
+def test_points_are_counted_by_the_letter(name):
+    assert strict.points_of(name, SAMPLES[name]()) == (None if name.startswith("obj") else 16)
+
+
+def test_what_is_no_point_by_the_letter_is_not_counted():
     assert strict.points_of("xyz", {"a.xyz": b"0 0 0\n1 x 0\n"}) is None
     assert strict.points_of("off", samples.off()) is None
     plain = samples.obj_plain()["a.obj"]
@@ -178,6 +212,32 @@ def test_what_a_reader_does_wrong_is_found(tmp_path, monkeypatch, load, fault):
     assert [one for one in found["faults"] if one.startswith(fault)], found["faults"]
 
 
+@pytest.mark.parametrize("name", ["vtk", "vtu text", "su2", "3dxml", "zip", "tar.bz2", "dxf"])
+def test_a_face_that_is_lost_of_a_file_that_others_read_is_found(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(judging, "rj", Patched(lose_a_face))
+    found = judging.judge_files(name, SAMPLES[name](), tmp_path, "error")
+    assert [one for one in found["faults"] if one.startswith("lost without a word")], found
+
+
+@pytest.mark.parametrize("name", ["las", "laz new", "pcd compressed", "csv"])
+def test_a_point_that_is_lost_of_any_cloud_is_found(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(judging, "rj", Patched(lose_a_point))
+    found = judging.judge_files(name, SAMPLES[name](), tmp_path, "error")
+    assert found["faults"] == ["lost without a word: 15 of 16 points"]
+
+
+def test_a_line_that_is_lost_is_found(tmp_path, monkeypatch):
+    def lose_a_line(path, **options):
+        scene = rj.Scene()
+        lines = rj.load(path, **options).nodes[0].mesh
+        scene.add(rj.Lines(lines.vertices, lines.segments[:4]))
+        return scene
+
+    monkeypatch.setattr(judging, "rj", Patched(lose_a_line))
+    found = judging.judge_files("svg", SAMPLES["svg"](), tmp_path, "error")
+    assert found["faults"] == ["lost without a word: 4 of 8 segments"]
+
+
 TAKES_MEMORY = """
 import json, sys
 from pathlib import Path
@@ -246,7 +306,93 @@ def test_a_process_that_ends_or_hangs_is_told_and_started_again(monkeypatch):
     ]
 
 
+# How it is counted, and written down
+
+
+def result(number, **more):
+    """Return what became of a case: read, if nothing else is said."""
+    sample = judging.sample_of(number)
+    return {"number": number, "sample": sample, "how": "", "said": "", "outcome": "loaded",
+            "faults": [], "seconds": 0.1, "peak": 0, **more}  # fmt: skip
+
+
+def test_a_run_goes_on_where_its_results_end(tmp_path, monkeypatch):
+    read = []
+
+    class Stub:
+        """Reads nothing, and stops at the fourth case the first time."""
+
+        def __init__(self, seed, log):
+            pass
+
+        def read(self, number):
+            if number == 3 and 3 not in read:
+                read.append(number)
+                raise RuntimeError("it does not start")
+            read.append(number)
+            return result(number)
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(command, "Reader", Stub)
+    words = ["--files", "6", "--workers", "1", "--results", str(tmp_path / "results")]
+    with pytest.raises(RuntimeError, match="does not start"):
+        command.main(words)
+    with pytest.raises(SystemExit) as ended:
+        command.main(words)
+    assert ended.value.code == 0
+    assert read == [0, 1, 2, 3, 3, 4, 5]
+    with pytest.raises(SystemExit):
+        command.main([*words, "--seed", "5"])
+    assert len(read) == 7
+
+
+def test_several_processes_read_each_case_once(monkeypatch):
+    class Stub:
+        """Reads nothing."""
+
+        def __init__(self, seed, log):
+            self.seed = seed
+
+        def read(self, number):
+            return result(number, seed=self.seed)
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(command, "Reader", Stub)
+    found = list(command.read_all(list(range(5, 105)), 3, 4))
+    assert sorted(one["number"] for one in found) == list(range(5, 105))
+    assert {one["seed"] for one in found} == {3}
+
+
+def test_a_page_gets_a_row_for_each_format(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{tables.BEGIN}\nold\n{tables.END}\nafter\n")
+    names = list(SAMPLES)
+    results = [
+        result(names.index("ply text")),
+        result(names.index("ply big"), outcome="refused", said="its reader crashed (SIGABRT)"),
+        result(names.index("off"), faults=["lost without a word: 1 of 2 triangles", "odd"]),
+        result(names.index("vtk"), outcome="ended", faults=["crash: the process ended"]),
+    ]
+    tables.write_page(results, page)
+    text = page.read_text()
+    assert "| PLY | 2 | 1 | 1 | 1 | 0 | 0 | 0 | 0 | 0 |" in text
+    assert "| OFF | 1 | 0 | 0 | 1 | 0 | 0 | 0 | 1 | 1 |" in text
+    assert "| **all** | 4 | 1 | 1 | 2 | 1 | 0 | 0 | 1 | 1 |" in text
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+
+
 # Mutated files
+
+ELSEWHERE = {"vrm", "stl_ascii", "xyzn", "xyzrgb", "asc", "txt", "nas", "fem", "dat", "dato",
+             "node", "xmf", "ex2", "e", "wkt"}  # fmt: skip
+"""Read as another one is, under another name; of damaged WKT the reader mostly takes all its time:
+a few are among the mutated files."""
 
 EDITS = st.lists(
     st.tuples(st.floats(0.0, 1.0), st.integers(0, 3), st.binary(min_size=1, max_size=6)),
@@ -267,13 +413,12 @@ def edited(content, edits):
     return bytes(data)
 
 
-@pytest.mark.parametrize("name", samples.SAMPLES)
-@settings(max_examples=30)
+@pytest.mark.parametrize("name", [name for name in SAMPLES if name not in ELSEWHERE])
+@settings(max_examples=20)
 @given(edits=EDITS)
 def test_files_of_changed_bytes_do_no_harm(name, edits):
-    if name == "sky exr":
-        pytest.importorskip("OpenEXR")
-    files = samples.SAMPLES[name]()
+    needs(name)
+    files = SAMPLES[name]()
     main = samples.opened(files)
     first = next(iter(files))
     files = {main: files[main]} | files | {first: edited(files[first], edits)}
@@ -282,7 +427,7 @@ def test_files_of_changed_bytes_do_no_harm(name, edits):
 
 
 def test_mutations_are_the_same_each_time():
-    for number in range(2 * len(samples.SAMPLES)):
+    for number in range(2 * len(SAMPLES)):
         assert judging.files_of(4, number) == judging.files_of(4, number)
     several = {str(judging.files_of(seed, 0)) for seed in range(20)}
     assert len(several) > 15
@@ -291,11 +436,11 @@ def test_mutations_are_the_same_each_time():
 @pytest.mark.skipif(sys.platform != "linux", reason="it limits the process as Linux does")
 def test_mutated_files_do_no_harm(tmp_path):
     run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.fuzz_files", "--files", "500", "--seed", "5",
-         "--output", str(tmp_path / "faults.json")],
+        [sys.executable, "-m", "benchmarks.fuzz_files", "--files", "250", "--workers", "1",
+         "--seed", "5", "--results", str(tmp_path / "results")],
         cwd=ROOT, capture_output=True, text=True,
     )  # fmt: skip
     assert run.returncode == 0, run.stdout + run.stderr
     for kind in ("crash", "hung", "a foreign exception", "lost without a word"):
         assert f"{kind}: 0" in run.stdout
-    assert (tmp_path / "faults.json").read_text() == "[]"
+    assert len((tmp_path / "results").read_text().splitlines()) == 251
