@@ -11,7 +11,7 @@ from __future__ import annotations
 import gc
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -212,9 +212,8 @@ def render(
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
         options = {name: rest[name] for name in ("style", "background", "cull")}
-        render_folder(
-            files[0], output, suffix, force, size, threads, quiet, view, look, effects, **options
-        )
+        options |= {"size": size, "threads": threads, "quiet": quiet}
+        render_folder(files[0], output, suffix, force, (view, look, effects), **options)
         return
     from rasterjit.cli.pictures import (
         Picture,
@@ -234,6 +233,16 @@ def render(
         render_file(files[0], places[files[0]], asked, *described)
         return
     render_files(places, asked, *described)
+
+
+class Turn(NamedTuple):
+    """How a turntable moves: its options."""
+
+    frames: int | None
+    fps: int
+    turns: float
+    animate: bool
+    animation: str | None
 
 
 @program.command(short_help="Render an animation that goes once around FILE.")
@@ -266,11 +275,6 @@ def render(
 def turntable(
     file: Path,
     output: Path,
-    frames: int | None,
-    fps: int,
-    turns: float,
-    animate: bool,
-    animation: str | None,
     size: tuple[int, int],
     background: str | BackgroundImage | None,
     cull: str,
@@ -288,19 +292,23 @@ def turntable(
     from rasterjit.animation.video import check_animation
     from rasterjit.rendering.renderer import Renderer
 
-    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    # What is asked for.
+    view, look, effects, turn = (gather(kind, rest) for kind in (View, Look, Effects, Turn))
     view.check()
     look.check()
-    animate = animate or animation is not None
-    if turns == 0.0 and not animate:
+    is_played = turn.animate or turn.animation is not None
+    if turn.turns == 0.0 and not is_played:
         raise click.BadOptionUsage("--turns", "--turns: nothing moves without --animate")
     size = size_behind(background, size)
-    check_animation(output, size, fps, is_opaque(background))
+    check_animation(output, size, turn.fps, is_opaque(background))
+    # The scene, and how many frames it takes.
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
-    played = chosen_animation(scene, file, animation, "--animate") if animate else None
+    played = chosen_animation(scene, file, turn.animation, "--animate") if is_played else None
+    frames = turn.frames
     if frames is None:
-        frames = TURN_FRAMES if played is None else max(1, round(played.duration * fps))
+        frames = TURN_FRAMES if played is None else max(1, round(played.duration * turn.fps))
+    # The frames, each encoded as it is drawn.
     with (
         progress_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
@@ -308,11 +316,11 @@ def turntable(
         renderer.told = None
         around = view.turn(scene, size, played)
         turning = playing.frames(
-            renderer, scene, [number / fps for number in range(frames)],
-            camera=lambda second: around(turns * round(second * fps) / frames),
+            renderer, scene, [number / turn.fps for number in range(frames)],
+            camera=lambda second: around(turn.turns * round(second * turn.fps) / frames),
             animation=played, loop=True, background=background, cull=cull,
         )  # fmt: skip
-        playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
+        playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
 

@@ -32,8 +32,8 @@ ALONE = (
 
 
 def render_folder(
-    folder: Path, output: Path, suffix: str, force: bool, size: tuple[int, int],
-    threads: int | None, quiet: bool, view: View, look: Look, effects: Effects, **options: Any,
+    folder: Path, output: Path, suffix: str, force: bool, described: tuple[View, Look, Effects], *,
+    size: tuple[int, int], threads: int | None, quiet: bool, **options: Any,
 ) -> None:  # fmt: skip
     """
     Draw every mesh file below a folder; those that fail are named, and at the end the command.
@@ -47,9 +47,9 @@ def render_folder(
     force : bool
         Whether pictures are drawn anew that are there, drawn with the same settings and version
         after their mesh was written.
+    described : tuple of View, Look and Effects
     size, threads, quiet
         Of the command.
-    view, look, effects : View, Look, Effects
     **options
         ``style``, the name of one; ``background`` and ``cull``, as `rasterjit.render` takes them.
 
@@ -63,6 +63,7 @@ def render_folder(
     from rasterjit.io.images import OPAQUE_FORMATS
     from rasterjit.rendering.renderer import Renderer
 
+    # What is asked for, before anything is made.
     refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")
     size = size_behind(options["background"], size if is_given("size") else SIZE)
     root = folder.resolve()
@@ -73,14 +74,16 @@ def render_folder(
         raise click.BadOptionUsage(
             "--background", f"--background: {suffix} cannot be transparent; choose --format png"
         )
+    # Which pictures are there already, drawn with these settings.
     _make_folder(output)
-    settings = pickle.dumps((__version__, size, suffix, view, look, effects, options))
+    settings = pickle.dumps((__version__, size, suffix, described, options))
     since = _begun(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
+    # One renderer draws all that are not.
     start, failed, present = time.perf_counter(), 0, 0
     with (
         progress_bar("Rendering", quiet) as show,
         progress_notice(quiet),
-        Renderer(size, quality=effects.quality(), threads=threads) as renderer,
+        Renderer(size, quality=described[-1].quality(), threads=threads) as renderer,
     ):
         show(0, len(names))
         for done, name in enumerate(names, 1):
@@ -90,7 +93,7 @@ def render_folder(
                 show(done, len(names))
                 continue
             try:
-                for notice in _draw(file, place, renderer, view, look, effects, quiet, **options):
+                for notice in _draw(file, place, renderer, described, quiet, **options):
                     warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
                 raise
@@ -141,13 +144,14 @@ def _make_folder(output: Path) -> None:
 
 
 def _draw(
-    file: Path, place: Path, renderer: Renderer, view: View, look: Look, effects: Effects,
+    file: Path, place: Path, renderer: Renderer, described: tuple[View, Look, Effects],
     quiet: bool, style: str, **options: Any,
 ) -> list[str]:  # fmt: skip
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
     from rasterjit.rendering.notices import ViewWarning, notices_of_frame
 
+    view, look, effects = described
     scene = load_scene(file, look, effects, quiet)
     with warnings.catch_warnings():
         # Said of each file, as lines.
