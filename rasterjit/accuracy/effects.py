@@ -39,7 +39,7 @@ NO_REFERENCE = "none; what it changes in the picture"
 """What is said of an effect that is measured against nothing."""
 
 
-class Studio(Painter, Protocol):
+class EffectPainter(Painter, Protocol):
     """Draws one scene, and tells times."""
 
     def contestant(
@@ -206,13 +206,13 @@ def _levels(knob: Knob, scene: Scene) -> list[Attempt]:
     return [*settings, *(Attempt(knob.effect, name, standard, other) for name, other in scenes)]
 
 
-def weigh(studio: Studio, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
+def weigh(studio: EffectPainter, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
     """
     Draw the levels of an effect and its reference.
 
     Parameters
     ----------
-    studio : Studio
+    studio : EffectPainter
     cost : Cost
     standard : Contestant
         The scene as it is.

@@ -18,7 +18,7 @@ PICTURE_OUTPUTS = ("color", "linear")
 """What the colour of two frames is compared by."""
 
 
-class Reference(NamedTuple):
+class ReferenceFrame(NamedTuple):
     """What frames are compared with."""
 
     picture: Frame
@@ -36,10 +36,10 @@ class Reference(NamedTuple):
     """How far it is from one of all samples, about."""
 
 
-def reference_of(scene: Scene, picture: Frame, buffers: Frame) -> Reference:
+def reference_of(scene: Scene, picture: Frame, buffers: Frame) -> ReferenceFrame:
     """Return the reference of a scene, given the picture and the frame that holds its buffers."""
     counts = [0] + [len(node.mesh.faces) for node in scene.nodes]
-    return Reference(picture, buffers, texels_of(scene), np.cumsum(counts))
+    return ReferenceFrame(picture, buffers, texels_of(scene), np.cumsum(counts))
 
 
 def texels_of(scene: Scene) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ def buffers_of(scene: Scene) -> tuple[str, ...]:
     return ("depth", "face_id", "uv") if is_laid else ("depth", "face_id")
 
 
-def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.float32]]:
+def compare(frame: Frame, reference: ReferenceFrame) -> tuple[Errors, NDArray[np.float32]]:
     """
     Return the errors of a frame.
 
@@ -68,7 +68,7 @@ def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.floa
     ----------
     frame : Frame
         With the outputs ``PICTURE_OUTPUTS`` and those of `buffers_of`.
-    reference : Reference
+    reference : ReferenceFrame
 
     Returns
     -------
@@ -98,7 +98,7 @@ def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.floa
     return errors, np.maximum(largest, difference[:, :, 2]).astype(np.float32)
 
 
-def with_flip(errors: Errors, color: NDArray[np.uint8], reference: Reference) -> Errors:
+def with_flip(errors: Errors, color: NDArray[np.uint8], reference: ReferenceFrame) -> Errors:
     """Return errors with the FLIP of a picture, where ``flip-evaluator`` is installed."""
     return errors._replace(flip=mean_flip(reference.picture.color, color))
 
@@ -113,7 +113,7 @@ def _depth_errors(
     return float((units / np.spacing(np.abs(true))).max()), float(units.max())
 
 
-def _uv_error(frame: Frame, reference: Reference, is_same: NDArray[np.bool_]) -> float | None:
+def _uv_error(frame: Frame, reference: ReferenceFrame, is_same: NDArray[np.bool_]) -> float | None:
     """Return the largest difference of texture coordinates, texels; None where nothing has any."""
     if "uv" not in frame.plan.outputs:
         return None

@@ -180,7 +180,7 @@ def study(
     return found
 
 
-class Options(NamedTuple):
+class StudyOptions(NamedTuple):
     """What a study was asked for, checked."""
 
     size: tuple[int, int]
@@ -198,19 +198,19 @@ def checked(
     max_error: float | None,
     threads: int | None,
     output: str | Path | None,
-) -> Options:
+) -> StudyOptions:
     """Return what a study is asked for, or raise ``ValueError`` naming what is wrong."""
     chosen, size = check_knobs(knobs), image_size("size", size)
     seconds = BUDGET if budget is None else positive_number("budget", budget)
     bound = None if max_error is None else positive_number("max_error", max_error)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
-    return Options(size, chosen, seconds, bound, threads, folder)
+    return StudyOptions(size, chosen, seconds, bound, threads, folder)
 
 
 def begin(
     what: tuple[Any, Camera | None],
-    options: Options,
+    options: StudyOptions,
     share: float,
     lens: Lens | None,
     progress: Progress | None,
@@ -264,7 +264,7 @@ class Course:
         self.effects: list[Weighed] = []
         self.impossible: dict[str, str] = {}
         self.interrupted = False
-        self.reference: measures.Reference
+        self.reference: measures.ReferenceFrame
         self.standard: Contestant
 
     def tell(self, text: str) -> None:
@@ -505,7 +505,7 @@ class Studio:
         if isinstance(self.camera, MatrixCamera):
             self.camera = replace(self.camera, size=None)
 
-    def reference(self, seconds: float) -> measures.Reference:
+    def reference(self, seconds: float) -> measures.ReferenceFrame:
         """Return what errors are measured against: as many samples as so many seconds allow."""
         pictures = self._reference_pictures()
         samples, frame = next(pictures)
@@ -537,7 +537,7 @@ class Studio:
         for samples in STEPS:
             yield samples, self.draw(replace(reference_quality(), samples=samples), outputs)
 
-    def prepare(self, attempt: Attempt, reference: measures.Reference) -> Contestant:
+    def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> Contestant:
         """Compile what a quality needs, measure its errors and see how long it takes, about."""
         frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = measures.compare(frame, reference)

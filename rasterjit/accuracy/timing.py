@@ -44,7 +44,7 @@ Progress = Callable[[str, float, float], None]
 """Is told what is being done, how much is done, and how much there is: seconds, or scenes."""
 
 
-class Painter(Protocol):
+class TimedPainter(Protocol):
     """Draws one scene."""
 
     def seconds(self, attempt: Attempt) -> Stages:
@@ -233,7 +233,7 @@ def rounds_between(contestant: Contestant, standard: Contestant) -> int:
 
 
 def take_turns(
-    painter: Painter,
+    painter: TimedPainter,
     standard: Contestant,
     contestants: Sequence[Contestant],
     allowance: Allowance,
@@ -287,7 +287,7 @@ def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Cont
 
 
 def _timed(
-    painter: Painter, attempt: Attempt, processor: Callable[[], float]
+    painter: TimedPainter, attempt: Attempt, processor: Callable[[], float]
 ) -> tuple[Stages, float]:
     """Return the seconds of a frame that is not the first of its quality, and those worked."""
     if attempt.passes == 1:

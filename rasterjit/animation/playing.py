@@ -149,17 +149,17 @@ class _Moves(NamedTuple):
         for node, mesh in self.meshes.items():
             node.mesh = mesh(time)
 
-    def places(self) -> list[tuple[Node, _Place]]:
+    def places(self) -> list[tuple[Node, _NodeState]]:
         """Return all nodes that move, and where they are."""
         animated = dict.fromkeys(channel.node for channel in self.channels)
         return [
-            (node, _Place(node.transform, node.trs if node in animated else None, node.mesh,
+            (node, _NodeState(node.transform, node.trs if node in animated else None, node.mesh,
                           node.weights))
             for node in {**animated, **self.transforms, **self.meshes}
         ]  # fmt: skip
 
 
-class _Place(NamedTuple):
+class _NodeState(NamedTuple):
     """What of a node changes."""
 
     transform: NDArray[np.float64]

@@ -38,7 +38,7 @@ from rasterjit.accuracy.sentences import (
 )
 from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.together import FolderStudy, study_folder
-from rasterjit.cli.options import Effects, Look, View
+from rasterjit.cli.options import CameraOptions, Effects, SceneOptions
 from rasterjit.cli.program import load_scene
 from rasterjit.io.folders import mesh_files
 
@@ -58,7 +58,11 @@ FILE_WIDTH = 140
 
 
 def study_scene(
-    what: str | Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
+    what: str | Path,
+    view: CameraOptions,
+    look: SceneOptions,
+    effects: Effects,
+    options: dict[str, Any],
 ) -> Study:
     """
     Study a scene, print what was found and write the report.
@@ -67,7 +71,7 @@ def study_scene(
     ----------
     what : str or Path
         Name of a made scene, or a file.
-    view, look, effects : View, Look, Effects
+    view, look, effects : CameraOptions, SceneOptions, Effects
     options : dict
         Those of the command.
     """
@@ -96,7 +100,7 @@ def study_scene(
 
 
 def study_files(
-    folder: Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
+    folder: Path, view: CameraOptions, look: SceneOptions, effects: Effects, options: dict[str, Any]
 ) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
     quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE

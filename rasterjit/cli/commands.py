@@ -16,23 +16,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from rasterjit.cli.dataset import dataset_options
-from rasterjit.cli.moments import ANIMATION_HELP, Moment, chosen_animation, moment_options
+from rasterjit.cli.moments import ANIMATION_HELP, TimeOptions, chosen_animation, moment_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
     READING,
+    CameraOptions,
     Effects,
+    FiniteNumberType,
     FiniteType,
     FormatType,
     KnobsType,
     LensType,
-    Look,
     MadeSceneType,
-    NumberType,
     OutputsType,
     PixelType,
     PlaceType,
+    SceneOptions,
     SizeType,
-    View,
     add_options,
     check_style,
     effect_options,
@@ -199,7 +199,9 @@ def render(
 
     Exit status: 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
-    view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
+    view, look, effects, moment = (
+        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
+    )
     view.check()
     look.check()
     check_style(rest["style"])
@@ -216,14 +218,14 @@ def render(
         render_folder(files[0], output, suffix, force, (view, look, effects), **options)
         return
     from rasterjit.cli.pictures import (
-        Picture,
+        PictureOptions,
         places_of,
         render_file,
         render_files,
         to_standard_output,
     )
 
-    asked = gather(Picture, {**rest, "size": size, "threads": threads, "quiet": quiet})
+    asked = gather(PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet})
     described = view, look, effects, moment
     if output is not None and str(output) == STANDARD_OUTPUT:
         to_standard_output(files, asked, *described)
@@ -257,7 +259,7 @@ class Turn(NamedTuple):
 )  # fmt: skip
 @click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
               help="Frames a second.")  # fmt: skip
-@click.option("--turns", type=NumberType(), default=1.0, show_default=True, metavar="NUMBER",
+@click.option("--turns", type=FiniteNumberType(), default=1.0, show_default=True, metavar="NUMBER",
               help="How often the camera goes around; negative for the other way, 0 to "
                    "keep it still.")  # fmt: skip
 @click.option("--animate", is_flag=True,
@@ -293,7 +295,9 @@ def turntable(
     from rasterjit.rendering.renderer import Renderer
 
     # What is asked for.
-    view, look, effects, turn = (gather(kind, rest) for kind in (View, Look, Effects, Turn))
+    view, look, effects, turn = (
+        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, Turn)
+    )
     view.check()
     look.check()
     is_played = turn.animate or turn.animation is not None
@@ -439,7 +443,9 @@ def explain(
     **rest: Any,
 ) -> None:
     """Say what rendering FILE would do, and why; or explain one pixel."""
-    view, look, effects, moment = (gather(kind, rest) for kind in (View, Look, Effects, Moment))
+    view, look, effects, moment = (
+        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
+    )
     view.check()
     look.check()
     check_style(rest["style"])
@@ -541,7 +547,7 @@ def accuracy(
         raise click.UsageError("Missing option '-o' / '--output'.")
     if made is not None:
         refuse_idle(READING, "--scene reads no file")
-    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view, look, effects = (gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects))
     view.check()
     look.check()
     if file is not None and file.is_dir():
@@ -632,7 +638,9 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     """
     from rasterjit.viewer.show import choose_backend, show
 
-    view, look, effects, moment = (gather(kind, options) for kind in (View, Look, Effects, Moment))
+    view, look, effects, moment = (
+        gather(kind, options) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
+    )
     view.check()
     look.check()
     backend = options["backend"]

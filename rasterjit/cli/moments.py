@@ -21,7 +21,7 @@ ANIMATION_HELP = (
 )
 
 
-class Moment(NamedTuple):
+class TimeOptions(NamedTuple):
     """Options that choose a time of an animation."""
 
     time: float | None = None
@@ -62,7 +62,7 @@ def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -
 
 
 def moment_options(command: Callable) -> Callable:
-    """Add the options of `Moment` to a command."""
+    """Add `TimeOptions` to a command."""
     return add_options(
         [
             click.option("--time", type=FiniteType(0.0), metavar="SECONDS",

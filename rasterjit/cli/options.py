@@ -373,7 +373,7 @@ class LightType(VectorType):
         return direction
 
 
-class NumberType(click.types.FloatParamType):
+class FiniteNumberType(click.types.FloatParamType):
     """A number that is not infinite nor NaN."""
 
     def convert(
@@ -386,7 +386,7 @@ class NumberType(click.types.FloatParamType):
         return number
 
 
-class FiniteType(NumberType, click.FloatRange):
+class FiniteType(FiniteNumberType, click.FloatRange):
     """Such a number, in a range."""
 
 
@@ -609,7 +609,7 @@ def _has_openexr() -> bool:
     return importlib.util.find_spec("OpenEXR") is not None
 
 
-class Look(NamedTuple):
+class SceneOptions(NamedTuple):
     """Options that change the scene."""
 
     on_invalid: str
@@ -745,7 +745,7 @@ def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
     return lights
 
 
-class View(NamedTuple):
+class CameraOptions(NamedTuple):
     """Options that place the camera."""
 
     azimuth: float | None
@@ -1030,7 +1030,7 @@ def reading_options(command: Callable) -> Callable:
 
 
 def look_options(command: Callable) -> Callable:
-    """Add the options of `Look` to a command."""
+    """Add `SceneOptions` to a command."""
     modes = click.Choice(SHADINGS)
     return add_options(
         [
@@ -1070,7 +1070,7 @@ def look_options(command: Callable) -> Callable:
 
 
 def view_options(command: Callable | None = None, *, orbit: bool = False) -> Callable:
-    """Add the options of `View` to a command; with ``orbit`` those of a fitted camera only."""
+    """Add `CameraOptions` to a command; with ``orbit`` those of a fitted camera only."""
     if command is None:
         return lambda command: view_options(command, orbit=orbit)
     start = " of the first frame" if orbit else ""
@@ -1089,7 +1089,7 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                           "the matrix K; as in OpenCV, the first pixel's centre is 0,0."),
     ]  # fmt: skip
     fitting = [
-        click.option("--azimuth", metavar="DEG", type=NumberType(),
+        click.option("--azimuth", metavar="DEG", type=FiniteNumberType(),
                      help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
         click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
                      help="Degrees above the scene."),
@@ -1220,7 +1220,7 @@ def check_style(name: str) -> None:
 
 
 def in_style(
-    name: str, scene: Scene, camera: AnyCamera | None, look: Look, effects: Effects
+    name: str, scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects
 ) -> Style:
     """
     Return a scene in a style, but for what options say.
@@ -1232,7 +1232,7 @@ def in_style(
     scene : Scene
         With what options ask for.
     camera : Camera or None
-    look, effects : Look, Effects
+    look, effects : SceneOptions, Effects
     """
     from rasterjit import styles
     from rasterjit.scene.framing import fit_upright

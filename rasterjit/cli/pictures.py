@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rasterjit.cli.moments import Moment
+from rasterjit.cli.moments import TimeOptions
 from rasterjit.cli.options import (
+    CameraOptions,
     Effects,
-    Look,
-    View,
+    SceneOptions,
     checked_place,
     in_style,
     is_picture,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 PNG = ".png"
 
 
-class Picture(NamedTuple):
+class PictureOptions(NamedTuple):
     """What is asked for of a file, by the names of the options."""
 
     size: tuple[int, int]
@@ -150,11 +150,11 @@ def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
 
 def to_standard_output(
     files: tuple[Path, ...],
-    asked: Picture,
-    view: View,
-    look: Look,
+    asked: PictureOptions,
+    view: CameraOptions,
+    look: SceneOptions,
     effects: Effects,
-    moment: Moment,
+    moment: TimeOptions,
 ) -> None:
     """Write the picture of a file to standard output, and nothing else."""
     if len(files) > 1:
@@ -173,11 +173,11 @@ def to_standard_output(
 
 def render_files(
     places: dict[Path, Path],
-    asked: Picture,
-    view: View,
-    look: Look,
+    asked: PictureOptions,
+    view: CameraOptions,
+    look: SceneOptions,
     effects: Effects,
-    moment: Moment,
+    moment: TimeOptions,
 ) -> None:
     """Draw several files; those that fail are named, and at the end the command."""
     failed = 0
@@ -196,8 +196,8 @@ def render_files(
 
 
 def render_file(
-    file: Path, output: Path, asked: Picture, view: View, look: Look, effects: Effects,
-    moment: Moment,
+    file: Path, output: Path, asked: PictureOptions, view: CameraOptions, look: SceneOptions,
+    effects: Effects, moment: TimeOptions,
 ) -> None:  # fmt: skip
     """Draw a file, write what is asked for, and say so."""
     from rasterjit.io.images import OPAQUE_FORMATS

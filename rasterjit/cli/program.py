@@ -28,7 +28,7 @@ from rasterjit.cli.options import (
     BackgroundType,
     ColorType,
     Effects,
-    Look,
+    SceneOptions,
     SizeType,
     is_given,
     refuse_idle,
@@ -448,7 +448,7 @@ def _spell_scale(found: re.Match[str]) -> str:
     return f"--scale{found[1].replace('=', ' ')}"
 
 
-def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
+def load_scene(file: Path, look: SceneOptions, effects: Effects, quiet: bool) -> Scene:
     """Read a scene, apply look and effects, and print what reading warns of as lines."""
     from rasterjit.io.meshes import load
 

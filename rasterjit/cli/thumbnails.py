@@ -7,17 +7,27 @@ import pickle
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from rasterjit.cli.options import Effects, Look, View, in_style, is_given, refuse_idle
+from rasterjit.cli.options import (
+    CameraOptions,
+    Effects,
+    SceneOptions,
+    in_style,
+    is_given,
+    refuse_idle,
+)
 from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind
 from rasterjit.cli.report import progress_bar, progress_notice, warn
 from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
+
+Described: TypeAlias = tuple[CameraOptions, SceneOptions, Effects]
+"""The camera, the scene and its effects, as the options of a command describe them."""
 
 SIZE = (256, 256)
 """Of a picture, pixels, if no size is given."""
@@ -32,7 +42,7 @@ ALONE = (
 
 
 def render_folder(
-    folder: Path, output: Path, suffix: str, force: bool, described: tuple[View, Look, Effects], *,
+    folder: Path, output: Path, suffix: str, force: bool, described: Described, *,
     size: tuple[int, int], threads: int | None, quiet: bool, **options: Any,
 ) -> None:  # fmt: skip
     """
@@ -47,7 +57,7 @@ def render_folder(
     force : bool
         Whether pictures are drawn anew that are there, drawn with the same settings and version
         after their mesh was written.
-    described : tuple of View, Look and Effects
+    described : Described
     size, threads, quiet
         Of the command.
     **options
@@ -144,8 +154,8 @@ def _make_folder(output: Path) -> None:
 
 
 def _draw(
-    file: Path, place: Path, renderer: Renderer, described: tuple[View, Look, Effects],
-    quiet: bool, style: str, **options: Any,
+    file: Path, place: Path, renderer: Renderer, described: Described, quiet: bool, style: str,
+    **options: Any,
 ) -> list[str]:  # fmt: skip
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images

@@ -43,7 +43,7 @@ COUNTS = (
 
 
 @dataclass
-class Layer:
+class PartialImage:
     """What some neighbouring parts of a mesh show."""
 
     faces: int
@@ -114,7 +114,7 @@ def draw_layer(
     options: FrameRequest,
     threads: int,
     steps: tuple[int, int] = (0, 0),
-) -> Layer | None:
+) -> PartialImage | None:
     """
     Draw one part with the light of the whole; ``None`` if it has no face.
 
@@ -137,7 +137,9 @@ def draw_layer(
     (node,) = scene.nodes
     faces = len(node.mesh.faces)
     asked, seconds = asked.with_(camera=planned.plan.camera), frame.stats.seconds
-    return Layer(faces, seen.coverage.depth, frame.arrays(), counts, seconds, asked, asked.look)
+    return PartialImage(
+        faces, seen.coverage.depth, frame.arrays(), counts, seconds, asked, asked.look
+    )
 
 
 def plan_part(
@@ -198,7 +200,7 @@ def _refuse_mixing(plan: RenderPlan) -> None:
         )
 
 
-def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
+def merge_layers(first: PartialImage | None, second: PartialImage | None) -> PartialImage | None:
     """
     Return what two neighbours show together; the first one's faces have the lower numbers.
 
@@ -225,7 +227,7 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
             other = np.where(other >= 0, other + np.int32(first.faces), other)
         mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (own.ndim - 2))
         outputs[name] = np.where(mask, other, own)
-    return Layer(
+    return PartialImage(
         faces,
         np.where(is_nearer, second.depth, first.depth),
         outputs,

@@ -189,7 +189,7 @@ def as_drawn(one: Begun) -> Drawn:
     return one.frame.arrays(), one.frame.stats, one.notices
 
 
-class Task(NamedTuple):
+class FrameTask(NamedTuple):
     """Frames that a worker draws in one go."""
 
     number: int
@@ -233,13 +233,13 @@ class Farm:
         self._begun.clear()
         self._sent = None
 
-    def submit(self, cameras: list[Camera]) -> Task:
+    def submit(self, cameras: list[Camera]) -> FrameTask:
         """Begin frames, in one task."""
         self._count += 1
         self._begin(self._count, cameras)
-        return Task(self._count, cameras, deque())
+        return FrameTask(self._count, cameras, deque())
 
-    def take(self, begun: Task) -> Frame:
+    def take(self, begun: FrameTask) -> Frame:
         """Return the next frame of a task when it is done, wherever that is."""
         number, cameras, drawn = begun
 

@@ -136,7 +136,7 @@ def render_partitions(
     own = thread_count("threads", threads) or 1
     with connected(client) as chosen:
 
-        def draw(steps: tuple[int, int]) -> layers.Layer:
+        def draw(steps: tuple[int, int]) -> layers.PartialImage:
             found = retried(
                 lambda: _render_once(parts, setting, material, camera, options, own, steps, chosen),
                 "the partitions",
@@ -163,7 +163,7 @@ def _render_once(
     threads: int,
     steps: tuple[int, int],
     client: Client,
-) -> layers.Layer | None:
+) -> layers.PartialImage | None:
     """Send what is here, draw and merge."""
     import dask
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.inspect.pixel_color import Drawn, find_look, light_of, owner_of, parts_of
+from rasterjit.inspect.pixel_color import VisibleScene, find_look, light_of, owner_of, parts_of
 from rasterjit.inspect.pixel_report import (
     LOST,
     SEEN_BESIDE,
@@ -145,7 +145,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
     )
 
 
-def _as_whole(drawn: Drawn, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
+def _as_whole(drawn: VisibleScene, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel, ...]:
     """Return faces with their numbers in the scene before a section cut it."""
     cut = drawn.cache.cut
     if cut is None:
@@ -166,7 +166,7 @@ def _as_whole(drawn: Drawn, faces: tuple[FaceAtPixel, ...]) -> tuple[FaceAtPixel
     return tuple(found)
 
 
-def _parts_as_whole(drawn: Drawn, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
+def _parts_as_whole(drawn: VisibleScene, parts: tuple[ColorPart, ...]) -> tuple[ColorPart, ...]:
     """Return parts of a colour with the numbers of faces before a section cut them."""
     cut = drawn.cache.cut
     if cut is None:
@@ -210,7 +210,7 @@ def _seen_without_edges(
     return frame.color[y, x], frame.linear[y, x]
 
 
-def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
+def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
     """Run the stages of `render` up to visibility."""
     workers = Workers(1)
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
@@ -255,7 +255,9 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         plan.depth_format, plan.camera, geometry, coverage, workers, placed
     )
     placement = shade.placement_to_light(plan, placed)
-    return Drawn(scene, cache, plan, arrays, geometry, placement, coverage, lists, primitives)
+    return VisibleScene(
+        scene, cache, plan, arrays, geometry, placement, coverage, lists, primitives
+    )
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
@@ -281,7 +283,7 @@ def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
     return (x << grid_bits) + half, (y << grid_bits) + half
 
 
-def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
+def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
     lists = drawn.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
@@ -335,7 +337,7 @@ def _edges(
 
 
 def _face_at(
-    drawn: Drawn, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
+    drawn: VisibleScene, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
     """Gather all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
@@ -409,7 +411,7 @@ def _face_at(
 
 
 def _primitive_at(
-    drawn: Drawn,
+    drawn: VisibleScene,
     owner: int,
     face: int,
     clip: NDArray[np.float64],
@@ -515,7 +517,9 @@ def _segment_weights(
     return 1 - share, share, Fraction(0)
 
 
-def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:
+def _reasons(
+    drawn: VisibleScene, faces: tuple[FaceAtPixel, ...], x: int, y: int
+) -> tuple[str, ...]:
     """Say why no face is visible at a pixel."""
     reasons = []
     if faces:
@@ -539,7 +543,7 @@ def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tu
     return tuple(reasons)
 
 
-def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float] | None:
+def _nearest(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
     """
     Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels.
 
@@ -549,7 +553,7 @@ def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float] | None:
     return min(found, key=lambda one: one[1], default=None)
 
 
-def _nearest_point(drawn: Drawn, x: int, y: int) -> Iterator[tuple[int, float]]:
+def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the disc or sphere that the nearest pixel shows, and how far that is."""
     points = drawn.coverage.points
     if points is not None and points.picture is not None:
@@ -560,7 +564,7 @@ def _nearest_point(drawn: Drawn, x: int, y: int) -> Iterator[tuple[int, float]]:
             yield int(points.picture[1][rows[n], columns[n]]), float(gaps[n])
 
 
-def _nearest_triangle(drawn: Drawn, x: int, y: int) -> Iterator[tuple[int, float]]:
+def _nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the nearest of what is drawn as triangles, and how far it is."""
     triangles = np.unique(drawn.coverage.lists.binned)
     if not len(triangles):

@@ -72,7 +72,7 @@ def _neutral(one: Active) -> Active:
     return one._replace(record=one.effect.neutral(one.record))
 
 
-class Drawn(NamedTuple):
+class VisibleScene(NamedTuple):
     """A scene drawn as far as visibility."""
 
     scene: Scene
@@ -88,12 +88,12 @@ class Drawn(NamedTuple):
     """Its lines and points."""
 
 
-def owner_of(drawn: Drawn, face: int) -> int:
+def owner_of(drawn: VisibleScene, face: int) -> int:
     """Return the number of the object that has a face."""
     return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
 
 
-def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
+def find_look(drawn: VisibleScene) -> tuple[Surface, Lit]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
@@ -106,7 +106,7 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
 
 
 def light_of(
-    drawn: Drawn, whole: Surface, lit: Lit, x: int, y: int
+    drawn: VisibleScene, whole: Surface, lit: Lit, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
     face = int(drawn.coverage.face_id[y, x])
@@ -146,7 +146,7 @@ def light_of(
 
 
 def scalar_of(
-    drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int
+    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> tuple[float | None, NDArray[np.float32] | None]:
     """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
     face_id, shapes = drawn.coverage.face_id, drawn.cache.shapes
@@ -164,7 +164,7 @@ def scalar_of(
 
 
 def _terms_over(
-    drawn: Drawn, surface: Surface, lit: Lit, clear: Lit, x: int, y: int
+    drawn: VisibleScene, surface: Surface, lit: Lit, clear: Lit, x: int, y: int
 ) -> Iterator[LightTerm]:
     """Yield what each effect that acts on lit samples changes, one after the other."""
     before = clear.effects
@@ -188,7 +188,9 @@ def _term_of(one: Active, added: NDArray[np.float32]) -> LightTerm:
     )  # fmt: skip
 
 
-def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> Iterator[LightTerm]:
+def _light_terms(
+    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
+) -> Iterator[LightTerm]:
     """Let each light shine alone, on the surface without its highlight, and on that alone."""
     diffuse, black = surface.materials.copy(), surface.materials.copy()
     diffuse[:, records.MATERIAL_SPECULAR] = 0.0
@@ -243,7 +245,9 @@ def _white(surface: Surface) -> Surface:
     return surface._replace(materials=materials, fields=None, layers=None, **colors)
 
 
-def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:
+def _interpolate(
+    drawn: VisibleScene, values: NDArray[np.float32], x: int, y: int
+) -> NDArray[np.float32]:
     """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
     face_id = drawn.coverage.face_id
     attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
@@ -252,7 +256,7 @@ def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> N
     return attribute[y, x].copy()
 
 
-def _light_names(drawn: Drawn) -> list[str]:
+def _light_names(drawn: VisibleScene) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
     scene, planned = drawn.scene, drawn.plan.facts.lights
     if not scene.lights:
@@ -265,7 +269,7 @@ def _light_names(drawn: Drawn) -> list[str]:
 
 
 def shade(
-    drawn: Drawn,
+    drawn: VisibleScene,
     surface: Surface,
     lit: Lit,
     x: int,
@@ -297,7 +301,7 @@ def shade(
 
 
 def _lit_vertices(
-    drawn: Drawn, needs: ShadingNeeds, surface: Surface, lit: Lit, face: int
+    drawn: VisibleScene, needs: ShadingNeeds, surface: Surface, lit: Lit, face: int
 ) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
@@ -310,7 +314,7 @@ def _lit_vertices(
 
 
 def parts_of(
-    drawn: Drawn,
+    drawn: VisibleScene,
     surface: Surface,
     lit: Lit,
     own: NDArray[np.float32],
@@ -323,7 +327,7 @@ def parts_of(
 
     Parameters
     ----------
-    drawn : Drawn
+    drawn : VisibleScene
     surface : Surface
     lit : Lit
     own : (4,) float32, linear
@@ -380,14 +384,14 @@ def parts_of(
     return tuple(parts)
 
 
-def _at_samples(drawn: Drawn) -> Drawn:
+def _at_samples(drawn: VisibleScene) -> VisibleScene:
     """Return what was drawn, for samples that may lie anywhere in their pixels."""
     viewport = bands.sampled_viewport(drawn.geometry.viewport, drawn.plan.layers.samples)
     return drawn._replace(geometry=drawn.geometry._replace(viewport=viewport))
 
 
 def _find_samples(
-    drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int
+    drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> Iterator[tuple[list[int], float]]:
     """Yield the faces that are seen through each other, nearest first, and their share."""
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
@@ -418,14 +422,14 @@ def _find_samples(
             yield [face for face in (*transparent, opaque) if face >= 0], 1.0 / samples
 
 
-def _alpha_of(drawn: Drawn, face: int, color: NDArray[np.float32]) -> float:
+def _alpha_of(drawn: VisibleScene, face: int, color: NDArray[np.float32]) -> float:
     """Return how much of what lies behind a face it covers."""
     if not drawn.plan.layers.is_blended[owner_of(drawn, face)]:
         return 1.0
     return float(min(max(color[3], 0.0), 1.0))
 
 
-def _name_of(drawn: Drawn, face: int) -> str:
+def _name_of(drawn: VisibleScene, face: int) -> str:
     """Name a face by its number and its object."""
     owner = owner_of(drawn, face)
     name = drawn.scene.nodes[owner].name

@@ -45,7 +45,7 @@ MOST_GLYPHS = 1024
 """Characters kept, each of one size and place."""
 
 
-class Placed(NamedTuple):
+class PlacedGlyph(NamedTuple):
     """A character of a text."""
 
     font: Font
@@ -65,7 +65,7 @@ class Layout(NamedTuple):
     """Pixels."""
     height: int
     """Pixels."""
-    placed: tuple[Placed, ...]
+    placed: tuple[PlacedGlyph, ...]
     missing: str
     """Characters that no font has."""
     turned: str
@@ -154,7 +154,7 @@ def _lay_out(text: str, size: float, align: str, font: Font) -> Layout:
         for (own, glyph), place in zip(glyphs, units[number][:-1], strict=True):
             quarters = math.floor(QUARTERS * (start + scale * place) + 0.5)
             column, quarter = divmod(quarters, QUARTERS)
-            placed.append(Placed(own, glyph, column, quarter, ascent + number * pitch))
+            placed.append(PlacedGlyph(own, glyph, column, quarter, ascent + number * pitch))
     height = ascent + math.ceil(scale * font.descent) + (len(lines) - 1) * pitch
     turned = [one for one in text if unicodedata.bidirectional(one) in RIGHT_TO_LEFT]
     return Layout(width, height, tuple(placed), "".join(missing), "".join(dict.fromkeys(turned)))

@@ -46,7 +46,7 @@ class UnfitError(ValueError):
     """Shipped code that cannot be used; the message names the file and says why."""
 
 
-class Place(NamedTuple):
+class CodeLocation(NamedTuple):
     """Where the machine code of a form lies in a file."""
 
     returns: str
@@ -64,7 +64,7 @@ class Pack(NamedTuple):
     target: Target
     made_with: str
     """Python, Numba and llvmlite, with their versions."""
-    forms: dict[str, Place]
+    forms: dict[str, CodeLocation]
     """By name."""
     content: bytes
 
@@ -153,7 +153,7 @@ def read(path: Path) -> Pack:
         line.split("\t") for line in table.decode().split("\n")
     )
     forms = {
-        name: Place(returns, start + int(first), int(size), checksum)
+        name: CodeLocation(returns, start + int(first), int(size), checksum)
         for name, returns, first, size, checksum in lines
     }
     return Pack(path, Target(triple, cpu, features), made_with, forms, content)

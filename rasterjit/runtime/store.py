@@ -686,7 +686,7 @@ def _linked(kernel: Any, name: str, returns: str, code: bytes, is_loaded: bool) 
 # Looking after it.
 
 
-class Contents(NamedTuple):
+class StoreContents(NamedTuple):
     """What a store holds, by numbers of files."""
 
     entries: int
@@ -705,7 +705,7 @@ class Contents(NamedTuple):
     """What is there while a process compiles, or was killed."""
 
 
-def contents(place: Path) -> Contents:
+def contents(place: Path) -> StoreContents:
     """Read all of a store."""
     good: list[Header] = []
     damaged, unreadable, size = [], [], 0
@@ -726,7 +726,7 @@ def contents(place: Path) -> Contents:
                 good.append(found[0])
                 size += path.stat().st_size
     triple, cpu, _ = host()
-    return Contents(
+    return StoreContents(
         len(good),
         sum(one.versions != versions() for one in good),
         sum((one.triple, one.cpu) != (triple, cpu) for one in good),
@@ -743,7 +743,7 @@ def _current_sources(kernel: str) -> str | None:
         return None
 
 
-def mend(found: Contents) -> list[Path]:
+def mend(found: StoreContents) -> list[Path]:
     """
     Remove what is damaged and what killed processes left; return what could not be removed.
 

@@ -108,7 +108,7 @@ class Row(NamedTuple):
     """Radius of the ball that is drawn at each; ``None``: of no size."""
 
 
-class Span(NamedTuple):
+class AxisSpan(NamedTuple):
     """How an axis of the picture is filled."""
 
     offset: float
@@ -118,7 +118,7 @@ class Span(NamedTuple):
     camera half their extent."""
 
 
-class Cloud:
+class ScenePoints:
     """
     All points of a scene in the axes of a camera.
 
@@ -197,21 +197,21 @@ class Cloud:
 
 
 def fit_perspective(
-    cloud: Cloud, focal_x: float, focal_y: float
-) -> tuple[float, tuple[Span, Span]]:
+    cloud: ScenePoints, focal_x: float, focal_y: float
+) -> tuple[float, tuple[AxisSpan, AxisSpan]]:
     """
     Return where the eye of a pinhole is that sees all points as large as possible, in the middle.
 
     Parameters
     ----------
-    cloud : Cloud
+    cloud : ScenePoints
     focal_x, focal_y : float
         One over the slope that the points may reach, of each axis.
 
     Returns
     -------
     eye_z : float
-    spans : (Span, Span)
+    spans : (AxisSpan, AxisSpan)
         Of x and y. At least one of them has the slope ``1 / focal``, unless `LEAST_CLEARANCE`
         keeps the eye away.
     """
@@ -226,22 +226,22 @@ def fit_perspective(
     for axis, focal in focals.items():
         if needs[axis] == eye:
             high, low = sides[axis]
-            spans.append(Span(0.5 * (high - low) / focal, 1.0 / focal))
+            spans.append(AxisSpan(0.5 * (high - low) / focal, 1.0 / focal))
         else:
             spans.append(_centered(cloud, axis, eye, 1.0 / focal))
     return eye, (spans[0], spans[1])
 
 
-def fit_parallel(cloud: Cloud) -> tuple[Span, Span]:
+def fit_parallel(cloud: ScenePoints) -> tuple[AxisSpan, AxisSpan]:
     """Return the middle and half the extent of all points along x and y."""
     spans = []
     for axis in ("x", "y"):
         high, low = (cloud.reach(axis, sign, 0.0)[0] for sign in (1.0, -1.0))
-        spans.append(Span(0.5 * (high - low), 0.5 * (high + low)))
+        spans.append(AxisSpan(0.5 * (high - low), 0.5 * (high + low)))
     return spans[0], spans[1]
 
 
-def _centered(cloud: Cloud, axis: str, eye: float, slope: float) -> Span:
+def _centered(cloud: ScenePoints, axis: str, eye: float, slope: float) -> AxisSpan:
     """
     Return how an axis is filled that has room, seen from a given z.
 
@@ -255,4 +255,4 @@ def _centered(cloud: Cloud, axis: str, eye: float, slope: float) -> Span:
         if step and change <= _STEP * slope:
             break
         slope = max(slope + change, 0.0)
-    return Span(0.5 * (high - low), slope)
+    return AxisSpan(0.5 * (high - low), slope)

@@ -21,7 +21,7 @@ from rasterjit.scene.camera import (
 )
 from rasterjit.scene.extents import (
     Chunks,
-    Cloud,
+    ScenePoints,
     fit_parallel,
     fit_perspective,
     kept,
@@ -153,7 +153,7 @@ def fit_upright(
     return cast(PerspectiveCamera, fitted)
 
 
-class Sight(NamedTuple):
+class CameraPose(NamedTuple):
     """Where a camera is and how it looks."""
 
     eye: Vector
@@ -164,7 +164,7 @@ class Sight(NamedTuple):
     """What a parallel camera shows from bottom to top, scene units."""
 
     @classmethod
-    def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> Sight:
+    def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> CameraPose:
         """Return that of any camera, for an image of (width, height) pixels or its own."""
         view = camera.view_matrix()
         own = camera.size if isinstance(camera, MatrixCamera) else None
@@ -338,11 +338,11 @@ def fit_camera(
     center, radius, is_tiny = _sphere(what, chunks)
     is_parallel = projection == "orthographic"
     axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
-    lens = _Lens(focal, enlarged, wide, is_parallel)
+    lens = _FittedLens(focal, enlarged, wide, is_parallel)
     if chunks is None or is_tiny or not math.isfinite(focal * enlarged / wide):
         placed = _place_for_sphere(lens)
     else:
-        placed = _place_for_points(lens, Cloud(chunks, axes, center, radius))
+        placed = _place_for_points(lens, ScenePoints(chunks, axes, center, radius))
     right, upwards, back = axes
     with np.errstate(over="ignore", invalid="ignore"):
         middle = center + radius * (placed.x * right + placed.y * upwards)
@@ -367,7 +367,7 @@ def fit_camera(
     return kind(eye, target, upward, **shape, **depths, min_aspect=placed.min_aspect)
 
 
-class _Lens(NamedTuple):
+class _FittedLens(NamedTuple):
     """What a camera that fits shows."""
 
     focal: float
@@ -377,7 +377,7 @@ class _Lens(NamedTuple):
     is_parallel: bool
 
 
-class _Place(NamedTuple):
+class _FittedPlace(NamedTuple):
     """Where a camera that fits is, in its axes, in radii from the scene's centre."""
 
     x: float
@@ -392,7 +392,7 @@ class _Place(NamedTuple):
     min_aspect: float
 
 
-def _place_for_sphere(lens: _Lens) -> _Place:
+def _place_for_sphere(lens: _FittedLens) -> _FittedPlace:
     """Return the place from which the bounding sphere is in the picture."""
     narrow, height = min(1.0, lens.aspect), math.nan
     if lens.is_parallel:
@@ -402,10 +402,10 @@ def _place_for_sphere(lens: _Lens) -> _Place:
         cotangent = lens.focal / narrow
         distance = lens.margin * math.sqrt(1.0 + cotangent * cotangent)
     near = max(distance - 1.0, distance * _NEAREST)
-    return _Place(0.0, 0.0, distance, 0.0, height, near, distance + 1.0, narrow)
+    return _FittedPlace(0.0, 0.0, distance, 0.0, height, near, distance + 1.0, narrow)
 
 
-def _place_for_points(lens: _Lens, cloud: Cloud) -> _Place:
+def _place_for_points(lens: _FittedLens, cloud: ScenePoints) -> _FittedPlace:
     """Return the place from which all points are in the picture, as large as they can be."""
     if lens.is_parallel:
         distance = _DISTANCE_IN_RADII * lens.margin
@@ -420,7 +420,9 @@ def _place_for_points(lens: _Lens, cloud: Cloud) -> _Place:
     near = max(distance - 1.0, 0.5 * (distance - cloud.nearest))
     target = 0.5 * (cloud.nearest + cloud.farthest)
     narrow = min(widest, lens.aspect, float(MAX_WHOLE_SIZE))
-    return _Place(x.offset, y.offset, distance, target, 2.0 * half, near, distance + 1.0, narrow)
+    return _FittedPlace(
+        x.offset, y.offset, distance, target, 2.0 * half, near, distance + 1.0, narrow
+    )
 
 
 def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:

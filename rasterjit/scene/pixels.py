@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 
 
-class Projection(NamedTuple):
+class ProjectedPoints(NamedTuple):
     """Where points are seen."""
 
     pixels: Float64
@@ -44,7 +44,7 @@ class Rays(NamedTuple):
 class Projecting:
     """What every camera can do with points and pixels."""
 
-    def project(self: Camera, points: ArrayLike, size: tuple[int, int]) -> Projection:
+    def project(self: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
         """
         Return where points are in an image, and their depth.
 
@@ -169,7 +169,7 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     return matrix
 
 
-def project(camera: Camera, points: ArrayLike, size: tuple[int, int]) -> Projection:
+def project(camera: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
     """Return where points, (..., 3), are in an image; see `Projecting.project`."""
     width, height = picture_size("size", size)
     given = _numbers("points", points, 3)
@@ -179,7 +179,7 @@ def project(camera: Camera, points: ArrayLike, size: tuple[int, int]) -> Project
         depth = camera.view_depth(stored / w)
         places = np.stack([(x / w + 1.0) * (width / 2.0), (1.0 - y / w) * (height / 2.0)], axis=1)
     places[~(w > 0.0)] = np.nan
-    return Projection(places.reshape(*given.shape[:-1], 2), depth.reshape(given.shape[:-1]))
+    return ProjectedPoints(places.reshape(*given.shape[:-1], 2), depth.reshape(given.shape[:-1]))
 
 
 def unproject(

@@ -26,7 +26,7 @@ from rasterjit.scene.framing import (
     CLEARANCE,
     COORDINATE_SHARE,
     Ball,
-    Sight,
+    CameraPose,
     Vector,
     along,
     between,
@@ -94,7 +94,7 @@ MOVES = {
 """Right, up and forward of what held keys fly towards."""
 
 
-class Pose(NamedTuple):
+class OrbitPose(NamedTuple):
     """Where an orbiting camera is; angles in degrees, as `orbit_direction` takes them."""
 
     target: Vector
@@ -102,9 +102,9 @@ class Pose(NamedTuple):
     azimuth: float
     elevation: float
 
-    def toward(self, goal: Pose, share: float) -> Pose:
+    def toward(self, goal: OrbitPose, share: float) -> OrbitPose:
         """Return the pose that is a share of the way from here to another."""
-        return Pose(
+        return OrbitPose(
             between(self.target, goal.target, share),
             self.distance + share * (goal.distance - self.distance),
             self.azimuth + share * (goal.azimuth - self.azimuth),
@@ -125,7 +125,7 @@ class Orbit:
     ----------
     ball : Ball
         What `fit` shows.
-    pose, goal, home : Pose
+    pose, goal, home : OrbitPose
         Where it is, where it is going, and where it started.
     fov_y : float, degrees
         Vertical field of view.
@@ -141,9 +141,9 @@ class Orbit:
     """
 
     ball: Ball
-    pose: Pose
-    goal: Pose
-    home: Pose
+    pose: OrbitPose
+    goal: OrbitPose
+    home: OrbitPose
     fov_y: float = 45.0
     up: Vector = (0.0, 1.0, 0.0)
     smoothing: float = SMOOTHING
@@ -179,7 +179,7 @@ class Orbit:
         """
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
-        sight = Sight.of(camera, size)
+        sight = CameraPose.of(camera, size)
         distance = _turning_distance(ball, sight.eye, sight.forward)
         if sight.height is not None:
             distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
@@ -188,7 +188,7 @@ class Orbit:
         if sight.height is not None:
             depth = dot(minus(ball.center, sight.eye), sight.forward)
             target = along(sight.eye, sight.forward, depth)
-        pose = Pose(target, distance, azimuth, elevation)
+        pose = OrbitPose(target, distance, azimuth, elevation)
         return cls(ball, pose, pose, pose, sight.fov_y, upward)
 
     def handle(self, event: Event, size: tuple[int, int], depth: float | None = None) -> Orbit:
@@ -438,9 +438,9 @@ class Fly:
         Takes what `Orbit.from_camera` takes; a parallel camera becomes one that stands where an
         orbit would begin.
         """
-        sight = Sight.of(camera)
+        sight = CameraPose.of(camera)
         if sight.height is not None:
-            sight = Sight.of(Orbit.from_camera(camera, scene, up).camera())
+            sight = CameraPose.of(Orbit.from_camera(camera, scene, up).camera())
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
         azimuth, elevation = sight.angles(upward)

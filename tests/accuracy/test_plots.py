@@ -32,7 +32,7 @@ def placed(monkeypatch):
         to_points = axes.transData.transform
         named = [point for point in points if point[2]]
         centres = {point[2]: to_points(point[:2]) for point in named}
-        found.append((plots.Box(*axes.bbox.extents), boxes, centres, named))
+        found.append((plots.PlotArea(*axes.bbox.extents), boxes, centres, named))
         return boxes
 
     monkeypatch.setattr(plots, "place_labels", recorded)

@@ -147,7 +147,7 @@ def test_up_is_an_axis_or_a_vector(tmp_path, axis, vector):
 
 def test_the_ground_of_a_style_follows_up(tmp_path):
     y, z = (rj.load(CUBE) for _ in range(2))
-    view = commands.View(*(None for _ in commands.View._fields))
+    view = commands.CameraOptions(*(None for _ in commands.CameraOptions._fields))
     view._replace(up=(0.0, 0.0, 2.0)).camera(z, (32, 24))
     view.camera(y, (32, 24))
     assert (z.up, y.up) == ((0.0, 0.0, 1.0), None)

@@ -16,7 +16,7 @@ from PIL import Image
 from sample_models import QUAD_FACES, Model, blank_png, encode_png, quad
 
 import rasterjit as rj
-from rasterjit.cli.options import Look
+from rasterjit.cli.options import SceneOptions
 from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.scene import parent_from_node
@@ -253,7 +253,7 @@ def test_a_material_that_somebody_changed_stays_with_an_environment(bare):
 
 
 def test_a_shading_asked_for_stays_with_an_environment(bare):
-    Look("raise", "error", "phong", None, None, None).apply(bare)
+    SceneOptions("raise", "error", "phong", None, None, None).apply(bare)
     bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
     found = color_of(bare)
     bare.nodes[0].mesh.material = rj.Material()

@@ -324,7 +324,7 @@ def _as_svg(figure: Figure, prefix: str, described: str) -> str:
     return f'<svg class="plot" {box.group(0)} role="img" aria-label="{spoken}">{inside}</svg>'
 
 
-class Box(NamedTuple):
+class PlotArea(NamedTuple):
     """A rectangle, points from the lower left of the figure."""
 
     left: float
@@ -332,7 +332,7 @@ class Box(NamedTuple):
     right: float
     top: float
 
-    def common(self, other: Box) -> bool:
+    def common(self, other: PlotArea) -> bool:
         """Return whether two boxes share some area."""
         return (
             self.left < other.right
@@ -341,7 +341,7 @@ class Box(NamedTuple):
             and other.bottom < self.top
         )
 
-    def within(self, other: Box) -> bool:
+    def within(self, other: PlotArea) -> bool:
         """Return whether this box lies in another."""
         return (
             self.left >= other.left
@@ -357,7 +357,7 @@ def place_labels(
     bars: Sequence[tuple[float, float, float]],
     line: Sequence[tuple[float, float]],
     halo: str,
-) -> list[Box]:
+) -> list[PlotArea]:
     """
     Write the labels of points beside them.
 
@@ -376,14 +376,14 @@ def place_labels(
 
     Returns
     -------
-    list of Box
+    list of PlotArea
         What the labels take, for each point that has one.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     renderer = FigureCanvasAgg(axes.figure).get_renderer()
     to_points = axes.transData.transform
-    frame = Box(*axes.bbox.extents)
+    frame = PlotArea(*axes.bbox.extents)
     centres = [tuple(to_points((x, y))) for x, y, _, _ in points]
     solid = [_around(x, y, MARKER, MARKER) for x, y in centres]
     soft = [_bar(to_points((low, y)), to_points((high, y))) for low, high, y in bars]
@@ -411,12 +411,12 @@ def _best_place(
     x: float,
     y: float,
     size: tuple[float, float],
-    frame: Box,
-    solid: Sequence[Box],
-    soft: Sequence[Box],
-) -> tuple[float, Box]:
+    frame: PlotArea,
+    solid: Sequence[PlotArea],
+    soft: Sequence[PlotArea],
+) -> tuple[float, PlotArea]:
     """Return the place beside (x, y) that costs least, and its distance."""
-    best = math.inf, 0.0, Box(x, y, x, y)
+    best = math.inf, 0.0, PlotArea(x, y, x, y)
     for distance in DISTANCES:
         for rank, direction in enumerate(DIRECTIONS):
             box = _beside(x, y, size, distance, direction)
@@ -431,7 +431,7 @@ def _best_place(
 
 def _beside(
     x: float, y: float, size: tuple[float, float], distance: float, direction: tuple[int, int]
-) -> Box:
+) -> PlotArea:
     """Return the box of a label whose nearest edge or corner is ``distance`` from a point."""
     length = math.hypot(*direction)
     centre_x = x + distance * direction[0] / length + _sign(direction[0]) * 0.5 * size[0]
@@ -443,16 +443,16 @@ def _sign(value: int) -> int:
     return (value > 0) - (value < 0)
 
 
-def _around(x: float, y: float, half_width: float, half_height: float) -> Box:
-    return Box(x - half_width, y - half_height, x + half_width, y + half_height)
+def _around(x: float, y: float, half_width: float, half_height: float) -> PlotArea:
+    return PlotArea(x - half_width, y - half_height, x + half_width, y + half_height)
 
 
-def _bar(start: Sequence[float], end: Sequence[float]) -> Box:
+def _bar(start: Sequence[float], end: Sequence[float]) -> PlotArea:
     """Return what a horizontal bar takes."""
-    return Box(start[0], start[1] - BAR, end[0], end[1] + BAR)
+    return PlotArea(start[0], start[1] - BAR, end[0], end[1] + BAR)
 
 
-def _along(corners: Sequence[tuple[float, float]]) -> list[Box]:
+def _along(corners: Sequence[tuple[float, float]]) -> list[PlotArea]:
     """Return small boxes along a line."""
     boxes = []
     for (x0, y0), (x1, y1) in itertools.pairwise(corners):
@@ -466,7 +466,7 @@ def _along(corners: Sequence[tuple[float, float]]) -> list[Box]:
 def _write(
     axes: Axes,
     point: tuple[float, float],
-    box: Box,
+    box: PlotArea,
     label: str,
     color: str,
     halo: str,

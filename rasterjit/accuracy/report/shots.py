@@ -27,7 +27,7 @@ class Shot(NamedTuple):
     error: str
 
 
-class Group(NamedTuple):
+class ShotGroup(NamedTuple):
     """Qualities that are shown at one place: where they differ most."""
 
     title: str
@@ -40,7 +40,7 @@ class Group(NamedTuple):
 class Album(NamedTuple):
     """All groups, the columns and rows of a part, and the name of each trial's shot by label."""
 
-    groups: list[Group]
+    groups: list[ShotGroup]
     size: tuple[int, int]
     ids: dict[str, str]
 
@@ -69,7 +69,7 @@ def thumbnail(study: Study) -> str:
 
 def _album(study: Study, size: tuple[int, int]) -> Album:
     """Return the parts of so many columns and rows."""
-    groups: list[Group] = []
+    groups: list[ShotGroup] = []
     ids: dict[str, str] = {}
     for title, trials in _groups(study):
         group, names = _group(study, title, trials, size, len(ids))
@@ -94,7 +94,7 @@ def _groups(study: Study) -> Iterator[tuple[str, list[Trial]]]:
 
 def _group(
     study: Study, title: str, trials: list[Trial], size: tuple[int, int], count: int
-) -> tuple[Group, dict[str, str]]:
+) -> tuple[ShotGroup, dict[str, str]]:
     """Return a group, its shots numbered from ``count`` on, and which of them each trial has."""
     errors = [np.minimum(trial.error_map, BRIGHTEST) for trial in (study.standard, *trials)]
     crop = crops.choose_crop(errors, size)
@@ -112,7 +112,7 @@ def _group(
         shots.append(Shot(f"shot-{number}", "; ".join(labels), color, heat))
         names |= {trial.label: f"shot-{number}" for trial in sharing}
     reference = crops.webp_uri(crop.of(study.reference_color))
-    return Group(title, crop, top, reference, shots), names
+    return ShotGroup(title, crop, top, reference, shots), names
 
 
 def _caption(trial: Trial) -> str:
