@@ -19,6 +19,13 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, databas
 settings.load_profile("repeatable")
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--cases", type=int, default=None, metavar="N",
+        help="run at most N cases of each test, but all of those marked every_case",
+    )  # fmt: skip
+
+
 def pytest_configure(config):
     # A shell lets what it runs in the background ignore Ctrl-C, which some tests send to others.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -30,6 +37,7 @@ def pytest_configure(config):
     _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
+    config.addinivalue_line("markers", "every_case: keeps all its cases, whatever --cases says")
     config.addinivalue_line("markers", "takes_long: skipped unless EVERY_TEST is set")
 
 
@@ -46,9 +54,26 @@ def _share_store(config):
     os.environ[store.FOLDER_VARIABLE] = str(place)
 
 
+def _leave_out_cases(config, items, most):
+    """Keep at most some cases of each test: the first, the last, and others in even steps."""
+    cases = {}
+    for item in items:
+        cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    kept = set()
+    for of_one in cases.values():
+        end, steps = len(of_one) - 1, most - 1
+        if end > steps and not of_one[0].get_closest_marker("every_case"):
+            of_one = [of_one[k * end // max(steps, 1)] for k in range(most)]
+        kept.update(of_one)
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = [item for item in items if item in kept]
+
+
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Begin with what compiles most kernels, also in random order; skip what takes long."""
+    if config.getoption("--cases"):
+        _leave_out_cases(config, items, config.getoption("--cases"))
     items.sort(key=lambda item: item.get_closest_marker("compiles_first") is None)
     if not os.environ.get("EVERY_TEST"):
         skip = pytest.mark.skip(reason="takes long: set EVERY_TEST=true to run it")

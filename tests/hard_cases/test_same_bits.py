@@ -61,6 +61,7 @@ def test_recorded_frames_are_those_of_the_module():
 
 # The lanes of .ci/run draw them again: with checked bounds, in plain Python, for any CPU.
 @pytest.mark.case("P01")
+@pytest.mark.every_case
 @pytest.mark.parametrize("name", NAMES)
 def test_frame_has_its_recorded_bits(name):
     assert differing(frames.recorded()[name], first_digests(name)) == []

@@ -94,6 +94,7 @@ def test_a_mask_without_holes_changes_no_bit(sphere, camera, kind, hidden_hole):
     same_bits(*frames)
 
 
+@pytest.mark.needs_jit
 def test_the_border_of_the_picture_leaves_nothing_in_tiles_below(stones):
     # The last tiles of a row are narrow, and triangles are drawn beyond them by whole groups.
     pixels = np.ones((4, 16, 4), np.float32)
@@ -110,6 +111,7 @@ def test_the_border_of_the_picture_leaves_nothing_in_tiles_below(stones):
     same_bits(*frames)
 
 
+@pytest.mark.needs_jit
 def test_the_border_of_the_picture_leaves_no_glass_in_other_samples(stones):
     glass = rj.Material("unlit", (1, 1, 1, 0.5), alpha_mode="blend")
     frame = rj.render(
@@ -217,6 +219,7 @@ def test_what_lies_behind_is_seen_through_holes():
     assert (turned.depth == both.depth).all()
 
 
+@pytest.mark.needs_jit
 def test_faces_with_holes_hide_no_tile():
     # Large triangles over whole tiles hide what is behind them; not those with holes.
     pixels = np.ones((64, 64, 4), np.float32)
@@ -372,6 +375,7 @@ def test_every_sample_of_a_pixel_has_its_own_hole():
     assert (frame.face_id[0] >= 0).tolist() == [True, True, False, False, False]
 
 
+@pytest.mark.needs_jit
 def test_a_pixel_says_what_is_cut_out():
     front = square(rj.Texture(CHECKER, filter="nearest"), box((0, 0), (1, 1)))
     front.material = masked(front.material.base_color_texture)
