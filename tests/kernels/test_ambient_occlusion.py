@@ -100,6 +100,7 @@ def test_plane_gets_all_light(elevation, cells, kind):
     assert np.nanmin(found) == 1.0
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])
 @pytest.mark.parametrize("elevation", [60.0, 8.0])
 def test_plane_gets_all_light_on_any_grid(bits, elevation):
@@ -116,6 +117,7 @@ def test_what_bends_away_gets_all_light(sphere, cube):
         assert np.nanmin(found) == 1.0
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("angle", [90.0, *ANGLES])
 @pytest.mark.parametrize("kind", ["perspective", "parallel"])
 def test_corner_gets_the_analytic_share(angle, kind):
@@ -140,6 +142,7 @@ def test_corner_gets_the_analytic_share(angle, kind):
     assert found[nearest > 1.05 * radius].min() > 0.995
 
 
+@pytest.mark.needs_jit
 def test_shares_are_those_of_rays(cube):
     """A low box on a floor, seen from above: what occludes is in view, or its upper edge is."""
     cube.material = WHITE
@@ -189,6 +192,7 @@ def corner(scale=1.0, radius=0.5):
     )
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("scale", [1e-3, 1e3, 1e6, 2.0**-40, 2.0**40])
 @pytest.mark.parametrize("radius", [0.5, None])
 def test_scale_changes_nothing(scale, radius):
@@ -206,6 +210,7 @@ def test_threads_change_no_bit(threads):
     assert np.array_equal(once, again, equal_nan=True)
 
 
+@pytest.mark.needs_jit
 def test_strength_is_a_share_of_the_effect():
     scene, camera = corner()
     full, _ = share(scene, camera)
@@ -214,6 +219,7 @@ def test_strength_is_a_share_of_the_effect():
     assert np.allclose(1.0 - quarter, 0.25 * (1.0 - full), atol=1e-6, equal_nan=True)
 
 
+@pytest.mark.needs_jit
 def test_light_with_a_direction_is_not_dimmed():
     scene, camera = corner()
     sun = rj.DirectionalLight((-0.3, -1.0, -0.4), intensity=0.7)

@@ -199,6 +199,7 @@ def test_piece_of_a_clipped_face_reports_its_face():
     assert (seen.face_id[40, 20:40] == 1).all()
 
 
+@pytest.mark.needs_jit
 def test_many_more_clipped_faces_than_spare_room():
     # More new vertices than SPARE_VERTICES, so the arrays are copied to larger ones.
     count = draw.SPARE_VERTICES
@@ -212,6 +213,7 @@ def test_many_more_clipped_faces_than_spare_room():
     assert seen.depth.tobytes() == alone.depth.tobytes()
 
 
+@pytest.mark.needs_jit
 def test_threads_cut_the_same_pieces_at_the_same_places():
     # Enough faces for many tasks of finding them, and of cutting them.
     count = 3 * 30_000

@@ -52,6 +52,7 @@ def test_every_layer_is_laid_over_and_rounded_half_up(under):
         assert lay(layers, background) == want
 
 
+@pytest.mark.needs_jit
 def test_every_alpha_mixes_every_code_exactly():
     codes, alphas = (axis.ravel() for axis in np.meshgrid(np.arange(256), np.arange(256)))
     for other in (0, 1, 100, 255):

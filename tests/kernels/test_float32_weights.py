@@ -198,6 +198,7 @@ CAMERAS = [
 ]
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("interpolation", ["perspective", "affine"])
 @pytest.mark.parametrize("squares", [4, 60])
 @pytest.mark.parametrize("camera", CAMERAS, ids=["low", "high", "parallel"])
@@ -240,6 +241,7 @@ def test_faces_of_one_colour_show_it_exactly():
         assert (shown == np.float32(color)).all()
 
 
+@pytest.mark.needs_jit
 def test_other_outputs_are_untouched_and_change_no_colour():
     scene, camera, outputs = hills(), CAMERAS[0], ("depth", "barycentric", "position", "normal")
     quick, exact = (

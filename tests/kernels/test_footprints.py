@@ -159,6 +159,7 @@ def test_fine_stripes_stay_apart_along_the_short_step():
     assert contrast[16] > contrast[4] + 0.05
 
 
+@pytest.mark.needs_jit
 def test_the_mean_light_of_a_floor_does_not_depend_on_the_taps():
     camera = rj.PerspectiveCamera(eye=(0, 1, 0), target=(0, 0.6, -2), fov_y=60.0, near=0.1)
     corners = [(-40, 0, -0.25), (40, 0, -0.25), (40, 0, -60), (-40, 0, -60)]
