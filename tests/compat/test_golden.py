@@ -72,7 +72,6 @@ def test_pictures_are_recorded_compared_and_shown_where_they_differ(tmp_path):
         "test_sides-a-b.png", "test_sides-c-d.png",
     ]  # fmt: skip
     assert all(f"golden: recorded {folder / name}" in said for name in names)
-    assert run(tmp_path)[1] == 0
 
     # One bit of one pixel is enough.
     with Image.open(folder / "test_face.png") as image:

@@ -1,3 +1,4 @@
+import itertools
 import subprocess
 import sys
 
@@ -170,32 +171,31 @@ from rasterjit.io import images
 from rasterjit.outputs.save import save_outputs
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 chance = np.random.default_rng(1)
-try:
-    if sys.argv[2] == "depth":
-        save_outputs(sys.argv[1], {"depth": chance.random((64, 64), np.float32)})
-    else:
-        images.save_image(sys.argv[1], chance.integers(0, 256, (64, 64, 3), np.uint8))
-except OSError as error:
-    print(error.filename == sys.argv[1], sys.argv[1] in str(error), end="")
+for place, kind in zip(sys.argv[1::2], sys.argv[2::2]):
+    try:
+        if kind == "depth":
+            save_outputs(place, {"depth": chance.random((64, 64), np.float32)})
+        else:
+            images.save_image(place, chance.integers(0, 256, (64, 64, 3), np.uint8))
+        print("saved")
+    except OSError as error:
+        print(error.filename == place and place in str(error))
 """
 """The system lets no file grow beyond 4 kB, as on a disk that is full."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows limits no file's size")
-@pytest.mark.parametrize(
-    ("kind", "suffix"),
-    [
-        *(("depth", suffix) for suffix in save.FORMATS),
-        # Pillow takes a JPEG that is cut short for a whole one.
-        *(("picture", suffix) for suffix in images.IMAGE_FORMATS),
-    ],
-)
-def test_a_file_that_the_disk_does_not_hold_is_named(tmp_path, kind, suffix):
-    if suffix == ".exr":
-        optional_module("OpenEXR")
-    place = tmp_path / f"a{suffix}"
+def test_a_file_that_the_disk_does_not_hold_is_named(tmp_path):
+    optional_module("OpenEXR")
+    # Pillow takes a JPEG that is cut short for a whole one.
+    asked = [
+        *((str(tmp_path / f"depth{suffix}"), "depth") for suffix in save.FORMATS),
+        *((str(tmp_path / f"picture{suffix}"), "picture") for suffix in images.IMAGE_FORMATS),
+    ]
     done = subprocess.run(
-        [sys.executable, "-c", FULL, str(place), kind], capture_output=True, text=True, check=False
-    )
-    assert done.stdout == "True True", done.stderr
+        [sys.executable, "-c", FULL, *itertools.chain(*asked)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    said = dict(zip(asked, done.stdout.splitlines(), strict=True))
+    assert {one: text for one, text in said.items() if text != "True"} == {}, done.stderr
     assert files(tmp_path) == []
