@@ -121,6 +121,7 @@ def study_folder(
     KeyboardInterrupt
         On Ctrl-C before there is anything to compare.
     """
+    # Each scene by itself, one after the other.
     loaders, named = _loaders(folder)
     title = named if name is None else name
     options = checked(size, knobs, budget, max_error, threads, output)
@@ -145,6 +146,7 @@ def study_folder(
     if not studies:
         why = "; ".join(f"{name}: {error}" for name, error in failures.items())
         raise ValueError(f"folder must hold scenes, got {title!r}, which has none to study: {why}")
+    # What is worth choosing on any of them, tried on all.
     wanted = _wanted(studies, options.knobs)
     candidates: dict[str, list[Trial]] = {label: [] for label in wanted}
     for scene_name, course in courses.items():
@@ -154,6 +156,7 @@ def study_folder(
     whole = {
         label: tuple(trials) for label, trials in candidates.items() if len(trials) == len(studies)
     }
+    # The quality that suits all.
     floor = max(INVISIBLE, *(found.reference_error for found in studies.values()))
     totals = {
         label: _total(label, wanted[label], trials, whole[STANDARD], options.max_error, floor)
@@ -164,6 +167,7 @@ def study_folder(
     take = choose_among(usual, fit, options.max_error, floor)
     left = sum(len(trials) < len(studies) for trials in candidates.values())
     take = take._replace(untried=left / len(candidates))
+    # The result, and the page of all.
     found_together = FolderStudy(
         title, studies, whole, tuple(totals.values()), usual, take, options.max_error, failures
     )

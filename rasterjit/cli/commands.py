@@ -443,6 +443,7 @@ def explain(
     **rest: Any,
 ) -> None:
     """Say what rendering FILE would do, and why; or explain one pixel."""
+    # What is asked for, before anything is read.
     view, look, effects, moment = (
         gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
     )
@@ -462,9 +463,11 @@ def explain(
     from rasterjit.inspect.pixel import explain_pixel
     from rasterjit.rendering.plan import describe as describe_plan
 
+    # The scene, as it would be drawn.
     effects.quality()
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
     styled = in_style(rest["style"], scene, view.camera(scene, size), look, effects)
+    # One pixel alone.
     if pixel is not None:
         with progress_notice(quiet=False):
             drawn = styled.options(size, background=background, cull=cull)
@@ -472,6 +475,7 @@ def explain(
             told = explain_pixel(styled.scene, camera, size, *pixel, **drawn)
         click.echo(str(told))
         return
+    # The whole frame.
     options: dict[str, Any] = {"outputs": outputs, "background": background, "cull": cull}
     click.echo(describe_plan(styled.explain(size=size, **options)))
     if measure:

@@ -81,6 +81,7 @@ def dataset_options(command: Callable) -> Callable:
     """Add the argument and the options of the command."""
     return add_options(
         [
+            # What is read and written.
             click.argument("folder", type=click.Path(path_type=Path)),
             click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
                          metavar="OUT", help="Folder to write: a new one, or one to continue."),
@@ -93,6 +94,7 @@ def dataset_options(command: Callable) -> Callable:
                               "motion (.npz)."),
             click.option("--size", type=SquareType(), default="512", show_default=True,
                          metavar="N|WxH", help="Size of the pictures, pixels."),
+            # Where the cameras stand.
             click.option("--cameras", "layout", default="sphere", show_default=True,
                          type=click.Choice(["sphere", "random", "ring"]),
                          help="Where cameras stand: evenly all around, at random all around, or "
@@ -106,6 +108,7 @@ def dataset_options(command: Callable) -> Callable:
                          help="Vertical field of view, degrees."),
             click.option("--up", type=UpType(), default="y", show_default=True,
                          help="Which way is up in the meshes."),
+            # How meshes are drawn.
             click.option("--background", type=ColorType(), default="transparent",
                          show_default=True, help="A CSS colour name, #rrggbb or #rrggbbaa."),
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
@@ -114,6 +117,7 @@ def dataset_options(command: Callable) -> Callable:
             on_damage_option,
             max_bytes_option,
             quality_options,
+            # Who draws them.
             click.option("--workers", type=WorkersType(), default="1", show_default=True,
                          help="Processes that share the work, or a Dask scheduler's address (needs "
                               "rasterjit[distributed]). Any number writes the same files."),

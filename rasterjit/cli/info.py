@@ -222,6 +222,7 @@ def _fields(thing: Any) -> dict[str, Any]:
 
 def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the rows that are printed: name and text."""
+    # Counts.
     yield "file", f"{held['file']} ({held['bytes']:,} bytes)"
     yield "objects", f"{held['objects']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
     yield "vertices", f"{held['vertices']:,}"
@@ -232,6 +233,7 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield name, f"{count:,}{drawn}"
     if held["invalid_vertices"]:
         yield "invalid vertices", f"{held['invalid_vertices']:,}, NaN or infinite"
+    # Attributes of the meshes.
     of_all = f"of {held['meshes']:,}" if held["meshes"] > 1 else ""
     said = (f"{name} {f'{count:,} ' if of_all else ''}{of_all}".strip().replace("_", " ")
             for name, count in held["attributes"].items())  # fmt: skip
@@ -242,12 +244,14 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield from _listed("own attribute", told, len(own))
     if held["faces"]:
         yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    # Where objects stand, and how far they reach.
     yield from _listed("node", _told_nodes(held["nodes"]), len(held["nodes"]))
     low, high = held["bounds"]["min"], held["bounds"]["max"]
     yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
     sides = [b - a for a, b in zip(low, high, strict=True)]
     yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
     yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
+    # Materials, lights, cameras and animations.
     yield from _listed("material", map(_told_material, held["materials"]), len(held["materials"]))
     if held["variants"]:
         yield "variants", ", ".join(map(repr, held["variants"]))
@@ -262,6 +266,7 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if held["animations"]:
         told = map(_told_animation, held["animations"])
         yield from _listed("animation", told, len(held["animations"]))
+    # What the file holds and the scene has not.
     left_out = [f"{one['what']} ({one['count']:,})" for one in held["left_out"]]
     yield "left out", ", ".join(left_out) or "nothing"
     for text in held["warnings"]:

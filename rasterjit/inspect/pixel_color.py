@@ -336,6 +336,7 @@ def parts_of(
         The pixel's, which the parts add up to.
     x, y : int
     """
+    # What one face alone shows has no parts.
     winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
     samples = drawn.plan.facts.picture_samples
     if samples is not None and winner >= 0:
@@ -346,6 +347,7 @@ def parts_of(
         )
     if drawn.plan.layers is None or samples is not None:
         return ()
+    # Each face's share of the samples, through those before it.
     drawn = _at_samples(drawn)
     colors = {winner: own} if winner >= 0 else {}
     shares: Shares = dict.fromkeys(colors, 0.0)
@@ -362,6 +364,7 @@ def parts_of(
     shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
     if shares in ({winner: 1.0}, {}):
         return ()
+    # The faces, and what is behind them.
     opacity = float(linear[3]) or 1.0
     parts = [
         ColorPart(

@@ -276,6 +276,7 @@ def coco(
         If ``images`` or ``categories`` are no such things, or an image shows an object of which
         ``categories`` says nothing.
     """
+    # Categories, numbered as they come.
     info = {} if info is None else info
     if not isinstance(info, Mapping):
         raise ValueError(f"info must be a mapping or None, got {in_short(info)}")
@@ -288,6 +289,7 @@ def coco(
         "annotations": [],
         "categories": [{"id": number, "name": name} for name, number in numbered.items()],
     }
+    # Each image and the masks in it.
     for image_id, image in enumerate(items("images", images), 1):
         try:
             file_name, ids = image

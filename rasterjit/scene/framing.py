@@ -324,6 +324,7 @@ def fit_camera(
     eye keeps 1/64 of the scene's radius from what is nearest to it, which matters where that is the
     tip of a cone or the end of a line; a parallel camera shows at least 1/32 of it.
     """
+    # Arguments.
     one_of("projection", projection, PROJECTIONS)
     towards = transforms.unit_vector("direction", direction)
     upward = _upright(up, towards)
@@ -333,21 +334,25 @@ def fit_camera(
         raise ValueError(f"margin must be at least 1, got {enlarged!r}")
     magnified = positive_number("zoom", zoom)
     wide = positive_number("aspect", aspect)
+    # What is to be seen, and from where.
     what = bounded(scene)
     chunks = None if true_or_false("steady", steady) else _chunks_of(what)
     center, radius, is_tiny = _sphere(what, chunks)
     is_parallel = projection == "orthographic"
     axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
+    # The nearest place from which all of it is seen.
     lens = _FittedLens(focal, enlarged, wide, is_parallel)
     if chunks is None or is_tiny or not math.isfinite(focal * enlarged / wide):
         placed = _place_for_sphere(lens)
     else:
         placed = _place_for_points(lens, ScenePoints(chunks, axes, center, radius))
+    # That place in the world.
     right, upwards, back = axes
     with np.errstate(over="ignore", invalid="ignore"):
         middle = center + radius * (placed.x * right + placed.y * upwards)
         eye = middle + radius * placed.z * back
         target = middle + radius * placed.target * back
+    # The camera there.
     shape: dict[str, float]
     if is_parallel:
         shape = {"height": radius * placed.height / magnified}

@@ -210,11 +210,13 @@ class Mesh(Guarded, Previewed):
         material: Material | None = None,
         on_invalid: OnInvalid = "raise",
     ) -> None:
+        # Geometry.
         one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(self._PLACES[0], vertices))
         self._faces = read_only(self._face_array(faces))
         self._invalid_vertices = _count_invalid(self._PLACES, self._vertices, on_invalid)
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        # Colours, given or by scalars.
         self._vertex_colors: NDArray[np.float32] | None = None
         self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
@@ -231,6 +233,7 @@ class Mesh(Guarded, Previewed):
                 self._face_colors = read_only(self._field.colors())
         else:
             refuse_field(colormap=colormap, range=range, nan_color=nan_color, contours=contours)
+        # Normals, texture coordinates and tangents.
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
             self._store_normals(_normal_array(normals, len(self._vertices)))
@@ -243,12 +246,14 @@ class Mesh(Guarded, Previewed):
         self._tangents: NDArray[np.float32] | None = None
         if tangents is not None:
             self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
+        # Attributes of one's own, joints and morph targets.
         self._vertex_attributes: dict[str, NDArray[np.float32]] = {}
         self._face_attributes: dict[str, NDArray[np.float32]] = {}
         if attributes is not None:
             self._store_attributes(attributes)
         if joints is not None or weights is not None or morph_targets is not None:
             self._store_posable(joints, weights, morph_targets)
+        # How it is shaded.
         self.material = Material() if material is None else material
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None

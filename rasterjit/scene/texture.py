@@ -509,6 +509,7 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
 
 def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     """Return an image as (H, W, 4) float32, linear, read-only, or raise ``ValueError``."""
+    # An array of a type that says what its numbers are.
     wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
     if isinstance(value, (str, os.PathLike)):
         raise ValueError(f"{wanted}, got {in_short(value)}; Texture.from_file reads pictures")
@@ -521,6 +522,7 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
         got = in_short(value) if image.dtype == object else f"one of {image.dtype}"
         raise ValueError(f"{wanted}, got {got}")
+    # Its shape: grey or colours, with or without alpha.
     shape = image.shape
     if len(shape) == 2:
         image = image[:, :, np.newaxis]
@@ -528,6 +530,7 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
         raise ValueError(f"image must have shape (H, W) or (H, W, 1..4), got {shape}")
     height, width, channels = image.shape
     check_extent("image", width, height)
+    # Linear light: floats are that, codes are decoded.
     colors = channels - 1 if channels in (2, 4) else channels
     linear = np.ones((height, width, 4), np.float32)
     if image.dtype.kind == "f":

@@ -46,6 +46,7 @@ _TAG = ":"
 
 def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
     """Return the faces, lines and points of a ``meshio.Mesh``, or raise `MeshFileError`."""
+    # Points in space; blocks of cells of one kind.
     points = np.asarray(what.points)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -53,6 +54,7 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         raise MeshFileError(f"{source} holds no points")
     blocks = [(str(block.type), np.asarray(block.data)) for block in what.cells]
     begins = np.cumsum([0, *(len(data) for _, data in blocks)]).tolist()
+    # Values of points and of cells.
     of_points = {str(name): np.asarray(values) for name, values in what.point_data.items()}
     of_cells = {
         str(name): _joined([np.asarray(one) for one in values])
@@ -64,6 +66,7 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         del of_cells[name]
     for kind in _BESIDE:
         left_out.note(kind.replace("_", " "), len(getattr(what, kind, None) or ()))
+    # Cells by what is drawn of them.
     polygons, strips, lone = _Rows(), _Rows(), _Rows()
     solids = _Rows()
     for (kind, data), begin in zip(blocks, begins, strict=False):
@@ -82,6 +85,7 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
             lone.add(data, numbers)
         else:
             left_out.note(f"{kind} cell", len(data))
+    # Of solids their outside.
     outer = solids.outer()
     if outer.blocks:
         polygons, before = polygons.without(outer), polygons

@@ -398,6 +398,7 @@ class MeshReader:
         self, primitive: dict[str, Any], label: str, mode: int | None
     ) -> dict[str, Any] | Cloud | Drawing | None:
         """Return what `Mesh` takes, lines or points; None, with a note, if it has none of them."""
+        # Vertices and corners.
         if mode is None:
             mode = whole_of(primitive, "mode", TRIANGLES)
         attributes = object_of(primitive, "attributes")
@@ -406,6 +407,7 @@ class MeshReader:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corners = np.arange(len(vertices))
+        # Faces; points and lines have none.
         if mode in (POINTS, LINES, LINE_LOOP, LINE_STRIP):
             return self._without_faces(primitive, attributes, vertices, corners, mode, label)
         face_count = len(corners) if mode != TRIANGLES else len(corners) // 3
@@ -415,18 +417,21 @@ class MeshReader:
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
             return None
+        # Materials, and the textures' coordinates that they name.
         count = len(vertices)
         material, uv_sets = self._material(primitive)
         variants, uv_sets = self._variants(primitive, uv_sets, label)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
             material = UnsaidMaterial()
+        # Attributes of the vertices.
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
         every = [one for one in (material, *variants.values()) if one is not None]
         if normals is not None and any(one.has_normal_map for one in every):
             tangents = self._rows(attributes, "TANGENT", count, (4,), label)
+        # Textures without coordinates are left out.
         missing = [n for n, values in enumerate(uv) if values is None]
         if material is not None:
             material = self._without_textures(material, missing, label)

@@ -244,6 +244,7 @@ class MovingReader:
 
     def _channels(self, entry: Any, samplers: list[Any], nodes: dict[int, Node]) -> list[Channel]:
         """Return a channel, of weights one for each part of the mesh, or raise."""
+        # Which property of which node it moves.
         channel = object_of({"channel": entry}, "channel")
         target = object_of(channel, "target")
         if POINTER in object_of(target, "extensions") or target.get("path") == "pointer":
@@ -255,6 +256,7 @@ class MovingReader:
         self._file.entry("nodes", number)
         if number not in nodes:
             raise ValueError(f"node {number} is not in the scene")
+        # Its keys.
         place = whole_of(channel, "sampler")
         if place >= len(samplers):
             raise ValueError(f"sampler must be below {len(samplers)}, got {place}")
@@ -265,6 +267,7 @@ class MovingReader:
         )
         if times.shape[1] != 1:
             raise ValueError(f"input must be numbers, got rows of {times.shape[1]}")
+        # Their values: rows for a node, numbers for the targets of each part.
         count, parts = len(times), (3,) if kind == "CUBICSPLINE" else ()
         if path != "weights":
             width = WIDTHS[path]

@@ -67,6 +67,7 @@ def _joints(
     file: GltfFile, attributes: dict[str, Any], count: int, label: str, left_out: LeftOut
 ) -> dict[str, Any]:
     """Return joints and weights, (V, 4 n); empty if there are none of use."""
+    # Sets of four joints and weights, JOINTS_0 and WEIGHTS_0 and on.
     joints, weights, rounding = [], [], WEIGHT_ROUNDING
     for number in itertools.count():
         names = f"JOINTS_{number}", f"WEIGHTS_{number}"
@@ -87,6 +88,7 @@ def _joints(
             rounding += _ROUNDING.get(kind, 0.0)
     if not joints:
         return {}
+    # Weights are at least 0 and add up to 1.
     shares = np.concatenate(weights, axis=1)
     if (shares < 0.0).any():
         left_out.note(f"weights of {label} below 0")
@@ -105,6 +107,7 @@ def _joints(
             f"sums of weights of {label}, which are not 1: weights are scaled",
             int(np.count_nonzero(is_off & ~is_lost)),
         )
+    # Joints are whole numbers.
     is_wrong = (numbers < 0.0) | (numbers != np.floor(numbers))
     if (is_wrong & (shares > 0.0)).any():
         left_out.note(f"JOINTS of {label}, which are no whole numbers from 0")

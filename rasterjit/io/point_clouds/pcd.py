@@ -98,6 +98,7 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
 
 def _head(data: bytes) -> _Head:
     """Read the head of a file, or raise ``ValueError``."""
+    # Lines of a word and what it says, up to DATA.
     said: dict[str, list[str]] = {}
     at, number, ending = 0, 0, line_end(data)
     while "DATA" not in said:
@@ -114,6 +115,7 @@ def _head(data: bytes) -> _Head:
                 f"line {number}: expected one of {', '.join(_HEAD_WORDS)}, got {words[0][:40]!r}"
             )
         said[words[0]] = words[1:]
+    # The fields of a point.
     names = said.get("FIELDS", said.get("COLUMNS", []))
     counts = said.get("COUNT", ["1"] * len(names))
     sizes, types = said.get("SIZE", ["4"] * len(names)), said.get("TYPE", ["F"] * len(names))
@@ -131,6 +133,7 @@ def _head(data: bytes) -> _Head:
         fields.append(_Field(name, np.dtype(known), _whole("COUNT", count)))
     if not 0 < sum(one.count for one in fields) <= _MOST_VALUES:
         raise ValueError(f"COUNT must name 1 to {_MOST_VALUES} values of a point")
+    # How many points there are, and how they are written.
     shape = [_whole(key, *said[key]) for key in ("WIDTH", "HEIGHT") if key in said]
     points = _whole("POINTS", *said["POINTS"]) if "POINTS" in said else math.prod(shape or [0])
     if len(shape) == 2 and math.prod(shape) != points:

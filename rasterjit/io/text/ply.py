@@ -244,6 +244,7 @@ def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
     at : int
         Where the rows begin.
     """
+    # Line by line, up to end_header.
     order, at, number, ending = None, 0, 0, line_end(data)
     elements: list[_Element] = []
     pictures: dict[str, None] = {}
@@ -281,6 +282,7 @@ def _head(data: bytes) -> tuple[str, list[_Element], list[str], int]:
                 f"line {number}: expected format, comment, obj_info, element, property or "
                 f"end_header, got {text[:40]!r}"
             )
+    # Names as they are meant, numbers in the file's byte order.
     if order is None:
         raise ValueError("its head has no format")
     for element in elements:
@@ -641,6 +643,7 @@ def _part(
     left_out: LeftOut,
 ) -> Part:
     """Return a mesh, with vertices of its own where faces differ in texture coordinates."""
+    # What tells the corners of a vertex apart: texture coordinates.
     corners, counts, rows, _ = polygons
     positions = vertex.table(_POSITION)
     assert positions is not None
@@ -654,16 +657,20 @@ def _part(
     elif uv_names := vertex.names(*_UV):
         pair = next(one for one in _UV if set(one) == uv_names)
         uv = vertex.table(pair)[corners]
+    # A vertex for each that differs.
     which, picked = corners, None
     if uv is not None or not vertex.there.all():
         found, which = joined(numbers)
         picked, uv = corners[found], None if uv is None else uv[found]
+    # Triangles of the polygons.
     cut, of_polygons = triangles(counts, by_size=True)
+    # Colours, of vertices or of faces.
     of_vertices = vertex.names(*_COLORS)
     colors, face_colors = _colors(vertex), set()
     if colors is None:
         of_faces, face_colors = _colors(face), face.names(*_COLORS)
         colors = None if of_faces is None else of_faces[rows[of_polygons]]
+    # Other attributes of the vertices.
     known = vertex.names(_POSITION) | vertex.names(_NORMAL) | of_vertices | uv_names
     normals = vertex.table(_NORMAL)
     attributes = vertex.attributes(left_out, known | set(_NUMBER))
@@ -672,6 +679,7 @@ def _part(
         positions = positions[picked]
         normals = None if normals is None else normals[picked]
         colors = colors if colors is None or not of_vertices else colors[picked]
+    # A texture, or colours: not both.
     material = None
     if uv is not None:
         material = material_from_mtl(MtlMaterial("material_0"), texture, False, left_out)
@@ -680,6 +688,7 @@ def _part(
         colors = None
     elif colors is not None:
         colors = linear_rgba(srgb_bytes(colors), False)
+    # Other attributes of the faces.
     known = {str(_corner_name(face)), str(of_corners), *_NUMBER, *face_colors}
     of_faces = {
         name: values[rows[of_polygons]] for name, values in face.attributes(left_out, known).items()

@@ -180,6 +180,7 @@ def beam_part(
     vertices: NDArray[np.float64], properties: Properties, left_out: LeftOut, budget: MemoryBudget,
 ) -> list[Part]:  # fmt: skip
     """Return the beams and balls of a lattice as one part, or none if it has none."""
+    # Beams: their ends, radii and caps.
     if lattice.get("clippingmode", "none") != "none":
         left_out.note("clipping of a beam lattice")
     beams = [one for group in children(lattice, "beams") for one in children(group, "beam")]
@@ -193,6 +194,7 @@ def beam_part(
         first = float(one.get("r1", radius))
         radii[row] = first, float(one.get("r2", first))
         is_flat[row] = [_is_flat(one.get(key, cap)) for key in ("cap1", "cap2")]
+    # Balls are beams of no length.
     balls = _balls(lattice, ends)
     if not len(beams) and not balls:
         return []
@@ -205,12 +207,14 @@ def beam_part(
     _check_vertices(name, ends, len(vertices))
     if not (np.isfinite(radii).all() and radii.min() >= 0.0):
         raise ValueError(f"radii of the beams of {name[:80]!r} must be finite and at least 0")
+    # Colours of both.
     corners = _Corners(beams, ("p1", "p2"), defaults, properties, left_out)
     of_balls = _Corners(balls, ("p",), defaults, properties, left_out)
     if any(one is not None for one in (*corners.textures, *of_balls.textures)):
         left_out.note("texture of a beam lattice")
     colors = np.concatenate([corners.colors, np.repeat(of_balls.colors, 2, axis=1)])
     corners.names |= of_balls.names
+    # Those that are long enough, as surfaces.
     stands = vertices[ends]
     length = lengths(stands[:, 1] - stands[:, 0])
     kept = (length >= shortest) & (length > 0.0)
@@ -223,6 +227,7 @@ def beam_part(
     )
     points, normals, faces = beam_surfaces(stands[kept], radii[kept], is_flat[kept])
     colors = colors[kept]
+    # One material, or a colour for each vertex.
     material, shown = None, None
     if not (corners.is_plain and of_balls.is_plain):
         material, is_one = _material(colors, corners, None)

@@ -57,10 +57,12 @@ def list_vertices(
     """
     counts, samples, receivers, whole = block.counts, block.samples, block.receivers, block.whole
     side, vertex, one = counts[NEXT_ROW], first + counts[NEXT_COLUMN], np.float32(1.0)
+    # The other side, after the last vertex of the first.
     if vertex >= stop:
         side, vertex = side + 1, first
     n = np.int64(0)
     while n == 0 and side < 2:
+        # Run by run of vertices of one object.
         owner = last_at_most(vertex_starts, vertex)
         toward = 1.0 - 2.0 * side
         while vertex < stop and n < SAMPLES:

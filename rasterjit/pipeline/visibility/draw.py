@@ -341,6 +341,7 @@ def clip(
     int
         How many faces were cut.
     """
+    # Which faces are cut.
     codes = screen.codes[: clip_positions.shape[0]]
     if primitives is None:
         cut = _cut_faces(faces, codes, workers)
@@ -350,6 +351,7 @@ def clip(
             [np.empty(0, np.int32)]
             + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
         )
+    # How many vertices each piece has.
     counts = np.zeros(len(cut), np.int64)
     edges = _edges(len(cut), LEAST_CUT, FACES_PER_TASK, workers)
     parts = [slice(first, end) for first, end in itertools.pairwise(edges)]

@@ -172,6 +172,7 @@ def place_segments(
     extents = extents_of(clip, viewport)
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
+        # What of it lies between the planes and in the guard band.
         s, face = np.uintp(n), np.uintp(first_face + n)
         a, b = np.uintp(faces[face, 0]), np.uintp(faces[face, 1])
         states[s] = HIDDEN
@@ -180,6 +181,7 @@ def place_segments(
         first, last = kept_part(a, b, clip, band_x, band_y)
         if first > last:
             continue
+        # Its ends on the screen.
         x0, y0, d0, w0 = place_end(
             first, a, b, clip, (band_x, band_y), depth_coefficients, extents, viewport
         )
@@ -189,16 +191,19 @@ def place_segments(
         if not (w0 > 0.0 and w1 > 0.0):
             continue
         ends[s, 0], ends[s, 1], ends[s, 2], ends[s, 3] = x0, y0, x1, y1
+        # Half its width at each end.
         half = 0.5 * widths[s if widths.shape[0] > 1 else np.uintp(0)] * factor
         h0, h1 = half, half
         if is_world:
             h0, h1 = half / w0, half / w1
         numbers[s, HALF_A] = min(h0, MOST_HALF) * unit
         numbers[s, HALF_B] = min(h1, MOST_HALF) * unit
+        # Its depths, moved with it.
         if depth_place[0] != 0.0 or depth_place[1] != 0.0:
             way = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
             d0, d1 = moved_depths(d0, d1, way, depth_place, depth_coefficients[0] > 0.0)
         numbers[s, DEPTH_A], numbers[s, DEPTH_B] = d0, d1
+        # Which ends are cuts.
         state = SHOWN
         if first > 0.0:
             state |= START_CUT
@@ -642,6 +647,7 @@ def write_pieces(
     ends, numbers = placed[0], placed[1]
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
+        # Segments that have pieces.
         s = np.uintp(n)
         vertex, piece = first_vertex + sums[s, 0], sums[s, 1]
         if sums[s + np.uintp(1), 0] == sums[s, 0]:
@@ -651,6 +657,7 @@ def write_pieces(
         x0, y0, x1, y1 = ends[s, 0], ends[s, 1], ends[s, 2], ends[s, 3]
         h0, h1 = numbers[s, HALF_A], numbers[s, HALF_B]
         d0, d1 = numbers[s, DEPTH_A], numbers[s, DEPTH_B]
+        # Bodies: one for each dash, or a single one.
         shows_dashes = is_dashed(s, placed, dashes[0], dashes[1], unit)
         if shows_dashes and has_body(s, ends):
             number = first_dash(dashes[0][s, 0], dashes[1])
@@ -674,11 +681,13 @@ def write_pieces(
             vertex, piece = vertex + 4, piece + 2
         if shows_dashes:
             before, behind = dashed_ends(before, behind, s, dashes)
+        # A segment without length is a square.
         if is_dot(s, before, behind, links, placed, unit):
             side = np.int32(0.5 * unit)
             first, last = (x0, y0 - side, -side, 0, d0), (x0, y0 + side, -side, 0, d1)
             put_body(vertex, piece, first, last, face, screen, out)
             continue
+        # Caps, and wedges between segments.
         if before[0] == CAPPED:
             vertex, piece = put_fan(
                 cap_of(s, False, placed, unit), x0, y0, h0, d0, False, vertex, piece, face, screen,

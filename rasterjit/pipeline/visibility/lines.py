@@ -40,6 +40,7 @@ def expand(
     one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
     """Take the segments of an object to the screen, and count their pieces."""
+    # Memory, and tasks of some segments each.
     rule = one.rule
     if not isinstance(rule, LineRule):
         raise ValueError(f"rule must be a LineRule, got {rule!r}")
@@ -51,6 +52,7 @@ def expand(
     )  # fmt: skip
     per_task = min(count_per_task(count, LEAST_SEGMENTS, workers, EVEN_TASKS), SEGMENTS_PER_TASK)
     tasks = [(n, min(n + per_task, count)) for n in range(0, count, per_task)]
+    # Where the segments lie on the screen.
     sizes = one.sizes, primitives.factor(one), int(one.is_world)
     right, down = (step * primitives.pixels for step in rule.depth_place)
     workers.call(
@@ -65,6 +67,7 @@ def expand(
     )  # fmt: skip
     if right or down:
         _move(projected.clip_positions[slice(*one.vertices)], right, down, viewport)
+    # How many vertices and pieces each one has.
     counts = empty((count, 2), np.int32)
     dashes = _dashes_of(one, rule, primitives, projected, placed)
     shared = rule.links, placed, int(rule.is_round), viewport, dashes
