@@ -12,7 +12,7 @@ from rasterjit.accuracy.timing import Progress, total
 from rasterjit.rendering.budget import (
     LADDER,
     Profile,
-    Step,
+    QualityStep,
     front_of_steps,
     light_of,
     root_mean_square,
@@ -72,7 +72,7 @@ def calibrate(
             for quality, time in _times(studio).items():
                 times[quality].append(time)
     steps = [
-        Step(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
+        QualityStep(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
         for quality in LADDER
     ]
     profile = Profile(front_of_steps(steps), threads or available_processors())

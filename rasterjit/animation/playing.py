@@ -30,7 +30,7 @@ from rasterjit.scene.validation import (
     in_short,
     true_or_false,
 )
-from rasterjit.survey.clip_planes import NO_LOOK, Look
+from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
@@ -196,7 +196,7 @@ def _play(
         seen_by = camera(time) if callable(camera) else camera
         return scene.camera if seen_by is None else seen_by
 
-    def look_at(seen_by: Camera) -> Look:
+    def look_at(seen_by: Camera) -> BesidePlanes:
         """Return what a camera sees beside its planes, of the nodes as they are."""
         return look_from(scene, seen_by, renderer.size, renderer.quality)
 

@@ -27,7 +27,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
-from rasterjit.survey.clip_planes import Look
+from rasterjit.survey.clip_planes import BesidePlanes
 from rasterjit.survey.contents import SMOOTH
 from rasterjit.survey.effect import SeesThrough
 from rasterjit.survey.facts import NORMAL_OUTPUTS
@@ -55,7 +55,7 @@ class PartialImage:
     counts: dict[str, int]
     seconds: dict[str, float]
     plan: RenderPlan
-    look: Look
+    look: BesidePlanes
     """What is seen of all of them beside the near and the far plane."""
 
     def frame(self) -> Frame:

@@ -33,7 +33,7 @@ _SAME_PLACE = 1e-9
 
 
 @dataclass(frozen=True)
-class Drawing:
+class LineDrawing:
     """
     Segments between points as a file has them.
 
@@ -68,7 +68,7 @@ class Drawing:
 
 
 def lines_of(
-    drawing: Drawing,
+    drawing: LineDrawing,
     source: str,
     on_invalid: str,
     left_out: LeftOut,
@@ -108,7 +108,7 @@ def drawing_of_path(
     on_invalid: str,
     left_out: LeftOut,
     budget: MemoryBudget | None = None,
-) -> Drawing | None:
+) -> LineDrawing | None:
     """
     Return a trimesh ``Path2D`` or ``Path3D``, its curves in short segments; None if it is empty.
 
@@ -197,7 +197,7 @@ def drawing_of_path(
     points = np.concatenate(pieces)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
-    return Drawing(name, points, np.concatenate(segments), _entity_colors(colors), True)
+    return LineDrawing(name, points, np.concatenate(segments), _entity_colors(colors), True)
 
 
 class _InvalidError(ValueError):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
@@ -285,7 +285,7 @@ class _Found:
             found.append(Cloud(name, places, colors))
         return found
 
-    def _drawing(self, name: str) -> Drawing:
+    def _drawing(self, name: str) -> LineDrawing:
         """Return all curves; one that ends where it began is closed."""
         points, segments, at = [], [], 0
         for strip, _ in self._strips:
@@ -299,7 +299,7 @@ class _Found:
         colors = _rgba([color for _, color in self._strips], (0, 0, 0))
         if colors is not None:
             colors = np.repeat(colors, [len(one) for one in segments], axis=0)
-        return Drawing(
+        return LineDrawing(
             name, np.concatenate(points), np.concatenate(segments), colors, colors is not None
         )
 

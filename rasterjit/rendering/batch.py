@@ -25,7 +25,7 @@ from rasterjit.outputs.frame import Stats
 from rasterjit.outputs.table import Outputs, is_attribute, shape_of
 from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.kept import SHELF, Kept
+from rasterjit.rendering.kept import SHELF, BatchCache
 from rasterjit.rendering.notices import Told
 from rasterjit.rendering.plan import Cull, FrameRequest
 from rasterjit.rendering.renderer import Renderer
@@ -167,7 +167,7 @@ def render_batch(
     places = from_posed(places, scene)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
-    drawn = Drawn(np.zeros(len(COUNTED), np.int64), Told())
+    drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
     if eyes:
         kept = _take_up(what, scene, options.quality)
         # Plan the first, which finds what is wrong with all of them.
@@ -183,13 +183,13 @@ def render_batch(
     return Batch(arrays, Stats(**named, seconds=seconds, face_id=covered))
 
 
-def _take_up(what: Any, scene: Scene, quality: Quality) -> Kept:
+def _take_up(what: Any, scene: Scene, quality: Quality) -> BatchCache:
     """Return what is kept of a scene, as far as it holds, or what is new."""
     kept = SHELF.take(what)
     known = None if kept is None else kept.cache
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     if kept is None or not kept.holds(cache):
-        return Kept(cache)
+        return BatchCache(cache)
     kept.cache = cache
     return kept
 
@@ -322,7 +322,7 @@ def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
     return changed
 
 
-class Drawn(NamedTuple):
+class ViewsDrawn(NamedTuple):
     """What became of some views."""
 
     totals: NDArray[np.int64]
@@ -331,7 +331,9 @@ class Drawn(NamedTuple):
     """What there is to warn of."""
 
 
-def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: int) -> Drawn:
+def _draw_all(
+    views: AllViews, kept: BatchCache, projections: Projections, workers: int
+) -> ViewsDrawn:
     """Draw all views."""
     cache, count = kept.cache, len(views.cameras)
     by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
@@ -343,12 +345,12 @@ def _draw_all(views: AllViews, kept: Kept, projections: Projections, workers: in
         shared = Together(
             views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )
-        make = partial(InGroups, views, cache, shared)
+        make = partial(DrawInGroups, views, cache, shared)
     totals, told = np.zeros(len(COUNTED), np.int64), Told()
     for drawn in in_threads(make, groups, workers):
         totals += drawn.totals
         told.join(drawn.told)
-    return Drawn(totals, told)
+    return ViewsDrawn(totals, told)
 
 
 def views_per_group(count: int, workers: int) -> int:
@@ -367,14 +369,16 @@ def work_of(size: tuple[int, int], scene: Scene) -> int:
 class Draws(Protocol):
     """Draws groups of views, one after the other, in one thread."""
 
-    def __call__(self, group: range) -> Drawn:
+    def __call__(self, group: range) -> ViewsDrawn:
         """Draw some views."""
 
     def close(self) -> None:
         """Let go what it drew with."""
 
 
-def in_threads(make: Callable[[], Draws], groups: Sequence[range], workers: int) -> Iterable[Drawn]:
+def in_threads(
+    make: Callable[[], Draws], groups: Sequence[range], workers: int
+) -> Iterable[ViewsDrawn]:
     """
     Draw groups of views in several threads; yield what became of each.
 
@@ -392,7 +396,7 @@ def in_threads(make: Callable[[], Draws], groups: Sequence[range], workers: int)
         return
     waiting, is_over = iter(groups), threading.Event()
 
-    def draw() -> list[Drawn]:
+    def draw() -> list[ViewsDrawn]:
         try:
             done = []
             with closing(make()) as drawer:
@@ -433,7 +437,7 @@ class OneByOne:
         self._views, options = views, views.options
         self._renderer = Renderer.of_many(options.size, options.quality, 1, cache)
 
-    def __call__(self, group: Iterable[int]) -> Drawn:
+    def __call__(self, group: Iterable[int]) -> ViewsDrawn:
         """Draw some views."""
         views, (outputs, background, cull) = self._views, self._views.options[2:5]
         totals, told = np.zeros(len(COUNTED), np.int64), Told()
@@ -447,14 +451,14 @@ class OneByOne:
                 views.arrays[name][number] = array
             totals += [getattr(frame.stats, name) for name in COUNTED]
             told.add(number, notices.notices_of_frame(frame))
-        return Drawn(totals, told)
+        return ViewsDrawn(totals, told)
 
     def close(self) -> None:
         """Let its threads go."""
         self._renderer.close()
 
 
-class InGroups:
+class DrawInGroups:
     """
     Draws groups of views, one by one those that share too little.
 
@@ -470,14 +474,14 @@ class InGroups:
         self._views = views
         self._drawer, self._alone = together.Drawer(shared), OneByOne(views, cache)
 
-    def __call__(self, group: range) -> Drawn:
+    def __call__(self, group: range) -> ViewsDrawn:
         """Draw some views."""
         views, some = self._views, slice(group.start, group.stop)
         places = None if views.places is None else views.places[some]
         counts, is_drawn, told = self._drawer.draw(group, views.cameras[some], places)
         totals, others = self._alone([group[n] for n in np.flatnonzero(~is_drawn).tolist()])
         told.join(others)
-        return Drawn(totals + counts[is_drawn].sum(axis=0), told)
+        return ViewsDrawn(totals + counts[is_drawn].sum(axis=0), told)
 
     def close(self) -> None:
         """Give back what it drew in."""

@@ -570,7 +570,7 @@ _TIMES: dict[Any, Times] = {}
 """What is known of scenes, by their address and the circumstances."""
 
 
-class Step(NamedTuple):
+class QualityStep(NamedTuple):
     """A quality to choose from."""
 
     quality: Quality
@@ -587,13 +587,13 @@ class Profile:
 
     Attributes
     ----------
-    steps : tuple of Step
+    steps : tuple of QualityStep
         From the fastest on, each more accurate than those before.
     threads : int
         That frames were drawn with.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[QualityStep, ...]
     threads: int
 
     @property
@@ -615,7 +615,7 @@ def front_of(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]])
     return front
 
 
-def front_of_steps(steps: Iterable[Step]) -> tuple[Step, ...]:
+def front_of_steps(steps: Iterable[QualityStep]) -> tuple[QualityStep, ...]:
     """Return the steps that no other is both faster and more accurate than, the fastest first."""
     return tuple(front_of(steps, lambda step: (step.time, step.error)))
 
@@ -684,9 +684,9 @@ def load_profile() -> Profile | None:
         return None
 
 
-def _step(entry: Any) -> Step:
+def _step(entry: Any) -> QualityStep:
     """Return a step read from the file; raise ``ValueError`` for impossible times and errors."""
     time, error = float(entry["time"]), float(entry["error"])
     if not (0.0 < time < math.inf and 0.0 <= error < math.inf):
         raise ValueError(f"a step must take time and have an error, got {entry!r}")
-    return Step(Quality(**entry["settings"]), time, error)
+    return QualityStep(Quality(**entry["settings"]), time, error)

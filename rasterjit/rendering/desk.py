@@ -32,14 +32,14 @@ from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.rendering import layering, mixing, notices, shade
 from rasterjit.rendering.bound_calls import BoundCalls
-from rasterjit.rendering.mixing import Lists
+from rasterjit.rendering.mixing import BoundLists
 from rasterjit.rendering.shading import BLOCK, Shading, vertex_steps
 from rasterjit.runtime.driver import StageList, block_memory
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
 from rasterjit.runtime.threads import Memory
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.effect import Active, PictureArrays, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.many_views import ManyViews
 from rasterjit.survey.placement import Places, Views, culled_turns
@@ -330,7 +330,7 @@ class Desk:
         number = len(faces[0]) + len(faces[1])
         columns = -(-width // setup.TILE_SIZE)
         tiles = columns * -(-height // setup.TILE_SIZE)
-        lists = Lists(
+        lists = BoundLists(
             faces, screen,
             Objects(
                 arrays.face_starts,
@@ -368,7 +368,7 @@ class Desk:
         return found
 
     def _list(
-        self, lists: Lists, viewport: Viewport, *others: Bound
+        self, lists: BoundLists, viewport: Viewport, *others: Bound
     ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
         """
         Bind what lists the faces of each tile.
@@ -434,7 +434,7 @@ class Desk:
         if plan.keeps_faces:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
         self._calls.kept.append(shading)
-        picture = Picture(self._face_id, linear, color)
+        picture = PictureArrays(self._face_id, linear, color)
         # The faces may be written over.
         step, lit = self._look_at_lit()
         if plan.layers is None:

@@ -34,14 +34,14 @@ from rasterjit.survey.effect import (
 from rasterjit.survey.facts import Facts
 
 EFFECTS: tuple[Effect, ...] = (
-    rows.Shading(),
+    rows.ShadingRow(),
     rows.Lights(),
     SHADOWS,
     rows.SmoothNormals(),
-    rows.Textures(),
+    rows.TextureRow(),
     rows.ScalarFields(),
     rows.AlphaMasks(),
-    rows.Microfacets(),
+    rows.MicrofacetRow(),
     rows.Map("normal maps", "normal_texture"),
     rows.Map("metallic-roughness maps", "metallic_roughness_texture"),
     rows.Map("occlusion maps", "occlusion_texture"),
@@ -64,7 +64,7 @@ EFFECTS: tuple[Effect, ...] = (
     ANTIALIASING,
     WIREFRAME,
     LABELS,
-    rows.Diagnostics(),
+    rows.DiagnosticsRow(),
 )
 
 

@@ -28,7 +28,7 @@ MOST_KINDS = 8
 """Most kinds of plans that are kept."""
 
 
-class Kept:
+class BatchCache:
     """
     What batches of one scene have prepared.
 
@@ -136,16 +136,16 @@ class Shelf:
     """What was prepared for the scenes of the last batches."""
 
     def __init__(self) -> None:
-        self._kept: dict[int, tuple[weakref.ref, Kept]] = {}
+        self._kept: dict[int, tuple[weakref.ref, BatchCache]] = {}
         self._lock = forks.reentrant_lock()
 
-    def take(self, what: Any) -> Kept | None:
+    def take(self, what: Any) -> BatchCache | None:
         """Return what is kept of a scene, which nobody else has then."""
         with self._lock:
             of, kept = self._kept.pop(id(what), (None, None))
             return kept if of is not None and of() is what else None
 
-    def put(self, what: Any, kept: Kept) -> None:
+    def put(self, what: Any, kept: BatchCache) -> None:
         """Keep what was prepared for a scene; a mesh would be kept alive by it."""
         if not isinstance(what, Scene) or kept.bytes > MOST_KEPT:
             return

@@ -60,7 +60,7 @@ class LateFrame(Frame):
         self._plan = value
 
 
-class Moment:
+class SceneSnapshot:
     """
     A scene as it is now, to plan frames of later.
 

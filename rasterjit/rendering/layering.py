@@ -21,16 +21,16 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.rendering.bound_calls import ALWAYS, BoundCalls, When
 from rasterjit.rendering.layers import ROWS_AT_ONCE, parts_of
-from rasterjit.rendering.mixing import Lists
+from rasterjit.rendering.mixing import BoundLists
 from rasterjit.rendering.shading import Shading
-from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.effect import Active, PictureArrays, acting
 from rasterjit.survey.plan import RenderPlan
 
 MOST_LAYERS = 8
 """Transparent surfaces behind each other that there is room for; few pixels show more."""
 
 
-class _Memory(NamedTuple):
+class _LayerMemory(NamedTuple):
     """What rows are laid over each other in."""
 
     opaque: NDArray[np.int32]
@@ -45,7 +45,7 @@ class _Memory(NamedTuple):
     """(2, P, W, 4): before and after effects act on them."""
 
 
-class _Way(NamedTuple):
+class _LayerCalls(NamedTuple):
     """How rows are laid."""
 
     calls: BoundCalls
@@ -55,9 +55,9 @@ class _Way(NamedTuple):
     """Effects that act on what is laid."""
     hidden: Sequence[Active]
     """Effects that show something where no face is."""
-    picture: Picture
+    picture: PictureArrays
     block: NDArray[np.int64]
-    memory: _Memory
+    memory: _LayerMemory
 
 
 def memory_of(plan: RenderPlan) -> int:
@@ -66,10 +66,10 @@ def memory_of(plan: RenderPlan) -> int:
     return plan.size[0] * (of_layers + 4 * 16 * ROWS_AT_ONCE)
 
 
-def _memory(width: int) -> _Memory:
+def _memory(width: int) -> _LayerMemory:
     """Return memory for rows so wide."""
     count, shape = TILE_SIZE * width, (ROWS_AT_ONCE, width, 4)
-    return _Memory(
+    return _LayerMemory(
         np.empty(count, np.int32),
         (np.empty(MOST_LAYERS * count, np.float32), np.empty(MOST_LAYERS * count, np.int32)),
         np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty((2, *shape), np.float32),
@@ -77,8 +77,8 @@ def _memory(width: int) -> _Memory:
 
 
 def add_layering(
-    calls: BoundCalls, lists: Lists, plan: RenderPlan, finder: Finder, shading: Shading,
-    effects: Sequence[Active], picture: Picture, block: NDArray[np.int64],
+    calls: BoundCalls, lists: BoundLists, plan: RenderPlan, finder: Finder, shading: Shading,
+    effects: Sequence[Active], picture: PictureArrays, block: NDArray[np.int64],
 ) -> None:  # fmt: skip
     """
     Call what writes the colours of transparent faces over others, one sample a pixel.
@@ -87,21 +87,21 @@ def add_layering(
     ----------
     calls : BoundCalls
         Changed.
-    lists : Lists
+    lists : BoundLists
         Of the picture.
     plan : RenderPlan
         Its layers say of each object whether it is blended, in view or not.
     finder : Finder
     shading : Shading
     effects : sequence of Active
-    picture : Picture
+    picture : PictureArrays
         Its colours are written.
     block : array
         A block of samples.
     """
     viewport, memory = finder.geometry.viewport, _memory(plan.size[0])
     own = acting(effects, "mixed"), acting(effects, "background")
-    way = _Way(calls, plan, shading, *own, picture, block, memory)
+    way = _LayerCalls(calls, plan, shading, *own, picture, block, memory)
     width, shifts = viewport.width, bands.sample_shifts(1, viewport.grid_bits)
     parted, middles = np.empty_like(lists.binned), np.empty(len(lists.starts) - 1, np.int64)
     split = calls.bound(
@@ -136,7 +136,7 @@ def add_layering(
 
 
 def _lay_part(
-    way: _Way, images: Sequence[NDArray[np.int32]], first: int, deepest: NDArray[np.int64]
+    way: _LayerCalls, images: Sequence[NDArray[np.int32]], first: int, deepest: NDArray[np.int64]
 ) -> None:
     """Call what lays images of faces over each other, (P, W) each, the opaque one last."""
     calls, memory, place = way.calls, way.memory, deepest.ctypes.data
@@ -167,7 +167,7 @@ def _lay_part(
             calls.call(laid, when=when)
     # What is mapped comes over the background when it is mapped.
     shade(opaque, target, (np.zeros(4, np.float32), 0) if way.toned else None)
-    behind_all = Picture(opaque, target, np.empty((count, 0), np.uint32))
+    behind_all = PictureArrays(opaque, target, np.empty((count, 0), np.uint32))
     for one in way.hidden:
         for kernel, arguments in one.effect.calls(one.record, way.plan, behind_all, first):
             calls.call(calls.bound(kernel, *arguments))

@@ -40,7 +40,7 @@ from rasterjit.pipeline.records import (
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.shading import Shading
 from rasterjit.runtime.threads import Kept, Memory, Workers
-from rasterjit.survey.blending import Layers
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
@@ -205,7 +205,7 @@ def _color_of(numbers: bytes) -> NDArray[np.float32]:
     return np.frombuffer(numbers, np.float32).copy()
 
 
-class Target(NamedTuple):
+class ColorRows(NamedTuple):
     """Some rows of the colour outputs; an output that is not wanted is empty."""
 
     linear: NDArray[np.float32]
@@ -237,17 +237,17 @@ def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
 
 
 def mix_areas(
-    rows: tuple[int, int], lists: Lists, shader: Shader, target: Target, memory: Memory
+    rows: tuple[int, int], lists: Lists, shader: Shader, target: ColorRows, memory: Memory
 ) -> None:
     """Write the colour of one row of tiles by the areas of opaque faces."""
     mix_faces(rows[0], find_areas(rows, lists, shader, memory), shader, target, memory)
 
 
-def mix_opaque(band: Band, shader: Shader, target: Target, memory: Memory) -> None:
+def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) -> None:
     """Write the colour of some rows of opaque faces at several samples."""
     most = max(ROWS_MIXED_AT_ONCE, PIXELS_MIXED_AT_ONCE // band.opaque.shape[2])
     for part in parts_of(len(target.color), most):
-        some = Target(*(image[part] for image in target))
+        some = ColorRows(*(image[part] for image in target))
         rows = part.start, part.start + len(some.color)
         found = share_faces(band.opaque, rows, memory)
         mix_faces(band.first_row + part.start, found, shader, some, memory)
@@ -269,7 +269,7 @@ def mix_faces(
     first_row: int,
     found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
     shader: Shader,
-    target: Target,
+    target: ColorRows,
     memory: Memory,
 ) -> None:
     """Write the colour of some rows whose pixels show shares of several opaque faces."""
@@ -303,7 +303,7 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
         compositing.mix_samples(opaque, transparent, colors, behind, target)
 
 
-def is_direct(layers: Layers, has_mixed: bool) -> bool:
+def is_direct(layers: PixelLayers, has_mixed: bool) -> bool:
     """Return whether faces are mixed and encoded at once: opaque ones, shown as they are."""
     return layers.samples != 1 and not layers.has_blended and not has_mixed
 
@@ -339,7 +339,7 @@ def shared_kernels(plan: RenderPlan) -> Rows:
 
 
 def shade(
-    plan: Layers,
+    plan: PixelLayers,
     coverage: Coverage,
     shader: Shader,
     linear: NDArray[np.float32] | None,
@@ -351,7 +351,7 @@ def shade(
 
     Parameters
     ----------
-    plan : Layers
+    plan : PixelLayers
     coverage : Coverage
         With its lists.
     shader : Shader
@@ -385,7 +385,7 @@ def shade(
         last = min(first + TILE_SIZE, viewport.height)
         shape = last - first, viewport.width * (linear is not None or not at_once), 4
         rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
-        target = Target(rows, (packed if at_once else nothing)[first:last])
+        target = ColorRows(rows, (packed if at_once else nothing)[first:last])
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if mixed:
             shown = workers.memory.empty(shape, np.float32)
@@ -433,10 +433,10 @@ def behind_rows(
 
 def shade_rows(
     rows: tuple[int, int],
-    plan: Layers,
+    plan: PixelLayers,
     lists: Lists,
     shader: Shader,
-    target: Target,
+    target: ColorRows,
     memory: Memory,
 ) -> None:
     """Write the linear colour of one row of tiles; encoded as well if none is see-through."""
@@ -445,7 +445,7 @@ def shade_rows(
         return
     for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
         start = band.first_row - rows[0]
-        part = Target(*(image[start : start + band.opaque.shape[1]] for image in target))
+        part = ColorRows(*(image[start : start + band.opaque.shape[1]] for image in target))
         if plan.samples == 1:
             lay_layers(band, shader, part.linear, memory)
         elif band.transparent.shape[1] == 0:

@@ -26,9 +26,9 @@ from rasterjit.rendering import notices
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.lens_pictures import (
     NOWHERE,
+    LensSight,
     Looks,
     Picture,
-    Sight,
     camera_of,
     look,
     see,
@@ -57,7 +57,7 @@ from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.camera_view import Through
+from rasterjit.survey.camera_view import ThroughLens
 from rasterjit.survey.clip_planes import join
 from rasterjit.survey.effect import Bends, FrameContext, look_around
 from rasterjit.survey.placement import Views
@@ -81,14 +81,14 @@ class Lensed(NamedTuple):
     size: tuple[int, int]
     outputs: tuple[str, ...]
     looks: Looks
-    sight: Sight
+    sight: LensSight
     pictures: tuple[PlannedFrame, ...]
     behind: Backdrop
     """The background that was given, or black: what is seen where the lens sees nothing, and a
     picture also where no face is."""
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
-    compared: tuple[Scene, Camera, Sight] | None
+    compared: tuple[Scene, Camera, LensSight] | None
     """The earlier view that it is compared with."""
 
 
@@ -179,7 +179,7 @@ def plan_lensed(
     )
 
 
-def through_lens(planned: Lensed) -> Through:
+def through_lens(planned: Lensed) -> ThroughLens:
     """Return how a frame's lens bends what its camera sees, for who asks."""
     lens, sight = planned.lens, planned.sight
     axes = world_axes(planned.camera, planned.size)
@@ -190,11 +190,11 @@ def through_lens(planned: Lensed) -> Through:
     pictures = (one.plan for one in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
     pixels = _pixels_of(lens, sight, planned.camera, planned.size)
-    return Through(pixels, directions, clips)
+    return ThroughLens(pixels, directions, clips)
 
 
 def _pixels_of(
-    lens: Lens, sight: Sight, camera: Camera, size: tuple[int, int]
+    lens: Lens, sight: LensSight, camera: Camera, size: tuple[int, int]
 ) -> Callable[[Float64], Float64]:
     """Return what tells where points relative to the eye, (N, 3), are seen: pixels, (N, 2)."""
     axes = world_axes(camera, size)
@@ -262,8 +262,8 @@ class Comparison(NamedTuple):
     """What it takes to compare a frame with an earlier view."""
 
     lens: Lens
-    sight: Sight
-    sight_before: Sight
+    sight: LensSight
+    sight_before: LensSight
     before: Moment
     turns: tuple[NDArray[np.float64], NDArray[np.float64]]
     """(O, 3, 4) each: objects in the axes of the lens, now and before."""

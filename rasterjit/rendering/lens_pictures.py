@@ -62,7 +62,7 @@ CUBE = np.array(
 below and above, in the axes of the lens (x right, y down, z ahead)."""
 
 
-class Sight(NamedTuple):
+class LensSight(NamedTuple):
     """A camera taken apart: which way it looks, and what takes the lens's places to pixels."""
 
     rows: Float64
@@ -76,7 +76,7 @@ class Sight(NamedTuple):
     middle: tuple[float, float]
     """Pixels: principal point."""
 
-    def same(self, other: Sight) -> bool:
+    def same(self, other: LensSight) -> bool:
         """Tell whether another camera differs in nothing but its place and its planes."""
         return np.array_equal(self.rows, other.rows)
 
@@ -174,7 +174,7 @@ class Looks(NamedTuple):
         return f"{many} ({sizes}), at least {SAMPLES:g} samples along a pixel"
 
 
-def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> Sight:
+def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> LensSight:
     """
     Take a camera apart.
 
@@ -200,10 +200,10 @@ def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> Sight:
     axes, triangle = _take_apart(rows[:, :3])
     if isinstance(lens, Equirectangular):
         focal = width / (2.0 * math.pi), height / math.pi, 0.0
-        return Sight(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
+        return LensSight(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
     (fx, skew, cx), (_, fy, cy), (_, _, scale) = triangle
     focal = fx / scale, fy / scale, skew / scale
-    return Sight(rows, axes, scale, focal, (cx / scale, cy / scale))
+    return LensSight(rows, axes, scale, focal, (cx / scale, cy / scale))
 
 
 def world_axes(camera: Camera, size: tuple[int, int]) -> Float64:
@@ -228,7 +228,7 @@ def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
     return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, far]]
 
 
-def look(lens: Lens, size: tuple[int, int], sight: Sight, workers: Workers) -> Looks:
+def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) -> Looks:
     """
     Find where all pixels look, and the pictures that show it.
 
@@ -273,7 +273,7 @@ def look(lens: Lens, size: tuple[int, int], sight: Sight, workers: Workers) -> L
     return Looks(number, place, spread, tuple(pictures), cosine)
 
 
-def _fits_one(lens: Lens, size: tuple[int, int], sight: Sight) -> bool:
+def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
     """Tell whether one picture shows all, by what is seen at the border."""
     (width, height), columns = size, np.arange(size[0] + 1.0)
     rows = np.arange(height + 1.0)
@@ -404,7 +404,7 @@ def _picture(
 
 
 def camera_of(
-    picture: Picture, camera: Camera, size: tuple[int, int], sight: Sight
+    picture: Picture, camera: Camera, size: tuple[int, int], sight: LensSight
 ) -> PictureCamera:
     """
     Return the camera of a pinhole picture.

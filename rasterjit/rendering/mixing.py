@@ -24,11 +24,11 @@ from rasterjit.rendering.bound_calls import BoundCalls
 from rasterjit.rendering.layers import ROWS_MIXED_AT_ONCE, parts_of
 from rasterjit.rendering.shading import Shading
 from rasterjit.runtime.state import WORD
-from rasterjit.survey.effect import Active, Picture, acting
+from rasterjit.survey.effect import Active, PictureArrays, acting
 from rasterjit.survey.plan import RenderPlan
 
 
-class Lists(NamedTuple):
+class BoundLists(NamedTuple):
     """What the faces of each tile are listed from, and in."""
 
     faces: Faces
@@ -48,7 +48,7 @@ class Lists(NamedTuple):
     """(M,)."""
 
 
-class _Memory(NamedTuple):
+class _MixingMemory(NamedTuple):
     """What some rows are mixed in; see ``weights``."""
 
     opaque: NDArray[np.int32]
@@ -67,7 +67,7 @@ class _Memory(NamedTuple):
     """(2, R, W, 4): before and after effects act on what is mixed; R is 0 where none does."""
 
 
-class _Way(NamedTuple):
+class _MixingCalls(NamedTuple):
     """How rows are mixed."""
 
     calls: BoundCalls
@@ -78,7 +78,7 @@ class _Way(NamedTuple):
     """(4,) linear."""
     behind: NDArray[np.float32]
     """(H, W, 4), or (1, 1, 4): what faces are mixed with, linear."""
-    picture: Picture
+    picture: PictureArrays
     block: NDArray[np.int64]
 
 
@@ -88,11 +88,11 @@ def memory_of(plan: RenderPlan) -> int:
     return plan.size[0] * (int(plan.layers.samples) * of_sample + of_pixel)
 
 
-def _memory(samples: int, width: int, has_toned: bool) -> _Memory:
+def _memory(samples: int, width: int, has_toned: bool) -> _MixingMemory:
     """Return memory for so many samples of a pixel, in rows so wide."""
     rows = ROWS_MIXED_AT_ONCE
     count = samples * rows * width
-    return _Memory(
+    return _MixingMemory(
         np.empty(samples * TILE_SIZE * width, np.int32),
         np.empty(count, np.int32), np.empty(count, np.float32),
         np.empty((rows, width), np.float32), np.empty((rows, 4, width), np.float32),
@@ -102,8 +102,8 @@ def _memory(samples: int, width: int, has_toned: bool) -> _Memory:
 
 
 def add_mixing(
-    calls: BoundCalls, lists: Lists, plan: RenderPlan, finder: Finder, shading: Shading,
-    effects: Sequence[Active], picture: Picture, block: NDArray[np.int64],
+    calls: BoundCalls, lists: BoundLists, plan: RenderPlan, finder: Finder, shading: Shading,
+    effects: Sequence[Active], picture: PictureArrays, block: NDArray[np.int64],
 ) -> None:  # fmt: skip
     """
     Call what writes the colours of opaque faces at several samples.
@@ -112,7 +112,7 @@ def add_mixing(
     ----------
     calls : BoundCalls
         Changed.
-    lists : Lists
+    lists : BoundLists
         Of what reaches any sample.
     plan : RenderPlan
     finder : Finder
@@ -120,7 +120,7 @@ def add_mixing(
     shading : Shading
         Of its geometry.
     effects : sequence of Active
-    picture : Picture
+    picture : PictureArrays
         Its colours are written.
     block : array
         A block of samples.
@@ -135,11 +135,11 @@ def add_mixing(
     if hidden:
         behind = np.empty((viewport.height, width, 4), np.float32)
         nothing = np.full((viewport.height, width), -1, np.int32)
-        empty = Picture(nothing, behind, np.empty((viewport.height, 0), np.uint32))
+        empty = PictureArrays(nothing, behind, np.empty((viewport.height, 0), np.uint32))
         for one in hidden:
             for kernel, arguments in one.effect.calls(one.record, plan, empty):
                 calls.call(calls.bound(kernel, *arguments))
-    way = _Way(calls, shading, toned, plan.background, behind, picture, block)
+    way = _MixingCalls(calls, shading, toned, plan.background, behind, picture, block)
     memory = _memory(samples, width, bool(toned))
     shifts = bands.sample_shifts(samples, viewport.grid_bits)
     drawer, alone = fragments.layer_drawer(
@@ -164,7 +164,11 @@ def add_mixing(
 
 
 def _mix_part(
-    way: _Way, opaque: NDArray[np.int32], rows: tuple[int, int], top: int, memory: _Memory
+    way: _MixingCalls,
+    opaque: NDArray[np.int32],
+    rows: tuple[int, int],
+    top: int,
+    memory: _MixingMemory,
 ) -> None:
     """Call what mixes some rows of a row of tiles, whose first row is given."""
     calls, (samples, _, width) = way.calls, opaque.shape

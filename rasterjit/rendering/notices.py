@@ -11,7 +11,7 @@ from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.pipeline.views import LEAST_WHITE
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.clip_planes import Look
+from rasterjit.survey.clip_planes import BesidePlanes
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.lights import most_light
 from rasterjit.survey.plan import RenderPlan
@@ -161,7 +161,7 @@ def burnt_out(facts: Facts, share: float) -> dict[str, str]:
     return {"white": text}
 
 
-def cuts_of(look: Look) -> dict[str, str]:
+def cuts_of(look: BesidePlanes) -> dict[str, str]:
     """Return what there is to warn of planes that cut something, by kind."""
     return {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in look.cut}
 

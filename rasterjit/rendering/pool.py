@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.rendering import batch, notices, together
 from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.kept import Kept
-from rasterjit.rendering.late import LateFrame, Moment
+from rasterjit.rendering.kept import BatchCache
+from rasterjit.rendering.late import LateFrame, SceneSnapshot
 from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.sharing import can_share
@@ -159,9 +159,9 @@ class Begun(NamedTuple):
 class Shared(NamedTuple):
     """What the threads that draw groups of views share."""
 
-    kept: Kept
+    kept: BatchCache
     projections: Projections
-    moment: Moment
+    moment: SceneSnapshot
     count: int
     """How many views are drawn in one go."""
 
@@ -171,9 +171,9 @@ class Shared(NamedTuple):
         first: RenderPlan | None = None,
     ) -> Shared:  # fmt: skip
         """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
-        kept = Kept(cache)
+        kept = BatchCache(cache)
         kept.first = first
-        return cls(kept, Projections(options.size), Moment(scene, cache, options), count)
+        return cls(kept, Projections(options.size), SceneSnapshot(scene, cache, options), count)
 
 
 class Artist:
@@ -260,7 +260,7 @@ class Artist:
             found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
         return found
 
-    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, Moment]:
+    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, SceneSnapshot]:
         """Return what draws groups of so many views or fewer, and plans them later."""
         if self._shared is not None and count > self._shared.count:
             # A worker drew a smaller group before.

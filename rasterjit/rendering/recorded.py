@@ -41,7 +41,7 @@ MOST_MEMORY = 1 << 26
 """Bytes that a recorded frame may keep."""
 
 
-class Drawn(NamedTuple):
+class FrameDrawn(NamedTuple):
     """A frame that was drawn by recorded calls."""
 
     arrays: dict[str, NDArray[Any]]
@@ -62,7 +62,7 @@ class Recorder:
         """Forget what was recorded."""
         self._last, self._alike, self._desk = None, 0, None
 
-    def draw(self, planned: PlannedFrame, memory: Memory) -> Drawn | None:
+    def draw(self, planned: PlannedFrame, memory: Memory) -> FrameDrawn | None:
         """Draw a frame if its calls are recorded, or are to be recorded now."""
         if not self._is_recorded(planned):
             return None
@@ -72,7 +72,7 @@ class Recorder:
             outputs[name] = memory.empty(shape, np.dtype(dtype))
         desk.write_to(outputs)
         totals = desk.draw_one(dict(fields_of(planned)))
-        return None if totals is None else Drawn(outputs, totals)
+        return None if totals is None else FrameDrawn(outputs, totals)
 
     def _is_recorded(self, planned: PlannedFrame) -> bool:
         """Tell whether there is memory that a frame is drawn in; make it when it pays."""

@@ -34,7 +34,7 @@ from rasterjit.pipeline.surface import (
 )
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.survey.blending import Layers
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, SeesThrough, acting
 
 DIFFUSE = rows.OUT_RED
@@ -52,7 +52,7 @@ def shading_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> tuple[list
 def list_passes(
     needs: ShadingNeeds,
     effects: Sequence[Active],
-    layers: Layers | None,
+    layers: PixelLayers | None,
     outputs: Sequence[str],
 ) -> list[Pass]:
     """

@@ -26,10 +26,10 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering import layers
-from rasterjit.rendering.layers import ROWS_AT_ONCE, Shader, Target
+from rasterjit.rendering.layers import ROWS_AT_ONCE, ColorRows, Shader
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.scene.imitation import shown_by_codes
-from rasterjit.survey.blending import Layers
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.plan import RenderPlan
 
 BYTES_PER_COLOR = 4
@@ -81,7 +81,7 @@ def mix_layers(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Me
 
 def code_rows(
     rows: tuple[int, int],
-    plan: Layers,
+    plan: PixelLayers,
     lists: Lists,
     shader: Shader,
     color: NDArray[np.uint32],
@@ -90,7 +90,7 @@ def code_rows(
     """Write the colour of one row of tiles, (R, W)."""
     no_linear = np.empty((len(color), 0, 4), np.float32)
     if plan.samples == "area":
-        layers.mix_areas(rows, lists, shader, Target(no_linear, color), memory)
+        layers.mix_areas(rows, lists, shader, ColorRows(no_linear, color), memory)
         return
     samples = int(plan.samples)
     for band in bands.find_layers(rows, lists, samples, shader, memory, plan.most):
@@ -104,7 +104,7 @@ def code_rows(
             starts = shader.placement.face_starts
             plain_codes.mix_plain_codes(band.opaque, *shader.plain, starts, color[part])
         elif band.transparent.shape[1] == 0:
-            target = Target(no_linear[part], color[part])
+            target = ColorRows(no_linear[part], color[part])
             layers.mix_opaque(band, shader, target, memory)
         else:
             mix_layers(band, shader, color[part], memory)
@@ -127,7 +127,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 
 def shade(
-    plan: Layers,
+    plan: PixelLayers,
     coverage: Coverage,
     shader: Shader,
     linear: NDArray[np.float32] | None,

@@ -24,7 +24,7 @@ from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.rendering import notices
 from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
-from rasterjit.rendering.kept import MOST_KINDS, Kept
+from rasterjit.rendering.kept import MOST_KINDS, BatchCache
 from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
 from rasterjit.rendering.plan import FrameRequest
 from rasterjit.rendering.sharing import (
@@ -142,7 +142,7 @@ class Together:
     Parameters
     ----------
     scene : Scene
-    kept : Kept
+    kept : BatchCache
         What earlier batches of the scene prepared, and the plan of the first view; changed.
     options : FrameRequest
     arrays : dict
@@ -153,7 +153,7 @@ class Together:
     """
 
     def __init__(
-        self, scene: Scene, kept: Kept, options: FrameRequest, arrays: Arrays,
+        self, scene: Scene, kept: BatchCache, options: FrameRequest, arrays: Arrays,
         scene_of: Callable[[int], Scene], projections: Projections,
     ) -> None:  # fmt: skip
         self.scene, self.cache, self.options = scene, kept.cache, options
@@ -397,7 +397,7 @@ def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float
     return rows
 
 
-class Outcome(NamedTuple):
+class GroupOutcome(NamedTuple):
     """What became of some views."""
 
     counts: NDArray[np.int64]
@@ -441,7 +441,9 @@ class Drawer:
             self._shared.give_back(kind, *taken)
         self._desks.clear()
 
-    def draw(self, numbers: range, cameras: Sequence[Camera], places: Float64 | None) -> Outcome:
+    def draw(
+        self, numbers: range, cameras: Sequence[Camera], places: Float64 | None
+    ) -> GroupOutcome:
         """
         Draw views; leave out those that must be drawn alone.
 
@@ -480,7 +482,7 @@ class Drawer:
                 told.add(numbers[n], {"view": NOTHING_IN_VIEW})
         for n in np.flatnonzero(is_drawn).tolist() if prepared.cuts else ():
             told.add(numbers[n], prepared.cuts.get(n, {}))
-        return Outcome(counts, is_drawn, told)
+        return GroupOutcome(counts, is_drawn, told)
 
     @property
     def _faces(self) -> int:

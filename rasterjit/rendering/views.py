@@ -20,7 +20,7 @@ from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import (
-    Look,
+    BesidePlanes,
     is_surely_between,
     join,
     look_at_planes,
@@ -165,7 +165,7 @@ def look_from(
     quality: Quality,
     cache: SceneCache | None = None,
     picture: Camera | None = None,
-) -> Look:
+) -> BesidePlanes:
     """
     Return what a camera sees beside its planes, given what is known of the scene.
 

@@ -13,7 +13,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.survey.contents import in_words
 
 
-class Layers(NamedTuple):
+class PixelLayers(NamedTuple):
     """What a pixel shows besides its nearest face."""
 
     is_blended: NDArray[np.uint8]
@@ -92,7 +92,7 @@ def layers_of(
     samples: int | str,
     nodes: Sequence[Node],
     quality: Quality,
-) -> Layers | None:
+) -> PixelLayers | None:
     """
     Return what pixels show besides their nearest faces; ``None`` if nothing.
 
@@ -116,7 +116,7 @@ def layers_of(
     own = samples if antialiases else 1
     most = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
     mixes_codes = quality.blending == "srgb8"
-    return Layers(transparency.is_blended, transparency.used, own, most, mixes_codes)
+    return PixelLayers(transparency.is_blended, transparency.used, own, most, mixes_codes)
 
 
 def mixing_note(quality: Quality) -> str:

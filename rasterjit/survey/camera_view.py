@@ -46,7 +46,7 @@ AXES = ("y", 1), ("z", 2), ("x", 0)
 """Of the world, and their numbers; of several that are up, the first."""
 
 
-class Through(NamedTuple):
+class ThroughLens(NamedTuple):
     """How a lens bends what a camera sees."""
 
     pixels: Callable[[Float64], Float64]
@@ -64,7 +64,7 @@ class CameraView(NamedTuple):
     nodes: tuple[Node, ...]
     camera: Camera
     size: tuple[int, int]
-    through: Through | None = None
+    through: ThroughLens | None = None
     """``None`` -> no lens."""
 
     def rows(self) -> list[Row]:
@@ -133,7 +133,7 @@ class CameraView(NamedTuple):
         return "; ".join([text, ", ".join(shares)] if shares else [text])
 
     def _seen_through(
-        self, through: Through, clip: Float64, points: Float64
+        self, through: ThroughLens, clip: Float64, points: Float64
     ) -> tuple[dict[str, NDArray[np.bool_]], tuple[Float64, Float64]]:
         """Say which points are away, and why, and where points are seen: columns and rows."""
         column, row = through.pixels(points).T

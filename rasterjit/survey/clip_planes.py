@@ -56,7 +56,7 @@ _ROUND_OFF = 1.01
 """Factor on a least or largest value, so that its first three digits are on the safe side."""
 
 
-class Cut(NamedTuple):
+class PlaneCut(NamedTuple):
     """What a plane that was given cuts away, whole or in part, that else were in view."""
 
     name: str
@@ -67,7 +67,7 @@ class Cut(NamedTuple):
     needed: float
     """The distance at which it would cut nothing."""
 
-    def beside(self, other: Cut) -> Cut:
+    def beside(self, other: PlaneCut) -> PlaneCut:
         """Return what the plane cuts of two parts together."""
         choose = min if self.name == "near" else max
         return self._replace(
@@ -83,7 +83,7 @@ class Cut(NamedTuple):
         return f"cuts {faces} in view, whole or in part; {enough} cuts nothing"
 
 
-class Look(NamedTuple):
+class BesidePlanes(NamedTuple):
     """What a camera sees beside its planes."""
 
     near_steps: int = 0
@@ -92,7 +92,7 @@ class Look(NamedTuple):
     """How often it may be."""
     far_steps: int = 0
     """How often an open far plane must be doubled, which it may."""
-    cut: tuple[Cut, ...] = ()
+    cut: tuple[PlaneCut, ...] = ()
     """What given planes cut."""
 
     @property
@@ -100,12 +100,12 @@ class Look(NamedTuple):
         """What `settled` takes."""
         return min(self.near_steps, self.most_near_steps), self.far_steps
 
-    def beside(self, other: Look) -> Look:
+    def beside(self, other: BesidePlanes) -> BesidePlanes:
         """Return what two views, or parts of one, need that have one near and one far plane."""
-        cuts: dict[str, Cut] = {}
+        cuts: dict[str, PlaneCut] = {}
         for one in (*self.cut, *other.cut):
             cuts[one.name] = one.beside(cuts[one.name]) if one.name in cuts else one
-        return Look(
+        return BesidePlanes(
             max(self.near_steps, other.near_steps),
             min(self.most_near_steps, other.most_near_steps),
             max(self.far_steps, other.far_steps),
@@ -113,12 +113,12 @@ class Look(NamedTuple):
         )
 
 
-NO_LOOK = Look()
+NO_LOOK = BesidePlanes()
 
 
-def join(looks: Sequence[Look]) -> Look:
+def join(looks: Sequence[BesidePlanes]) -> BesidePlanes:
     """Return what views need together that have one near and one far plane."""
-    return reduce(Look.beside, looks, NO_LOOK)
+    return reduce(BesidePlanes.beside, looks, NO_LOOK)
 
 
 def look_at_planes(
@@ -127,7 +127,7 @@ def look_at_planes(
     nodes: Sequence[Node],
     clip_from_relative: Float64,
     quality: Quality,
-) -> Look:
+) -> BesidePlanes:
     """
     Find what a camera sees beside its planes.
 
@@ -153,7 +153,7 @@ def look_at_planes(
     beyond = spheres_beyond(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
     if not beyond and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
-        return Look(most_near_steps=most_steps)
+        return BesidePlanes(most_near_steps=most_steps)
     # Look at those of each.
     crosses = boxes.may_cross(*margins.inside)
     if crosses.any() and not isinstance(camera, OrthographicCamera):
@@ -162,7 +162,7 @@ def look_at_planes(
         crosses[crosses] = ~((lows >= near) & (highs <= far))
     crosses[beyond] = True
     if not crosses.any():
-        return Look(most_near_steps=most_steps)
+        return BesidePlanes(most_near_steps=most_steps)
     # Look at those of faces, and at the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
     found = [NOTHING]
@@ -177,12 +177,12 @@ def look_at_planes(
         combine(values)
         for combine, values in zip((min, max, sum, sum), zip(*found, strict=True), strict=True)
     )
-    return Look(
+    return BesidePlanes(
         _halvings(planes, least) if planes.is_near_open else 0,
         most_steps,
         _doublings(planes, most) if planes.is_far_open else 0,
         tuple(
-            Cut(name, int(count), *ends)
+            PlaneCut(name, int(count), *ends)
             for name, count, is_open, *ends in (
                 ("near", before, planes.is_near_open, planes.near, least),
                 ("far", behind, planes.is_far_open, planes.far, most),
@@ -586,7 +586,7 @@ def kernels_of(camera: Camera) -> Rows:
     ]
 
 
-def describe_planes(camera: Camera, cut: Sequence[Cut]) -> list[tuple[str, str]]:
+def describe_planes(camera: Camera, cut: Sequence[PlaneCut]) -> list[tuple[str, str]]:
     """Return rows of text about the planes of a camera: where they are, why, and what they cut."""
     planes = planes_of(camera)
     if planes is None:

@@ -128,7 +128,7 @@ class Absent(NamedTuple):
         return f"Absent({self.name}: {self.reason})"
 
 
-class Picture(NamedTuple):
+class PictureArrays(NamedTuple):
     """A picture that is drawn, with what effects write of it."""
 
     face_id: NDArray[Any]
@@ -294,7 +294,7 @@ class InGroups(Effect):
         return {}
 
     def calls(
-        self, record: Any, plan: RenderPlan, picture: Picture, first_row: int = 0
+        self, record: Any, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
     ) -> list[KernelCall]:
         """
         Return how it acts at "background" or "overlay", in groups.

@@ -44,7 +44,7 @@ class MaterialRow(Effect):
         raise NotImplementedError
 
 
-class Shading(MaterialRow):
+class ShadingRow(MaterialRow):
     """The colours of faces."""
 
     name = "shading"
@@ -133,7 +133,7 @@ def _scaling(facts: Facts) -> str:
     return "; quality.renormalize is False"
 
 
-class Textures(MaterialRow):
+class TextureRow(MaterialRow):
     """Textures of all kinds."""
 
     name = "textures"
@@ -255,7 +255,7 @@ class ScalarFields(CountedRow):
         )
 
 
-class Microfacets(CountedRow):
+class MicrofacetRow(CountedRow):
     """Metallic-roughness materials."""
 
     name = "microfacets"
@@ -311,7 +311,7 @@ class Emission(CountedRow):
         return with_materials(scene, lambda material: replace(material, **dark))
 
 
-class Layer(CountedRow):
+class LayerRow(CountedRow):
     """
     What an extension of glTF lays over metallic-roughness materials.
 
@@ -344,12 +344,12 @@ class Layer(CountedRow):
 
 
 LAYERS = (
-    Layer("clearcoat", "no pbr material has a clearcoat", "coated", {"clearcoat": 0.0}),
-    Layer(
+    LayerRow("clearcoat", "no pbr material has a clearcoat", "coated", {"clearcoat": 0.0}),
+    LayerRow(
         "sheen", "no pbr material has a sheen_color", "with_sheen",
         {"sheen_color": None, "sheen_color_texture": None},
     ),
-    Layer(
+    LayerRow(
         "specular and ior", "no pbr material has an ior or specular_ field of its own",
         "own_mirrors",
         {
@@ -376,7 +376,7 @@ class SingleSided(CountedRow):
         return True
 
 
-class Diagnostics(MaterialRow):
+class DiagnosticsRow(MaterialRow):
     """What became of every face."""
 
     name = "diagnostics"

@@ -16,9 +16,9 @@ from rasterjit.pipeline.visibility.draw import Region, Wanted
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, differences
-from rasterjit.survey.blending import Layers
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.camera_view import CameraView
-from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
+from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes, describe_planes
 from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, look_around
@@ -61,7 +61,7 @@ class RenderPlan(Printed):
     effects: tuple[Planned | Absent, ...]
     lighting: Lighting | None
     """The lights that shine on what is seen; ``None`` -> no colour depends on where it is."""
-    layers: Layers | None
+    layers: PixelLayers | None
     """What a pixel shows besides its nearest face; ``None`` -> nothing."""
     depth_format: DepthFormat
     """What depths are rounded to before they are compared."""
@@ -78,7 +78,7 @@ class RenderPlan(Printed):
     """The same for the picture behind glass, of the step of pictures at hand."""
     hidden: NDArray[np.bool_] | None = None
     """The objects that this picture leaves out, (O,); ``None`` -> none."""
-    look: Look = NO_LOOK
+    look: BesidePlanes = NO_LOOK
     """What is seen beside the near and the far plane."""
     view: CameraView | None = None
     """What the camera sees, for who asks; ``None`` -> nobody does."""

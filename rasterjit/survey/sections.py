@@ -85,7 +85,7 @@ class CutMesh(Mesh):
     """What is left of a mesh; all that belongs to its vertices follows from that mesh."""
 
     _whole: Mesh
-    _recipe: Recipe
+    _recipe: CutRecipe
 
     def vertex_normals(self) -> NDArray[np.float32]:
         """Return normals between those of the whole mesh, (V, 3): not of length 1 in a cut."""
@@ -181,7 +181,7 @@ class Parts(NamedTuple):
     node: Node | None
     caps: tuple[Node | None, ...]
     """Of each plane."""
-    recipe: Recipe | None
+    recipe: CutRecipe | None
     """How its vertices follow from those of its mesh; ``None``: they are the same."""
     numbers: Int64 | None
     """(F,): face that each face is cut from; ``None``: each is its own."""
@@ -193,7 +193,7 @@ class Parts(NamedTuple):
     """(E, 2) of each plane: as `Cut.sides`, without the object; empty where there are no edges."""
 
 
-class Recipe(NamedTuple):
+class CutRecipe(NamedTuple):
     """How the vertices of a cut mesh follow from those of the whole one."""
 
     steps: tuple[tuple[Int64, Int64, Float64], ...]
@@ -460,7 +460,7 @@ def _cut_points(node: Node, mesh: Points, distances: Float64, nothing: Any) -> P
         kept = np.flatnonzero(~(distances > 0.0).any(axis=1))
     if not len(kept):
         return Parts(None, (), None, None, NO_WEIGHTS, nothing)
-    changed = _with_rows(mesh, Recipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
+    changed = _with_rows(mesh, CutRecipe((), kept), np.arange(len(kept))[:, np.newaxis], kept)
     if len(mesh.sizes) > 1:
         changed._sizes = read_only(mesh.sizes[kept])
     return Parts(_moved(node, changed), (), changed._recipe, kept, NO_WEIGHTS, nothing)
@@ -487,7 +487,7 @@ def _cut_lines(node: Node, mesh: Lines, distances: Float64, nothing: Any) -> Par
         return Parts(None, (), None, None, NO_WEIGHTS, nothing)
     used, places = np.unique(ends, return_inverse=True)
     faces = places.reshape(-1, 2)[:, [0, 1, 1]]
-    changed = _with_rows(mesh, Recipe(tuple(steps), used), faces, numbers)
+    changed = _with_rows(mesh, CutRecipe(tuple(steps), used), faces, numbers)
     if len(mesh.widths) > 1:
         changed._widths = read_only(mesh.widths[numbers])
     changed._links = None
@@ -510,14 +510,14 @@ def _moved(node: Node, mesh: Mesh) -> Node:
     return Node(mesh, name=node.name, world_from_model=node.world_from_model)
 
 
-def _with_rows(mesh: Any, recipe: Recipe, faces: NDArray[Any], numbers: Int64) -> Any:
+def _with_rows(mesh: Any, recipe: CutRecipe, faces: NDArray[Any], numbers: Int64) -> Any:
     """
     Return a mesh whose vertices follow a recipe, and whose faces are parts of those before.
 
     Parameters
     ----------
     mesh : Mesh
-    recipe : Recipe
+    recipe : CutRecipe
     faces : (F, 3) int, or (F, 1) of points
     numbers : (F,) int64
         The face that each is a part of.
@@ -685,7 +685,7 @@ class _Cutter:
             ]
             # Where caps meet, lines have ends that no face has.
             used, renumbered = self._used([faces, *lines])
-            recipe = Recipe(tuple(self.steps), used)
+            recipe = CutRecipe(tuple(self.steps), used)
             mesh = _with_rows(self.mesh, recipe, renumbered[faces], numbers)
             node = _moved(self.node, mesh)
             edges = [renumbered[ends] for ends in lines]
@@ -951,7 +951,7 @@ class _Cutter:
             # Caps face what is cut away, whichever way the mesh is wound.
             corners = corners[:, ::-1]
         used, renumbered = self._used([corners])
-        recipe = Recipe(tuple(self.steps), used)
+        recipe = CutRecipe(tuple(self.steps), used)
         result: Any = CutMesh.__new__(CutMesh)
         mesh = Mesh(
             recipe.rows(self.mesh.vertices), renumbered[corners],

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from rasterjit.pipeline.passes import ImitatedNeeds, ShadingNeeds
 from rasterjit.pipeline.records import Imitated, Lighting
-from rasterjit.survey.blending import Layers
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.facts import Facts
 
 SMOOTH_AT_PIXELS = frozenset(("phong", "pbr"))
 
 
-def shading_needs(facts: Facts, layers: Layers | None, lighting: Lighting | None) -> ShadingNeeds:
+def shading_needs(
+    facts: Facts, layers: PixelLayers | None, lighting: Lighting | None
+) -> ShadingNeeds:
     """Return what decides which passes shade a picture of a plan."""
     contents, seen, in_float32 = facts.contents, facts.seen, facts.shown_in_float32
     has_lights = lighting is not None

@@ -35,7 +35,7 @@ def cloud_of(positions, points, matrix=FLAT, viewport=None, kind=np.float64):
     """Return a cloud whose positions are relative to the eye."""
     viewport = viewport_of(SIZE, 8) if viewport is None else viewport
     count = len(points.scales)
-    return drawing.Cloud(
+    return drawing.DrawnPoints(
         np.ascontiguousarray(positions, kind), np.tile(np.eye(4), (count, 1, 1)), points,
         drawing.sight_of(matrix, COEFFICIENTS, viewport), COEFFICIENTS,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from rasterjit.rendering.budget import (
     ERROR_LADDER,
     LADDER,
     Profile,
-    Step,
+    QualityStep,
     Times,
     draw_in_time,
     draw_within_error,
@@ -409,7 +409,7 @@ def test_a_time_budget_is_asked_for_the_first_time_with_a_warning_and_then_witho
 
 
 def test_a_frame_is_that_of_its_quality_bit_for_bit():
-    dial.save_profile(Profile((Step(rj.Quality(samples=4), 1.0, 1.0),), 1))
+    dial.save_profile(Profile((QualityStep(rj.Quality(samples=4), 1.0, 1.0),), 1))
     scene = cube_and_floor()
     with rj.Renderer(SIZE) as renderer:
         frame = renderer.render(scene, CAMERA, time_budget=5.0)
@@ -420,7 +420,7 @@ def test_a_frame_is_that_of_its_quality_bit_for_bit():
 
 
 def test_what_is_known_of_a_scene_goes_with_it():
-    dial.save_profile(Profile((Step(rj.Quality(), 1.0, 1.0),), 1))
+    dial.save_profile(Profile((QualityStep(rj.Quality(), 1.0, 1.0),), 1))
     scene = cube_and_floor()
     rj.render(scene, CAMERA, size=SIZE, time_budget=5.0)
     assert len(dial._TIMES) == 1

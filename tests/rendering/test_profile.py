@@ -12,7 +12,7 @@ from rasterjit.rendering import budget as profiles
 from rasterjit.rendering.budget import (
     LADDER,
     Profile,
-    Step,
+    QualityStep,
     front_of_steps,
     load_profile,
     save_profile,
@@ -20,9 +20,9 @@ from rasterjit.rendering.budget import (
 from rasterjit.scene.quality import Quality
 
 STEPS = (
-    Step(Quality.draft(), 0.5, 3.0),
-    Step(Quality.standard(), 1.0, 1.0),
-    Step(Quality.high(), 6.5, 0.125),
+    QualityStep(Quality.draft(), 0.5, 3.0),
+    QualityStep(Quality.standard(), 1.0, 1.0),
+    QualityStep(Quality.high(), 6.5, 0.125),
 )
 
 
@@ -41,8 +41,8 @@ def test_a_profile_is_read_as_it_was_kept(folder):
 
 
 def test_what_others_dominate_is_not_chosen_from():
-    slow = Step(rj.Quality(samples=2), 7.0, 0.5)
-    alike = Step(rj.Quality(samples=4), 6.5, 0.125)
+    slow = QualityStep(rj.Quality(samples=2), 7.0, 0.5)
+    alike = QualityStep(rj.Quality(samples=4), 6.5, 0.125)
     assert front_of_steps((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
     front = front_of_steps((*STEPS, slow))
     assert [step.time for step in front] == sorted(step.time for step in front)

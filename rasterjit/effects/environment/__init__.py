@@ -35,7 +35,7 @@ from rasterjit.survey.effect import (
     FrameContext,
     InGroups,
     KernelCall,
-    Picture,
+    PictureArrays,
     Planned,
     Planning,
     with_field,
@@ -81,10 +81,10 @@ class Sky(NamedTuple):
         """
         left, top = self.corner
         environment_stage.show_environment(
-            *self.arguments(Picture(face_id, linear, color), (left, top + first_row))
+            *self.arguments(PictureArrays(face_id, linear, color), (left, top + first_row))
         )
 
-    def arguments(self, picture: Picture, first: tuple[int, int]) -> tuple[Any, ...]:
+    def arguments(self, picture: PictureArrays, first: tuple[int, int]) -> tuple[Any, ...]:
         """Return what the kernel takes, given the column and row of a picture's first pixel."""
         face_id, linear, color = picture
         return (
@@ -252,7 +252,7 @@ class EnvironmentBackground(InGroups):
         return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}
 
     def calls(
-        self, record: Sky, plan: RenderPlan, picture: Picture, first_row: int = 0
+        self, record: Sky, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
     ) -> list[KernelCall]:
         """Return how it is shown in some rows of a picture."""
         left, top = record.corner

@@ -86,7 +86,7 @@ NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.i
 """Of an environment that nothing mirrors, or whose light is alike on all sides."""
 
 
-class Prepared(NamedTuple):
+class FilteredPanorama(NamedTuple):
     """What follows from a sky alone, whatever its intensity and rotation."""
 
     irradiance: Irradiance
@@ -94,7 +94,9 @@ class Prepared(NamedTuple):
     """``None`` until something mirrors it."""
 
 
-_known: weakref.WeakKeyDictionary[Panorama | SkyGradient, Prepared] = weakref.WeakKeyDictionary()
+_known: weakref.WeakKeyDictionary[Panorama | SkyGradient, FilteredPanorama] = (
+    weakref.WeakKeyDictionary()
+)
 """Of every sky that has been used and is still held."""
 
 
@@ -114,7 +116,7 @@ def environment_record(
     sky = environment.sky
     found = _known.get(sky)
     if found is None:
-        found = Prepared(_irradiance(sky), None)
+        found = FilteredPanorama(_irradiance(sky), None)
     if is_mirrored and found.reflections is None:
         found = found._replace(reflections=_reflections(sky, workers))
     _known[sky] = found

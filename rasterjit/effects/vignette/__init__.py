@@ -25,7 +25,7 @@ from rasterjit.survey.effect import (
     FrameContext,
     InGroups,
     KernelCall,
-    Picture,
+    PictureArrays,
     Planned,
     Planning,
     add_to_field,
@@ -73,7 +73,7 @@ class Vignetting(InGroups):
         return "on", add_to_field(scene, self.field, Vignette())
 
     def calls(
-        self, record: Vignette, plan: RenderPlan, picture: Picture, first_row: int = 0
+        self, record: Vignette, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
     ) -> list[KernelCall]:
         """Return how a whole picture is darkened."""
         return [(darken_rows, _arguments(record, plan, picture.color, (0, len(picture.color))))]

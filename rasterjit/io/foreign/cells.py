@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.foreign.tables import NONE, is_scalar, kept_by_name, rows_of
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import LONGEST_NAME
@@ -208,7 +208,7 @@ def _things(
         segments, cells = np.concatenate([one for one, _ in strips.blocks]), strips.numbers()
         _check(segments, len(points), source)
         found.append(
-            Drawing(
+            LineDrawing(
                 "", points, segments, None, False, of_points, rows_of(cell_own, cells), None,
                 scalars, None if cell_scalars is None else cell_scalars[cells],
             )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.foreign.tables import own_normals, rgba_of
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.skipped import LeftOut, MeshFileError
@@ -27,7 +27,7 @@ def things_of_open3d(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
     held = thing.vertices if isinstance(thing, Part) else None
     if isinstance(thing, Part) and not len(thing.faces):
         raise MeshFileError(f"{source} holds a mesh of {len(held)} vertices, no faces")
-    if isinstance(thing, Drawing) and not len(thing.segments):
+    if isinstance(thing, LineDrawing) and not len(thing.segments):
         raise MeshFileError(f"{source} holds no lines")
     return [thing]
 
@@ -39,7 +39,7 @@ def _of_vectors(kind: str, what: Any, left_out: LeftOut) -> Thing:
         return Cloud("", points, _colors(what.colors, points), _fitting(what.normals, points))
     if kind == "LineSet":
         lines = np.asarray(what.lines).reshape(-1, 2)
-        return Drawing("", np.asarray(what.points), lines, _colors(what.colors, lines), True)
+        return LineDrawing("", np.asarray(what.points), lines, _colors(what.colors, lines), True)
     vertices = np.asarray(what.vertices)
     if what.has_textures():
         left_out.note("textures of a TriangleMesh")
@@ -65,7 +65,7 @@ def _of_tensors(kind: str, what: Any, left_out: LeftOut) -> Thing:
     by_cell = rgba is not None
     rgba = rgba if by_cell else _colors(colors, points)
     if kind == "LineSet":
-        return Drawing("", points, rows, rgba, by_cell, own, of_cells)
+        return LineDrawing("", points, rows, rgba, by_cell, own, of_cells)
     if "texture_uvs" in cells:
         left_out.note("textures of a TriangleMesh")
     normals = own_normals(points, rows, _fitting(normals, points))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.foreign.tables import (
     is_colors,
     is_scalar,
@@ -163,10 +163,10 @@ def _part(
 def _drawing(
     name: str, points: NDArray[Any], segments: NDArray[np.int64], lines: NDArray[np.int64],
     of_points: _Values, of_cells: _Values,
-) -> Drawing:  # fmt: skip
+) -> LineDrawing:  # fmt: skip
     """Return the lines of a surface."""
     colors = of_points.colors if of_cells.colors is None else of_cells.colors[lines]
-    return Drawing(
+    return LineDrawing(
         name, points, segments, colors, of_cells.colors is not None, of_points.others,
         rows_of(of_cells.others, lines), None, of_points.scalars,
         None if of_cells.scalars is None else of_cells.scalars[lines],

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rasterjit.io.assembly import Assembly, Place
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.text.parts import Part
 from rasterjit.scene.camera import PerspectiveCamera
@@ -28,7 +28,7 @@ from rasterjit.scene.texture import Texture
 _CLASSES = {
     kind.__name__: kind
     for kind in (
-        Part, Cloud, Drawing, Assembly, Place, Material, Texture, PerspectiveCamera,
+        Part, Cloud, LineDrawing, Assembly, Place, Material, Texture, PerspectiveCamera,
         DirectionalLight, PointLight, SpotLight,
     )
 }  # fmt: skip

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import mesh_of, usable_attributes
-from rasterjit.io.drawings import Drawing, lines_of
+from rasterjit.io.drawings import LineDrawing, lines_of
 from rasterjit.io.gltf import layers
 from rasterjit.io.gltf.draco import decode_draco
 from rasterjit.io.gltf.extensions import DRACO, FURTHER_FORMATS, PICTURES
@@ -381,7 +381,7 @@ class MeshReader:
             return None
         if isinstance(arrays, Cloud):
             return points_of(arrays, self._source, self._on_invalid, self._left_out)
-        if isinstance(arrays, Drawing):
+        if isinstance(arrays, LineDrawing):
             return lines_of(arrays, self._source, self._on_invalid, self._left_out)
         variants = arrays.pop("variants")
         try:
@@ -396,7 +396,7 @@ class MeshReader:
 
     def _arrays(
         self, primitive: dict[str, Any], label: str, mode: int | None
-    ) -> dict[str, Any] | Cloud | Drawing | None:
+    ) -> dict[str, Any] | Cloud | LineDrawing | None:
         """Return what `Mesh` takes, lines or points; None, with a note, if it has none of them."""
         # Vertices and corners.
         if mode is None:
@@ -499,7 +499,7 @@ class MeshReader:
     def _without_faces(
         self, primitive: dict[str, Any], attributes: dict[str, Any], vertices: NDArray[Any],
         corners: NDArray[np.int64], mode: int, label: str,
-    ) -> Cloud | Drawing | None:  # fmt: skip
+    ) -> Cloud | LineDrawing | None:  # fmt: skip
         """Return the points or lines of a primitive, or None, with a note."""
         count = len(vertices)
         if mapped_materials(primitive, self._variant_names, label, self._left_out):
@@ -528,7 +528,7 @@ class MeshReader:
                 self._left_out.note(f"textures of {label}, which are those of faces")
             material = without_light(material) if normals is None else _untextured(material)
         if mode != POINTS:
-            return Drawing(
+            return LineDrawing(
                 label, vertices, join_ends(corners, mode), rgba, False, own, {}, material
             )
         if "indices" in primitive:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
@@ -335,7 +335,7 @@ class _ObjFile:
             rows = kept & (used == number)
             yield self._used[number], numbers[rows[statements]], counts[rows]
 
-    def _drawings(self, names: Names) -> Iterator[Drawing]:
+    def _drawings(self, names: Names) -> Iterator[LineDrawing]:
         """Yield the lines of each material."""
         for name, numbers, counts in self._elements("l"):
             used, places = np.unique(numbers, return_inverse=True)
@@ -344,7 +344,7 @@ class _ObjFile:
             begins = np.flatnonzero(inner)
             places = places.reshape(-1)
             table = self._tables["v"][used]
-            yield Drawing(
+            yield LineDrawing(
                 names.unique("lines"), table[:, :3],
                 np.column_stack([places[begins], places[begins + 1]]), _colors(table),
                 material=self._plain(name),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.attributes import mesh_of, usable_attributes
-from rasterjit.io.drawings import Drawing, lines_of
+from rasterjit.io.drawings import LineDrawing, lines_of
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
@@ -75,7 +75,7 @@ class Part:
     bare: NDArray[np.bool_] | None = None
 
 
-Thing: TypeAlias = Part | Cloud | Drawing
+Thing: TypeAlias = Part | Cloud | LineDrawing
 """What a reader finds."""
 
 
@@ -106,7 +106,7 @@ def thing_mesh(
     """Return a thing as a mesh with normals, points or lines, or raise `MeshFileError`."""
     if isinstance(thing, Cloud):
         return points_of(thing, source, on_invalid, left_out, budget)
-    if isinstance(thing, Drawing):
+    if isinstance(thing, LineDrawing):
         return lines_of(thing, source, on_invalid, left_out, budget)
     return mesh_of_part(thing, source, on_invalid, crease_angle, left_out, budget)
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import Drawing
+from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
@@ -207,7 +207,7 @@ def _cloud(path: Path, vertex: _Element, left_out: LeftOut) -> Cloud:
 def _drawing(
     path: Path, vertex: _Element, edge: _Element, ends: NDArray[Any], damage: Damage,
     left_out: LeftOut,
-) -> Drawing:  # fmt: skip
+) -> LineDrawing:  # fmt: skip
     """Return the edges of a file without faces."""
     there, positions = vertex.there, vertex.table(_POSITION)
     sound = edge.there & ((ends >= 0) & (ends < len(there)) & (ends == np.floor(ends))).all(axis=1)
@@ -221,7 +221,7 @@ def _drawing(
     colors = of_vertices if of_edges is None else of_edges[sound]
     attributes = edge.attributes(left_out, edge.names(*_COLORS) | set(_ENDS))
     known = vertex.names(_POSITION) | (vertex.names(*_COLORS) if of_edges is None else set())
-    return Drawing(
+    return LineDrawing(
         path.name, np.where(there[:, np.newaxis], positions, 0.0).astype(np.float64),
         ends[sound].astype(np.int64),
         None if colors is None else linear_rgba(srgb_bytes(colors), False),

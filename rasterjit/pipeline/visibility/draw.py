@@ -588,7 +588,7 @@ def find_visible(
         )  # fmt: skip
         if has_points:
             covered = None
-            cloud = painting.Cloud(
+            cloud = painting.DrawnPoints(
                 vertices.positions, vertices.relative_from_model,
                 painting.only(points.rows, painted), points.sight, depth_coefficients,
             )  # fmt: skip

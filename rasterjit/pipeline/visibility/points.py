@@ -78,7 +78,7 @@ class PointsSeen(NamedTuple):
         return bool((self.rows.shapes[:, 0] == SPHERE).any())
 
 
-class Cloud(NamedTuple):
+class DrawnPoints(NamedTuple):
     """All points of a picture, and the way to its screen."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
@@ -115,7 +115,7 @@ def _turn(a: list[float], b: list[float], c: list[float]) -> float:
 
 
 def draw_cloud(
-    cloud: Cloud, viewport: Viewport, frame: tuple[NDArray[Any], NDArray[np.int32]],
+    cloud: DrawnPoints, viewport: Viewport, frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
 ) -> NDArray[np.int64]:  # fmt: skip
     """
@@ -123,7 +123,7 @@ def draw_cloud(
 
     Parameters
     ----------
-    cloud : Cloud
+    cloud : DrawnPoints
     viewport : Viewport
     frame : (depth (H, W), face_id (H, W) int32)
         Changed where points are nearer.
