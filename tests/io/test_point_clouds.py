@@ -313,11 +313,11 @@ def test_lzf_refers_back_and_repeats():
 # LAS
 
 
-def las(path, change=None):
+def las(path, change=None, version="1.2"):
     """Write a file with laspy."""
     laspy = pytest.importorskip("laspy")
     pytest.importorskip("lazrs")
-    header = laspy.LasHeader(point_format=3, version="1.2")
+    header = laspy.LasHeader(point_format=3, version=version)
     header.offsets, header.scales = [500_000.0, 5_400_000.0, 100.0], [0.001] * 3
     header.add_extra_dim(laspy.ExtraBytesParams("heat", np.float32))
     data = laspy.LasData(header)
@@ -370,6 +370,47 @@ def test_las_files_that_are_cut_short_are_refused(tmp_path):
     packed = las(tmp_path / "a.laz").read_bytes()
     with pytest.raises(rj.MeshFileError, match=r"c\.laz could not be read as \.laz"):
         rj.load(write(tmp_path / "c.laz", packed[:-300]))
+
+
+def said_of(content, place, count, form="<I"):
+    """Return a file whose head says at a place that there are so many of something."""
+    changed = bytearray(content)
+    struct.pack_into(form, changed, place, count)
+    return bytes(changed)
+
+
+@pytest.mark.parametrize(
+    ("name", "version", "place", "what"),
+    [
+        ("a.las", "1.2", 100, "records"), ("a.laz", "1.2", 100, "records"),
+        ("a.las", "1.4", 243, "records behind its points"), ("a.laz", "1.4", 100, "records"),
+        ("a.laz", "1.2", None, "chunks of points"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("count", [1000, 2**32 - 1])
+def test_counts_that_the_bytes_of_a_las_file_cannot_hold_are_refused_unread(
+    tmp_path, monkeypatch, name, version, place, what, count
+):
+    laspy = pytest.importorskip("laspy")
+    content = las(tmp_path / name, version=version).read_bytes()
+    if place is None:
+        table = struct.unpack_from("<q", content, struct.unpack_from("<I", content, 96)[0])[0]
+        place, count = table + 4, max(count, len(content))
+    monkeypatch.setattr(laspy, "open", None)
+    said = f"{name} is damaged: its head says {count} {what}, but it has room for "
+    with pytest.raises(rj.MeshFileError, match=said):
+        rj.load(write(tmp_path / name, said_of(content, place, count)), isolate=False)
+
+
+def test_a_laz_file_that_was_written_without_going_back_is_read(tmp_path):
+    content = las(tmp_path / "a.laz").read_bytes()
+    points = struct.unpack_from("<I", content, 96)[0]
+    table = content[points : points + 8]
+    content = said_of(content, points, -1, "<q") + table
+    assert len(only(write(tmp_path / "b.laz", content)).vertices) == COUNT
+    at = struct.unpack("<q", table)[0] + 4
+    with pytest.raises(rj.MeshFileError, match="its head says 4294967295 chunks of points"):
+        rj.load(write(tmp_path / "c.laz", said_of(content, at, 2**32 - 1)))
 
 
 # All

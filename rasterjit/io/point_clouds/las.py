@@ -8,8 +8,9 @@ References
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,18 @@ _KNOWN_RECORDS = ("LASF_Projection", "LASF_Spec", "laszip encoded", "copc")
 
 _KNOWN = {"X", "Y", "Z", *_COLORS}
 
+_COUNTS, _COUNTS_AT = struct.Struct("<HIIB"), 94
+"""The head's length, where points begin, how many records are before them, and their form."""
+
+_LATER, _LATER_AT = struct.Struct("<QI"), 235
+"""Of version 1.4: where records behind the points begin, and how many there are."""
+
+_RECORD, _LATER_RECORD = 54, 60
+"""Bytes at the beginning of a record before the points, and of one behind them."""
+
+_IS_PACKED = 0x80
+"""A bit of the form of points in LAZ files."""
+
 
 def read_las(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Cloud]:
     """Return the cloud of a LAS or LAZ file, or raise `MeshFileError`."""
@@ -43,6 +56,7 @@ def read_las(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
             "pip install 'rasterjit[clouds]' brings it"
         ) from error
     resources.budget.take("the file", path.stat().st_size)
+    _check_counts(path)
     try:
         with laspy.open(path) as reader:
             count = reader.header.point_count
@@ -80,6 +94,43 @@ def read_las(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         if name not in _KNOWN and (values != values[0]).any():
             attributes[name] = values
     return [Cloud(path.name, positions, colors, attributes=attributes)]
+
+
+def _check_counts(path: Path) -> None:
+    """Raise `MeshFileError` if a file says that it has more of something than it has bytes for."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_LATER_AT + _LATER.size)
+        if len(head) < _COUNTS_AT + _COUNTS.size or not head.startswith(b"LASF"):
+            # laspy says what is wrong.
+            return
+        begin, points, count, form = _COUNTS.unpack_from(head, _COUNTS_AT)
+        said = [("records", count, size - begin, _RECORD)]
+        if head[24:26] >= b"\1\4" and len(head) == _LATER_AT + _LATER.size:
+            begin, count = _LATER.unpack_from(head, _LATER_AT)
+            said.append(("records behind its points", count, size - begin, _LATER_RECORD))
+        if form & _IS_PACKED:
+            said.append(("chunks of points", _chunk_count(file, points, size), size - points, 1))
+    for what, count, room, each in said:
+        most = max(room, 0) // each
+        if count > most:
+            raise MeshFileError(
+                f"{path} is damaged: its head says {count} {what}, but it has room for {most}"
+            )
+
+
+def _chunk_count(file: BinaryIO, points: int, size: int) -> int:
+    """Return how many chunks a LAZ file says that its points have; 0 if it says nothing."""
+    for place in (points, size - 8):
+        # A file that was written without going back says it at its end.
+        file.seek(max(place, 0))
+        said = file.read(8)
+        table = struct.unpack("<q", said)[0] if len(said) == 8 else -1
+        if table >= 0:
+            file.seek(min(table + 4, size))
+            said = file.read(4)
+            return int(struct.unpack("<I", said)[0]) if len(said) == 4 else 0
+    return 0
 
 
 def _note_records(reader: Any, left_out: LeftOut) -> None:
