@@ -199,7 +199,7 @@ def _held(scene: Any) -> Loader:
 
 
 def _of_file(file: Path) -> Loader:
-    return lambda: load(file)
+    return lambda: load(file, isolate="all")
 
 
 def _loaded(loader: Loader) -> tuple[Any, Any]:

@@ -112,7 +112,7 @@ def study_files(
 
     def loader(file: Path) -> Callable[[], Any]:
         def loaded() -> Any:
-            scene = load_scene(file, look, effects, quiet)
+            scene = load_scene(file, look.of_folder(), effects, quiet)
             return scene, view.camera(scene, size)
 
         return loaded

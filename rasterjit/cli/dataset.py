@@ -19,6 +19,7 @@ from rasterjit.cli.options import (
     SizeType,
     UpType,
     add_options,
+    isolate_option,
     max_bytes_option,
     on_damage_option,
     quality_options,
@@ -116,6 +117,7 @@ def dataset_options(command: Callable) -> Callable:
                          help="Leave out a mesh with NaN or infinite vertices, or draw the rest."),
             on_damage_option,
             max_bytes_option,
+            isolate_option,
             quality_options,
             # Who draws them.
             click.option("--workers", type=WorkersType(), default="1", show_default=True,

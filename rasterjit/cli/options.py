@@ -28,6 +28,7 @@ from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MOST_STOPS
 
 if TYPE_CHECKING:
+    from rasterjit.io.foreign.codecs import Isolation
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.contours import Contours
@@ -619,7 +620,7 @@ class SceneOptions(NamedTuple):
     wireframe_color: str | None
     resource_root: str | None
     max_bytes: int = DEFAULT_MAX_BYTES
-    isolate: bool = True
+    isolate: Isolation = True
     color: str | None = None
     light: tuple[Vector | str, ...] = ()
     scalars: str | None = None
@@ -634,6 +635,10 @@ class SceneOptions(NamedTuple):
             refuse_idle([*OF_SCALARS, "colorbar"], "it is for --scalars")
         elif self.color is not None:
             raise click.BadOptionUsage("--color", "--color: --scalars have colours of their own")
+
+    def of_folder(self) -> SceneOptions:
+        """Return the options for files of a folder, which may come from strangers."""
+        return self._replace(isolate="all" if self.isolate else False)
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's colours, materials, lights and wireframe."""
@@ -1010,6 +1015,13 @@ max_bytes_option = click.option(
 )  # fmt: skip
 
 
+isolate_option = click.option(
+    "--isolate/--no-isolate", default=True, show_default=True,
+    help="Have other packages read files, and of a folder decode pictures, in a process with "
+    "limits.",
+)  # fmt: skip
+
+
 def reading_options(command: Callable) -> Callable:
     """Add the options of how files are read to a command."""
     return add_options(
@@ -1022,8 +1034,7 @@ def reading_options(command: Callable) -> Callable:
                          help="Folder that textures and other files may be read from; default: "
                               "the folder of the mesh."),
             max_bytes_option,
-            click.option("--isolate/--no-isolate", default=True, show_default=True,
-                         help="Read files that other packages read in a process with limits."),
+            isolate_option,
         ],
         command,
     )  # fmt: skip

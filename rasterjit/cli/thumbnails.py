@@ -162,7 +162,7 @@ def _draw(
     from rasterjit.rendering.notices import ViewWarning, notices_of_frame
 
     view, look, effects = described
-    scene = load_scene(file, look, effects, quiet)
+    scene = load_scene(file, look.of_folder(), effects, quiet)
     with warnings.catch_warnings():
         # Said of each file, as lines.
         warnings.simplefilter("ignore", ViewWarning)

@@ -132,7 +132,7 @@ def make_mesh(
                 with _failing(source, name):
                     scene = load(
                         source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
-                        max_bytes=recipe.max_bytes,
+                        max_bytes=recipe.max_bytes, isolate="all" if recipe.isolate else False,
                     )  # fmt: skip
                 render_views(scene, folder, recipe, name=name, threads=threads, check=check)
         except MeshError as error:

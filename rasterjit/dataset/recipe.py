@@ -95,6 +95,10 @@ class Recipe:
     max_bytes : int
         Memory that a mesh file and all that it names may take, as `rasterjit.load` has it; a mesh
         that needs more is left out. Whoever goes on with a data set may say another number.
+    isolate : bool
+        Whether packages of others read files and decode pictures in a process with limits, as
+        ``rasterjit.load(isolate="all")`` has it; a mesh that reaches one is left out. Whoever goes
+        on with a data set may choose anew.
 
     Raises
     ------
@@ -115,11 +119,14 @@ class Recipe:
     on_invalid: OnInvalid = "raise"
     on_damage: OnDamage = "error"
     max_bytes: int = DEFAULT_MAX_BYTES
+    isolate: bool = True
 
     def __post_init__(self) -> None:
         transforms.focal_length(self.fov_y)
         transforms.unit_vector("up", self.up)
         MemoryBudget("", self.max_bytes)
+        if not isinstance(self.isolate, bool):
+            raise ValueError(f"isolate must be True or False, got {in_short(self.isolate)}")
         checked = {
             "views": whole_number("views", self.views, 1, MOST_VIEWS),
             "outputs": _outputs(self.outputs),
@@ -146,7 +153,7 @@ class Recipe:
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in dataclasses.asdict(self).items()
-            if key != "max_bytes"
+            if key not in ("max_bytes", "isolate")
         }
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.assembly import Assembly, scene_of_assembly
 from rasterjit.io.binvox import load_binvox
+from rasterjit.io.foreign.codecs import Decoder, Isolation
 from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.kinds import extension_of, other_kind
@@ -41,6 +42,8 @@ from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
     import trimesh
+
+    from rasterjit.io.foreign.door import Session
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
 
@@ -75,7 +78,7 @@ def load(
     crease_angle: float = _CREASE_ANGLE,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
-    isolate: bool = True,
+    isolate: Isolation = True,
 ) -> Scene:
     """
     Read a file of a mesh, a point cloud or a drawing, or take an object of another package.
@@ -128,13 +131,15 @@ def load(
         Memory that this file and all that it names may take together. Sizes are told from headers
         before anything is read or unpacked: at its peak, loading takes at most twice this. A face
         of an OBJ, PLY, STL or OFF file counts 250 to 600 bytes. Default: 8 GiB.
-    isolate : bool
-        Whether files that other packages read (LAS, LAZ, DXF, and all that trimesh, meshio and
-        PyVista do) are read in a process of its own, which may take as much memory as
-        ``max_bytes`` allows, 10 seconds of the processor and 10 for each megabyte of the file,
-        reaches no network and, on Linux, no file but those of ``resource_root``. It starts with
-        the first such file and waits for the next one. False: they are read in this process,
-        without these limits, which is for files that you trust.
+    isolate : bool or "all"
+        Whether other packages work in a process of its own: those that read whole files (LAS, LAZ,
+        DXF, and all that trimesh, meshio and PyVista do) and those that unpack meshes and textures
+        of glTF files (Draco, meshopt, KTX 2). It may take as much memory as ``max_bytes`` allows,
+        10 seconds of the processor and 10 for each megabyte that it reads, reaches no network and,
+        on Linux, no file but those of ``resource_root``. It starts when it is first needed and
+        waits for the next file. ``"all"``: Pillow decodes pictures there as well, as it does for
+        ``rasterjit render FOLDER`` and data sets. False: all of them work in this process, without
+        these limits, which is for files that you trust.
 
     Returns
     -------
@@ -144,10 +149,11 @@ def load(
     ------
     MeshFileError
         A ``ValueError``: if the file is missing, cannot be read or holds nothing to draw, or its
-        reader crashes or reaches a limit. The message names the file and what it holds.
+        reader, or what decodes a part of it, crashes or reaches a limit. The message names the
+        file and what it holds.
     ValueError
-        If ``resource_root`` is no folder, ``isolate`` neither True nor False, an option for files
-        is given for an object, or more than ``max_bytes`` are needed: the message says by what.
+        If ``resource_root`` is no folder, ``isolate`` is no such choice, an option for files is
+        given for an object, or more than ``max_bytes`` are needed: the message says by what.
 
     Warns
     -----
@@ -158,8 +164,8 @@ def load(
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     one_of("on_invalid", on_invalid, ON_INVALID)
     one_of("on_damage", on_damage, ON_DAMAGE)
-    if not isinstance(isolate, bool):
-        raise ValueError(f"isolate must be True or False, got {in_short(isolate)}")
+    if not isinstance(isolate, bool) and not (isinstance(isolate, str) and isolate == "all"):
+        raise ValueError(f"isolate must be True, False or 'all', got {in_short(isolate)}")
     if _is_trimesh(path) or foreign_package(path) is not None:
         for name, value, default in (
             ("on_damage", on_damage, "error"),
@@ -180,7 +186,8 @@ def load(
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
-    left_out, resources = LeftOut(), Resources(file, root, budget)
+    decoder = Decoder(budget, isolate, _begin_session)
+    left_out, resources = LeftOut(), Resources(file, root, budget, decoder)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out, isolate)
         scene.up = _up_of(file)
@@ -191,6 +198,8 @@ def load(
         if kind is None:
             raise
         raise MeshFileError(f"{file} is {kind}; its name says .{extension_of(file)}") from error
+    finally:
+        decoder.close()
     budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)
@@ -204,7 +213,7 @@ def _load(
     on_damage: str,
     crease_angle: float,
     left_out: LeftOut,
-    isolate: bool,
+    isolate: Isolation,
 ) -> Scene:
     """Read a mesh file with the reader of its format."""
     extension = extension_of(file)
@@ -235,6 +244,13 @@ def readable_formats() -> frozenset[str]:
     from rasterjit.io.foreign.readers import foreign_formats
 
     return frozenset({*GLTF_FORMATS, "3mf", "binvox", *OWN_FORMATS, *foreign_formats()})
+
+
+def _begin_session(budget: MemoryBudget) -> Session:
+    """Begin to decode what a file holds packed in a process with limits."""
+    from rasterjit.io.foreign.door import Session
+
+    return Session(budget)
 
 
 def _up_of(file: Path) -> tuple[float, float, float] | None:

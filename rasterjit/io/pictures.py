@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def picture_pixels(
     content: bytes,
     what: str = "a picture",
-    budget: MemoryBudget | None = None,
     further: tuple[str, ...] = (),
+    budget: MemoryBudget | None = None,
 ) -> NDArray[Any]:
     """
     Decode a picture's file.
@@ -34,10 +34,10 @@ def picture_pixels(
     content : bytes
     what : str
         What a message calls it.
-    budget : MemoryBudget, optional
-        Counts what its texels take, by its header.
     further : tuple of str
         Formats that it may have besides, by Pillow's names.
+    budget : MemoryBudget, optional
+        Counts what its texels take, by its header.
 
     Returns
     -------

@@ -19,6 +19,7 @@ import re
 import stat
 from pathlib import Path
 
+from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.skipped import MissingFileError, reason_of
 from rasterjit.scene.memory import MemoryBudget
 
@@ -66,6 +67,8 @@ class Resources:
         mesh file is in, or else that of the mesh file.
     budget : MemoryBudget, optional
         Counts what is read, here and by who makes something of it.
+    decoder : Decoder, optional
+        Decodes what the files hold packed; default: in this process.
 
     Attributes
     ----------
@@ -74,9 +77,14 @@ class Resources:
     """
 
     def __init__(
-        self, path: Path, root: Path | None = None, budget: MemoryBudget | None = None
+        self,
+        path: Path,
+        root: Path | None = None,
+        budget: MemoryBudget | None = None,
+        decoder: Decoder | None = None,
     ) -> None:
         self.budget = MemoryBudget(str(path)) if budget is None else budget
+        self.decoder = Decoder(self.budget) if decoder is None else decoder
         self.folder = path.parent
         self._model = _model_folder(Path(os.path.realpath(self.folder)))
         allowed = (self._model or self.folder) if root is None else root

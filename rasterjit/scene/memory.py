@@ -35,6 +35,8 @@ class MemoryBudget:
 
     Attributes
     ----------
+    source, max_bytes
+        As given.
     left : int
         Bytes that may still be taken.
 
@@ -47,10 +49,10 @@ class MemoryBudget:
     def __init__(self, source: str, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
         if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes <= 0:
             raise ValueError(f"max_bytes must be a whole number above 0, got {in_short(max_bytes)}")
-        self._source = source
+        self.source = source
         self.max_bytes = max_bytes
         self.left = max_bytes
-        self.refusal: FileSizeError | None = None
+        self.refusal: ValueError | None = None
 
     def take(self, what: str, count: int) -> None:
         """
@@ -69,18 +71,20 @@ class MemoryBudget:
         """
         if self.refusal is None and count > self.left:
             self.refuse(
-                f"{self._source}: {what} needs {count:,} bytes, but {self.left:,} are left of "
-                f"max_bytes = {self.max_bytes:,}"
+                FileSizeError(
+                    f"{self.source}: {what} needs {count:,} bytes, but {self.left:,} are left of "
+                    f"max_bytes = {self.max_bytes:,}"
+                )
             )
         self.check()
         self.left -= count
 
-    def refuse(self, said: str) -> None:
-        """Refuse everything from now on, and raise `FileSizeError`, with a message of why."""
-        self.refusal = FileSizeError(said)
+    def refuse(self, error: ValueError) -> None:
+        """Refuse everything from now on, and raise an error that says why."""
+        self.refusal = error
         self.check()
 
     def check(self) -> None:
-        """Raise `FileSizeError` if anything was refused."""
+        """Raise the error that says why, if anything was refused."""
         if self.refusal is not None:
             raise self.refusal

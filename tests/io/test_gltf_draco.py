@@ -11,13 +11,15 @@ import pytest
 from gltf_drafts import Draft, quad
 
 import rasterjit as rj
+from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.gltf.draco import declared_counts, decode_draco
-from rasterjit.scene.memory import FileSizeError
+from rasterjit.scene.memory import FileSizeError, MemoryBudget
 
 DracoPy = pytest.importorskip("DracoPy")
 
 DRACO = "KHR_draco_mesh_compression"
 SIDE = 12
+DECODER = Decoder(MemoryBudget("a"))
 
 
 def sheet():
@@ -74,7 +76,7 @@ def draft(*, required=True, plain=False, change=None, mode=4, **options):
 @pytest.mark.parametrize("order", [False, True])
 def test_every_attribute_comes_by_its_number(order):
     stream, places, arrays, faces = packed(preserve_order=order)
-    mesh = decode_draco(stream, faces.size)
+    mesh = decode_draco(stream, faces.size, DECODER)
     assert mesh.corners.shape == (faces.size,)
     assert {name: len(mesh.attributes[place]) for name, place in places.items()} == dict.fromkeys(
         arrays, SIDE * SIDE
@@ -181,7 +183,8 @@ def test_damage_ends_in_an_error_or_a_mesh():
         for _ in range(rng.choice((1, 2, 5))):
             stream[rng.randrange(11, len(stream))] = rng.randrange(256)
         try:
-            decode_draco(bytes(stream[: rng.randrange(11, 2 * len(stream))]), 6 * SIDE * SIDE)
+            cut = bytes(stream[: rng.randrange(11, 2 * len(stream))])
+            decode_draco(cut, 6 * SIDE * SIDE, DECODER)
             outcomes.add("a mesh")
         except ValueError as error:
             outcomes.add(re.sub(r"\d+", "N", str(error)))

@@ -10,12 +10,14 @@ from gltf_drafts import CORNERS, NORMAL, POSITION, Draft, quad
 from sample_models import encode_png
 
 import rasterjit as rj
+from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.gltf.meshopt import decode_meshopt
-from rasterjit.scene.memory import FileSizeError
+from rasterjit.scene.memory import FileSizeError, MemoryBudget
 
 meshopt = pytest.importorskip("meshopt", reason="meshopt needs Python 3.11")
 
 EXT, KHR = "EXT_meshopt_compression", "KHR_meshopt_compression"
+DECODER = Decoder(MemoryBudget("a"))
 
 
 class Packed(Draft):
@@ -217,7 +219,7 @@ def test_damage_ends_in_an_error_or_in_numbers():
         stored = bytes(stored[: rng.randrange(2 * len(stored))])
         packed = {"mode": mode, "count": count, "byteStride": size}
         try:
-            assert len(decode_meshopt(EXT, packed, stored)) == count * size
+            assert len(decode_meshopt(EXT, packed, stored, DECODER)) == count * size
             outcomes.add("numbers")
         except ValueError as error:
             outcomes.add(re.sub(r"-\d+", "N", str(error)))

@@ -22,11 +22,14 @@ from planted_files import PLANTED
 
 import rasterjit as rj
 from rasterjit.io.foreign import door, truncation, wire
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut
+from rasterjit.scene.memory import MemoryBudget
 
 ROOT = Path(__file__).parents[2]
 HDF5 = "h5py"
 """What meshio asks for; the tests do without."""
-LONGEST = 40.0
+LONGEST = 120.0
 """Seconds of the processor and by the clock in which what never ends is given up."""
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
@@ -379,8 +382,55 @@ def test_nothing_of_it_is_loaded_for_formats_of_our_own(tmp_path):
 
 @pytest.mark.parametrize("isolate", [None, 1, "yes"])
 def test_whether_to_isolate_is_checked(tmp_path, isolate):
-    with pytest.raises(ValueError, match="isolate must be True or False, got"):
+    with pytest.raises(ValueError, match="isolate must be True, False or 'all', got"):
         rj.load(small(tmp_path), isolate=isolate)
+
+
+# Memory
+
+
+def triangles(path, side):
+    rows, columns = np.indices((side, side)).reshape(2, -1)
+    points = np.stack([columns, rows, np.sin(rows)], axis=1).astype(float)
+    first = (side * np.arange(side - 1)[:, None] + np.arange(side - 1)).reshape(-1, 1)
+    faces = (first + np.array([0, 1, side + 1, 0, side + 1, side])).reshape(-1, 3)
+    if path.suffix == ".dae":
+        trimesh = pytest.importorskip("trimesh")
+        trimesh.Trimesh(points, faces, process=False).export(path)
+        return path
+    return tables(path, [("triangle", faces)], points)
+
+
+def curves(path, side):
+    shapes = "".join(f'<path d="M{n} 0C1 2 {n} 3 4 0"/>' for n in range(side * side // 8))
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{shapes}</svg>')
+    return path
+
+
+LARGE = {
+    "a.vtk": triangles, "a.dae": triangles, "a.svg": curves,
+    "a.las": lambda path, side: cloud(path, side * side),
+    "a.laz": lambda path, side: cloud(path, side * side),
+}  # fmt: skip
+
+
+@linux
+@pytest.mark.parametrize("name", LARGE)
+def test_what_is_counted_is_half_of_what_the_process_takes_at_least(tmp_path, monkeypatch, name):
+    peaks, ask = [], door._Reader.ask
+
+    def watched(reader, *request):
+        answer, found = ask(reader, *request)
+        peaks.append(answer["peak"])
+        return answer, found
+
+    monkeypatch.setattr(door._Reader, "ask", watched)
+    for side in (3, 3, 200):
+        # The first imports what reads it.
+        path = LARGE[name](tmp_path / name, side)
+        budget = MemoryBudget(str(path))
+        door.read_isolated(path, Resources(path, None, budget), "raise", "error", LeftOut())
+    assert 0 < peaks[-1] - peaks[-2] < 2 * (budget.max_bytes - budget.left)
 
 
 # What harms

@@ -1,8 +1,9 @@
 """
-Have files read by packages of others where they can do no harm: in a process with limits.
+Have packages of others read files, and decode what files hold, where they can do no harm.
 
-The process is started for the first such file, waits for the next one, and ends with this one; see
-`rasterjit.io.foreign.child`. One that crashed or had to be ended is replaced.
+That is in a process with limits. It is started for the first such file, waits for the next one, and
+ends with this one; see `rasterjit.io.foreign.child`. One that crashed or had to be ended is
+replaced.
 """
 
 from __future__ import annotations
@@ -16,20 +17,24 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
+from contextlib import closing
 from multiprocessing import spawn
 from pathlib import Path
 from typing import Any
 
 from rasterjit import forks
+from rasterjit.io.foreign.codecs import CODECS
 from rasterjit.io.foreign.readers import modules_for
-from rasterjit.io.foreign.wire import read_found
+from rasterjit.io.foreign.wire import read_found, write_found
 from rasterjit.io.kinds import extension_of
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.scene.memory import FileSizeError, MemoryBudget
 from rasterjit.scene.warning import warn_caller
 
 _SECONDS, _SECONDS_OF_MEGABYTE = 10, 10
-"""Of the processor: what reading a file may take, and what each megabyte of it adds."""
+"""Of the processor: what a file may take, and what each megabyte of it adds that is read."""
 
 _WAITING = 20.0 if sys.platform == "linux" else 4.0
 """How many times as long it may take by the clock, as others use the processor as well; by this
@@ -42,6 +47,8 @@ _SMALL = 1 << 20
 """Bytes of what is found that are not counted: names, numbers and notes."""
 
 _IN_PROCESS = "isolate=False reads it in this process, without limits"
+
+_NOTHING = Path(os.devnull)
 
 _PACKAGE = Path(__file__).parents[2]
 
@@ -84,6 +91,8 @@ class _Reader:
 
     def __init__(self) -> None:
         self._results, name = _result_file()
+        self._is_busy = False
+        """Whether it keeps a copy for more of a file."""
         number = self._results.fileno()
         command = [spawn.get_executable(), "-I", "-S", "-c", _START]
         self._process = subprocess.Popen(
@@ -105,17 +114,25 @@ class _Reader:
             self.end()
             raise
 
-    def ask(self, request: dict[str, Any], longest: float) -> tuple[dict[str, Any], Any]:
+    def ask(
+        self, request: dict[str, Any], arguments: Sequence[Any] = ()
+    ) -> tuple[dict[str, Any], Any]:
         """Return how the process fared with a request, and what it found, if it did."""
+        if arguments:
+            write_found(arguments, self._results.fileno())
         self._say(request)
-        answer = self._answer(longest)
+        answer = self._answer(request["longest"] + _STARTING)
+        self._is_busy = not answer.get("has_ended", request["is_last"])
         found = None
         if answer["status"] == 0:
             file = self._results.fileno()
             is_large = os.fstat(file).st_size > request["left"] + _SMALL
-            found = {"error": "MemoryError"} if is_large else read_found(file)
-            # Its memory is free again.
-            self._results.truncate(0)
+            try:
+                found = {"error": "MemoryError"} if is_large else read_found(file)
+            except ValueError as error:
+                raise _EndedError from error
+        # Its memory is free again.
+        self._results.truncate(0)
         return answer, found
 
     def _say(self, what: dict[str, Any]) -> None:
@@ -152,6 +169,17 @@ class _Reader:
     def is_alive(self) -> bool:
         """Tell whether the process still waits."""
         return self._process.poll() is None
+
+    def is_ready(self) -> bool:
+        """End what the process does for a file, if it does; tell whether it waits for another."""
+        if not self._is_busy:
+            return True
+        try:
+            self._is_busy = False
+            self._say({"end": True})
+            return bool(self._answer(_STARTING)["status"] == 0)
+        except _EndedError:
+            return False
 
     def end(self) -> int:
         """End the process, and tell how it ended."""
@@ -235,62 +263,135 @@ def read_isolated(
         Also if the process crashes, takes too long or more memory than the budget has.
     FileSizeError
     """
-    budget, extension = resources.budget, extension_of(path)
-    seconds = _SECONDS + _SECONDS_OF_MEGABYTE * path.stat().st_size // 1_000_000
-    request = {
-        "path": str(path), "root": str(resources.root), "folder": _folder(),
-        "sys_path": _path(), "hidden": [name for name, one in sys.modules.items() if one is None],
-        "modules": modules_for(extension), "on_damage": on_damage,
-        "on_invalid": on_invalid, "max_bytes": budget.max_bytes, "left": budget.left,
-        "memory": 2 * budget.left, "seconds": seconds, "longest": _WAITING * seconds,
-    }  # fmt: skip
-    could_not = f"{path} could not be read as .{extension}"
-    answer, found = _asked(request, could_not)
-    if found is None:
-        raise MeshFileError(f"{could_not}: {_ending(answer, seconds)}; {_IN_PROCESS}")
-    if found["error"] == "FileSizeError":
-        budget.refuse(found["said"])
-    if found["error"] == "MemoryError":
-        raise MeshFileError(
-            f"{could_not}: it needs more memory than max_bytes = {budget.max_bytes:,} allows"
-        )
-    if found["error"] is not None:
-        raise MeshFileError(found["said"])
-    budget.left = found["left"]
+    with closing(Session(resources.budget, path, resources.root, path.stat().st_size)) as one:
+        found = one.do(
+            "its reader", modules_for(extension_of(path)), on_damage=on_damage,
+            on_invalid=on_invalid,
+        )  # fmt: skip
     left_out.add_all(found["left_out"])
     for text in found["warnings"]:
         warn_caller(text)
     return found["found"]
 
 
-def _ending(answer: dict[str, Any], seconds: int) -> str:
-    """Say why a reader ended without an answer."""
-    status = answer["status"]
-    if answer.get("is_late") or status == -getattr(signal, "SIGXCPU", 0):
-        return f"its reader takes more than {seconds} s"
-    if status < 0:
-        return f"its reader crashed ({signal.Signals(-status).name})"
-    return f"its reader ended with status {status}"
+class Session:
+    """
+    What a process does for one file: read it, or decode one after the other what it holds.
 
+    Parameters
+    ----------
+    budget : MemoryBudget
+    path, root : Path
+        The file and the folder that the process may read; neither for a session that decodes.
+    size : int
+        Bytes of the file; those that are decoded are added.
+    """
 
-def _asked(request: dict[str, Any], could_not: str) -> tuple[dict[str, Any], Any]:
-    """Have a process answer a request: one that waits, or a new one."""
-    reader = None
-    try:
-        reader = _taken()
-        answer = reader.ask(request, request["longest"] + _STARTING)
-    except _EndedError as error:
-        return {"status": _dropped(reader), "is_late": error.is_late}, None
-    except BaseException as error:
-        _dropped(reader)
-        if isinstance(error, OSError):
+    def __init__(
+        self, budget: MemoryBudget, path: Path = _NOTHING, root: Path = _NOTHING, size: int = 0
+    ) -> None:
+        self._budget, self._size = budget, size
+        self._file = {"path": str(path), "root": str(root), "source": budget.source,
+                      "max_bytes": budget.max_bytes}  # fmt: skip
+        self._reader: _Reader | None = None
+
+    def decode(self, name: str, arguments: Sequence[Any]) -> Any:
+        """
+        Return what a codec makes of its arguments.
+
+        Raises
+        ------
+        ValueError
+            Of what is said of the data. If the process crashes or reaches a limit, a
+            `MeshFileError`, and the budget refuses all else.
+        """
+        codec = CODECS[name]
+        try:
+            return self.do(codec.library, codec.modules, arguments, codec=name)["found"]
+        except MeshFileError as error:
+            self._budget.refuse(error)
+
+    def do(
+        self, who: str, modules: Sequence[str], arguments: Sequence[Any] = (), **more: Any
+    ) -> dict[str, Any]:
+        """
+        Return what became of a request.
+
+        Raises
+        ------
+        MeshFileError
+            Also if the process crashes or reaches a limit.
+        ValueError
+        """
+        budget = self._budget
+        self._size += sum(len(one) for one in arguments if isinstance(one, bytes))
+        seconds = _SECONDS + _SECONDS_OF_MEGABYTE * self._size // 1_000_000
+        request = {
+            **self._file, **more, "modules": modules, "left": budget.left, "seconds": seconds,
+            "longest": _WAITING * seconds, "is_given": bool(arguments), "is_last": not arguments,
+        }  # fmt: skip
+        if self._reader is None:
+            request |= {
+                "folder": _folder(), "sys_path": _path(), "memory": 2 * budget.left,
+                "hidden": [name for name, one in sys.modules.items() if one is None],
+            }  # fmt: skip
+        could_not = f"{budget.source} could not be read as .{extension_of(Path(budget.source))}"
+        try:
+            answer, found = self._ask(request, arguments)
+        except OSError as error:
             raise MeshFileError(
                 f"{could_not}: no process can be started for it ({error}); {_IN_PROCESS}"
             ) from error
-        raise
-    with _LOCK:
-        _IDLE.append(reader)
-    return answer
+        if found is None:
+            raise MeshFileError(f"{could_not}: {who} {_ending(answer, seconds)}; {_IN_PROCESS}")
+        if found["error"] == "FileSizeError":
+            budget.refuse(FileSizeError(found["said"]))
+        if found["error"] == "MemoryError":
+            raise MeshFileError(
+                f"{could_not}: it needs more memory than max_bytes = {budget.max_bytes:,} allows"
+            )
+        if found["error"] is not None:
+            kind = MeshFileError if found["error"] == "MeshFileError" else ValueError
+            raise kind(found["said"])
+        budget.left = found["left"]
+        return found
+
+    def _ask(self, request: dict[str, Any], arguments: Sequence[Any]) -> tuple[dict[str, Any], Any]:
+        """Have the process answer a request: one that waits, or a new one."""
+        try:
+            if self._reader is None:
+                self._reader = _taken()
+            return self._reader.ask(request, arguments)
+        except _EndedError as error:
+            status = -1 if self._reader is None else self._reader.end()
+            self._reader = None
+            return {"status": status, "is_late": error.is_late}, None
+        except BaseException:
+            if self._reader is not None:
+                self._reader.end()
+                self._reader = None
+            raise
+
+    def close(self) -> None:
+        """Let others have the process."""
+        reader, self._reader = self._reader, None
+        if reader is None:
+            return
+        if reader.is_ready():
+            with _LOCK:
+                _IDLE.append(reader)
+        else:
+            reader.end()
+
+
+def _ending(answer: dict[str, Any], seconds: int) -> str:
+    """Say how a process ended without an answer."""
+    status = answer["status"]
+    if answer["is_late"] or status == -getattr(signal, "SIGXCPU", 0):
+        return f"takes more than {seconds} s"
+    if status < 0:
+        return f"crashed ({signal.Signals(-status).name})"
+    return f"ended with status {status}"
 
 
 def _taken() -> _Reader:
@@ -302,9 +403,4 @@ def _taken() -> _Reader:
             return _Reader()
         if reader.is_alive():
             return reader
-        _dropped(reader)
-
-
-def _dropped(reader: _Reader | None) -> int:
-    """End a process, if there is one, that is of no more use; tell how it ended."""
-    return -1 if reader is None else reader.end()
+        reader.end()

@@ -18,10 +18,16 @@ import stat
 import struct
 import sys
 import sysconfig
+import time
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import Any
 
 from rasterjit.io.resources import RefusedFileError, shown_name
+
+resource: Any = None
+with contextlib.suppress(ImportError):
+    import resource
 
 _SLACK = 256 << 20
 """Bytes of addresses that are mapped for other reasons, such as stacks of threads."""
@@ -71,28 +77,32 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, _SIGKILL, 0, 0, 0)
 
 
-def hold_to(memory: int, seconds: int) -> None:
+def seconds_used() -> int:
+    """Return how long this process has used the processor, rounded up."""
+    return int(time.process_time()) + 1
+
+
+def hold_to_seconds(seconds: int) -> None:
+    """Let this process use the processor for so long, all that it has used included."""
+    if resource is not None:
+        _limit(resource.RLIMIT_CPU, seconds)
+
+
+def hold_to_memory(memory: int) -> None:
     """
-    Limit memory, processor time and what is written.
+    Limit memory and what is written.
 
     Parameters
     ----------
     memory : int
         Bytes that may be taken beyond those that this process has; files get no larger either.
-    seconds : int
-        Of the processor, beyond those that this process has used.
     """
-    try:
-        import resource
-    except ImportError:
+    if resource is None:
         return
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    used = int(usage.ru_utime + usage.ru_stime) + 1
     with contextlib.suppress(OSError):
         with open("/proc/self/statm", "rb") as file:
             mapped = int(file.read().split()[0]) * resource.getpagesize()
         _limit(resource.RLIMIT_AS, mapped + memory + _SLACK)
-    _limit(resource.RLIMIT_CPU, used + seconds)
     _limit(resource.RLIMIT_FSIZE, memory + _SLACK)
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_NOFILE, _OPEN_FILES)
@@ -100,8 +110,6 @@ def hold_to(memory: int, seconds: int) -> None:
 
 def _limit(which: int, value: int) -> None:
     """Lower what may be had of something; what is lower already stays."""
-    import resource
-
     _, most = resource.getrlimit(which)
     value = value if most == resource.RLIM_INFINITY else min(value, most)
     with contextlib.suppress(OSError, ValueError):
@@ -110,12 +118,16 @@ def _limit(which: int, value: int) -> None:
 
 def library_places() -> list[str]:
     """Return the folders and files that Python and its packages are read from."""
+    return _library_places(tuple(sys.path), len(sys.modules))
+
+
+@lru_cache(maxsize=1)
+def _library_places(path: tuple[str, ...], _: int) -> list[str]:
+    """Return the same, found anew only for another path or where modules came or went."""
     schemes = sysconfig.get_paths()
     found = {schemes[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
-    found |= {
-        one for one in sys.path if os.path.basename(one) in ("site-packages", "dist-packages")
-    }
-    found |= {one for one in sys.path if one.startswith(schemes["stdlib"])}
+    found |= {one for one in path if os.path.basename(one) in ("site-packages", "dist-packages")}
+    found |= {one for one in path if one.startswith(schemes["stdlib"])}
     found |= set(_LIBRARIES) | {os.path.join(sys.base_prefix, "lib")}
     for name, module in list(sys.modules.items()):
         if "." not in name:
@@ -172,25 +184,28 @@ def _allow(libc: Any, rules: int, place: str) -> None:
 
 
 class Guard:
-    """Refuses, by a hook of Python's, what a reader may not do; it names what that is."""
+    """
+    Refuses, by a hook of Python's, what a reader may not do; it names what that is.
+
+    Attributes
+    ----------
+    is_armed : bool
+        Whether it refuses anything.
+    """
 
     def __init__(self) -> None:
-        self._places: tuple[str, ...] | None = None
+        self.is_armed = False
         self._root = ""
+        self._places: tuple[str, ...] = ()
         sys.addaudithook(self._check)
 
-    def arm(self, root: str, places: Iterable[str]) -> None:
-        """Begin to refuse what lies neither below a root nor below other places."""
-        self._root = root
-        self._places = tuple(os.path.realpath(one) for one in places)
-
-    def disarm(self) -> None:
-        """Refuse nothing more."""
-        self._places = None
+    def keep_to(self, root: str, places: Iterable[str]) -> None:
+        """Refuse files that lie neither below a root nor below other places, links followed."""
+        self._root, self._places = root, tuple(places)
 
     def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
         """Raise `RefusedFileError` about what is about to be done and must not be."""
-        if self._places is None:
+        if not self.is_armed:
             return
         if event == "open":
             self._check_open(*arguments)
@@ -206,7 +221,7 @@ class Guard:
             raise RefusedFileError(f"reading a file writes none: {shown_name(name)}")
         place = os.path.realpath(name)
         if not _is_below(place, self._root) and not any(
-            _is_below(place, one) for one in self._places or ()
+            _is_below(place, one) for one in self._places
         ):
             raise RefusedFileError(
                 f"the file {shown_name(name)} lies outside {self._root!r}; resource_root names "

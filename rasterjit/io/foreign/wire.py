@@ -50,7 +50,7 @@ def write_found(found: Any, file: int) -> None:
 
     Parameters
     ----------
-    found : None, bool, int, float, str, tuple, list, dict, array or object of a known class
+    found : None, bool, int, float, str, bytes, tuple, list, dict, array, object of a known class
         Arrays of anything but numbers become bytes of the same shape.
     file : int
         A descriptor.
@@ -87,6 +87,8 @@ class _Writer:
             return value
         if isinstance(value, str):
             return str(value)
+        if isinstance(value, bytes):
+            return ["bytes", self.append(memoryview(value)), len(value)]
         if isinstance(value, (list, tuple)):
             return ["list" if isinstance(value, list) else "tuple", *map(self.plain, value)]
         if isinstance(value, dict):
@@ -158,6 +160,8 @@ class _Reader:
             return {str(key): self.value(one) for key, one in rest}
         if kind == "same":
             return self._kept[rest[0]]
+        if kind == "bytes":
+            return bytes(_read_at(self._file, rest[0], rest[1], self._size))
         if kind == "object":
             made = self._object(rest[0], dict(rest[1:]))
         else:

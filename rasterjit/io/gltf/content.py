@@ -42,13 +42,11 @@ from rasterjit.io.gltf.values import (
     whole_of,
 )
 from rasterjit.io.gltf.variants import mapped_materials, variant_names
-from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
-from rasterjit.scene.memory import FileSizeError
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
@@ -223,8 +221,7 @@ class MaterialReader:
             try:
                 return self._picture(extension, number, color_space, options)
             except ValueError as error:
-                if isinstance(error.__cause__, FileSizeError):
-                    raise
+                self._file.budget.check()
                 self._left_out.note(f"{extension} of a texture, which has another: {error}")
         return self._picture(*sources[-1], color_space, options)
 
@@ -250,9 +247,11 @@ class MaterialReader:
         name = self._file.picture_name(picture)
         try:
             content = self._file.picture(picture)
+            decoder = self._file.decoder
             if content.startswith(SIGNATURE):
-                return ktx2_pixels(content, name, self._file.budget)
-            return picture_pixels(content, name, self._file.budget, further)
+                return ktx2_pixels(content, name, self._file.budget, decoder)
+            pixels: NDArray[Any] = decoder.decode("picture", content, name, further)
+            return pixels
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
@@ -554,7 +553,8 @@ class MeshReader:
         for number in (corners, *numbers.values()):
             count = whole_of(self._file.entry("accessors", number), "count")
             self._file.budget.take("a Draco stream", count * _DRACO_BYTES)
-        mesh = decode_draco(self._file.view_bytes(needed(packed, "bufferView")), most)
+        stream = self._file.view_bytes(needed(packed, "bufferView"))
+        mesh = decode_draco(stream, most, self._file.decoder)
         decoded: dict[int, NDArray[Any]] = {corners: mesh.corners[:, None]}
         for name, number in numbers.items():
             place = whole_of(packed["attributes"], name)

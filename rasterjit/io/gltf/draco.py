@@ -13,13 +13,17 @@ References
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.extensions import DRACO, library_of
+from rasterjit.io.gltf.extensions import DRACO, check_library
 from rasterjit.io.skipped import reason_of
+from rasterjit.scene.memory import MemoryBudget
+
+if TYPE_CHECKING:
+    from rasterjit.io.foreign.codecs import Decoder
 
 _HEAD = b"DRACO\x02\x02"
 """How a stream begins: the format's name and its version, 2.2."""
@@ -37,7 +41,7 @@ class DracoMesh(NamedTuple):
     """Rows of every vertex, (V, width), by the attribute's unique number."""
 
 
-def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
+def decode_draco(stream: bytes, most_corners: int, decoder: Decoder) -> DracoMesh:
     """
     Decode a mesh.
 
@@ -46,6 +50,7 @@ def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
     stream : bytes
     most_corners : int
         Corners of triangles that it may have.
+    decoder : Decoder
 
     Raises
     ------
@@ -54,7 +59,7 @@ def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
     ValueError
         If the stream is damaged, holds no mesh, or a larger one.
     """
-    library = library_of(DRACO)
+    check_library(DRACO)
     try:
         faces, vertices = declared_counts(stream)
     except IndexError:
@@ -65,12 +70,11 @@ def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
             f"indices {most_corners} corners"
         )
     try:
-        mesh = library.decode(stream)
-        corners = np.asarray(mesh.faces, np.uint32).reshape(-1)
-        found = {int(one["unique_id"]): np.asarray(one["data"]) for one in mesh.attributes}
+        corners, rows = decoder.decode("draco", stream)
     except Exception as error:
         # The library's own errors share no base.
         raise ValueError(f"{DRACO}: its stream is damaged: {reason_of(error)}") from None
+    found = dict(rows)
     count = min((len(rows) for rows in found.values()), default=0)
     if len(corners) and corners.max() >= count:
         raise ValueError(
@@ -78,6 +82,17 @@ def decode_draco(stream: bytes, most_corners: int) -> DracoMesh:
             f"one points at {corners.max()}"
         )
     return DracoMesh(corners, found)
+
+
+def unpacked_mesh(
+    stream: bytes, _: MemoryBudget
+) -> tuple[NDArray[np.uint32], list[tuple[int, NDArray[Any]]]]:
+    """Return the vertex numbers of a stream and its attributes by their numbers, as they are."""
+    import DracoPy
+
+    mesh = DracoPy.decode(stream)
+    corners = np.asarray(mesh.faces, np.uint32).reshape(-1)
+    return corners, [(int(one["unique_id"]), np.asarray(one["data"])) for one in mesh.attributes]
 
 
 def declared_counts(stream: bytes) -> tuple[int, int]:

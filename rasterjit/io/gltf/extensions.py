@@ -7,9 +7,8 @@ through it.
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import sys
-from types import ModuleType
 
 from rasterjit.io.gltf.layers import LAYERS
 from rasterjit.io.gltf.variants import VARIANTS
@@ -59,29 +58,11 @@ class MissingLibraryError(ValueError):
     """A library that an extension needs is not installed."""
 
 
-def library_of(extension: str) -> ModuleType:
-    """
-    Return the module that decodes an extension.
-
-    Raises
-    ------
-    MissingLibraryError
-        If it is not installed.
-    """
-    name = LIBRARIES[extension]
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        oldest = _OLDEST.get(name, (0, 0))
-        on = ""
-        if sys.version_info < oldest:
-            on = f" on Python {'.'.join(map(str, oldest))} or newer"
-        raise MissingLibraryError(
-            f'{extension} needs {name}{on}; pip install "rasterjit[gltf]"'
-        ) from None
-
-
 def check_library(extension: str) -> None:
     """Raise `MissingLibraryError` if an extension needs a library that is not installed."""
-    if extension in LIBRARIES:
-        library_of(extension)
+    name = LIBRARIES.get(extension)
+    if name is None or importlib.util.find_spec(name) is not None:
+        return
+    oldest = _OLDEST.get(name, (0, 0))
+    on = f" on Python {'.'.join(map(str, oldest))} or newer" if sys.version_info < oldest else ""
+    raise MissingLibraryError(f'{extension} needs {name}{on}; pip install "rasterjit[gltf]"')

@@ -76,6 +76,7 @@ class GltfFile:
         The file's JSON.
     budget : MemoryBudget
         Counts what is made of the file.
+    decoder : Decoder
     required : frozenset of str
         Extensions without which it makes no sense.
 
@@ -87,7 +88,7 @@ class GltfFile:
 
     def __init__(self, path: Path, resources: Resources) -> None:
         self._resources = resources
-        self.budget = resources.budget
+        self.budget, self.decoder = resources.budget, resources.decoder
         self._buffers: dict[int, bytes] = {}
         self._unpacked: dict[int, bytes] = {}
         """Buffer views that were compressed, by their numbers."""
@@ -241,7 +242,7 @@ class GltfFile:
                 )
             self.budget.take(f"buffer view {number}", count * size)
             stored = self._stored_bytes(packed)
-            self._unpacked[number] = decode_meshopt(name, packed, stored)
+            self._unpacked[number] = decode_meshopt(name, packed, stored, self.decoder)
         return self._unpacked[number]
 
     def _stored_bytes(self, view: dict[str, Any]) -> bytes:

@@ -8,17 +8,23 @@ References
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rasterjit.io.gltf.extensions import library_of
+from rasterjit.io.gltf.extensions import check_library
 from rasterjit.io.gltf.values import needed, shown, whole_of
 from rasterjit.io.skipped import reason_of
+from rasterjit.scene.memory import MemoryBudget
+
+if TYPE_CHECKING:
+    from rasterjit.io.foreign.codecs import Decoder
 
 MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 
 
-def decode_meshopt(extension: str, packed: dict[str, Any], stored: bytes) -> bytes:
+def decode_meshopt(
+    extension: str, packed: dict[str, Any], stored: bytes, decoder: Decoder
+) -> bytes:
     """
     Return the bytes that a buffer view stands for.
 
@@ -30,6 +36,7 @@ def decode_meshopt(extension: str, packed: dict[str, Any], stored: bytes) -> byt
         What it says of the buffer view: ``count``, ``byteStride``, ``mode`` and ``filter``.
     stored : bytes
         The compressed bytes.
+    decoder : Decoder
 
     Raises
     ------
@@ -38,7 +45,7 @@ def decode_meshopt(extension: str, packed: dict[str, Any], stored: bytes) -> byt
     ValueError
         If the bytes are damaged, or are no ``count`` rows.
     """
-    library = library_of(extension)
+    check_library(extension)
     mode, one_filter = needed(packed, "mode"), packed.get("filter", "NONE")
     for key, value, known in (("mode", mode, MODES), ("filter", one_filter, FILTERS)):
         if value not in known:
@@ -48,7 +55,17 @@ def decode_meshopt(extension: str, packed: dict[str, Any], stored: bytes) -> byt
     if not count:
         return b""
     try:
-        rows = library.decode_gltf_buffer(stored, count, size, mode, one_filter)
+        rows: bytes = decoder.decode("meshopt", stored, count, size, mode, one_filter)
     except Exception as error:
         raise ValueError(f"{extension}: it cannot be unpacked: {reason_of(error)}") from None
-    return rows.tobytes()
+    return rows
+
+
+def unpacked_rows(
+    stored: bytes, count: int, size: int, mode: str, one_filter: str, _: MemoryBudget
+) -> bytes:
+    """Return ``count`` rows of ``size`` bytes, as meshopt unpacks them."""
+    import meshopt
+
+    rows: bytes = meshopt.decode_gltf_buffer(stored, count, size, mode, one_filter).tobytes()
+    return rows

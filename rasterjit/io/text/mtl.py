@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.pictures import in_16_bits, picture_pixels, resized
+from rasterjit.io.pictures import in_16_bits, resized
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MissingFileError, reason_of
 from rasterjit.io.text.parts import srgb_bytes
@@ -351,7 +351,9 @@ class MtlLibrary:
                 if (plain := _before_comment(name)) == name:
                     raise
                 content, name = self._resources.read(plain), plain
-            return picture_pixels(content, f"picture {shown_name(name)}", self._resources.budget)
+            decoder, what = self._resources.decoder, f"picture {shown_name(name)}"
+            pixels: NDArray[Any] = decoder.decode("picture", content, what, ())
+            return pixels
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(

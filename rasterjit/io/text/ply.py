@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
@@ -726,7 +725,8 @@ def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | No
     """Return the picture that a file names; None, with a note, if it cannot be read."""
     try:
         content = resources.read(name)
-        return Texture(picture_pixels(content, f"picture {shown_name(name)}", resources.budget))
+        what = f"picture {shown_name(name)}"
+        return Texture(resources.decoder.decode("picture", content, what, ()))
     except RefusedFileError as error:
         left_out.note(f"a file that it names: {reason_of(error)}")
     except Exception as error:

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.io.text.parts import linear_rgba
 from rasterjit.io.threemf.package import Package, local_name
@@ -86,6 +86,8 @@ class Properties:
         Notes what is not shown.
     budget : MemoryBudget
         Counts the texels of pictures.
+    decoder : Decoder
+        Decodes these.
     """
 
     def __init__(
@@ -94,6 +96,7 @@ class Properties:
         package: Package,
         left_out: LeftOut,
         budget: MemoryBudget,
+        decoder: Decoder,
     ) -> None:
         self._elements = {
             one.get("id", ""): one
@@ -102,7 +105,7 @@ class Properties:
         }
         self._package = package
         self._left_out = left_out
-        self._budget = budget
+        self._budget, self._decoder = budget, decoder
         self._looks: dict[str, Look] = {}
         self._textures: dict[str, Texture | None] = {}
 
@@ -238,7 +241,7 @@ class Properties:
                 self._left_out.note("tile style 'none' of a texture", int("none" in tiles))
                 content = self._package.content(element.get("path", ""))
                 self._textures[number] = Texture(
-                    picture_pixels(content, label, self._budget),
+                    self._decoder.decode("picture", content, label, ()),
                     wrap=tuple(_TILES[one] for one in tiles),
                     filter=_FILTERS[element.get("filter", "auto")],
                 )

@@ -102,7 +102,7 @@ class _Model:
                 if number in self.objects:
                     raise ValueError(f"it has two objects {number[:80]!r}")
                 self.objects[number] = one
-        self.properties = Properties(found, package, left_out, resources.budget)
+        self.properties = Properties(found, package, left_out, resources.budget, resources.decoder)
 
 
 class _Reader:
