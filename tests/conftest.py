@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import os
 import signal
 import sys
@@ -14,6 +16,9 @@ from hypothesis import settings
 
 import rasterjit as rj
 from rasterjit.runtime import store
+
+TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+"""Gives memory back that was freed, where the C library is GNU's."""
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
@@ -80,6 +85,24 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if item.get_closest_marker("takes_long"):
                 item.add_marker(skip)
+
+
+def pytest_collection_finish():
+    # The tests stay until the end: Python need not look again and again whether they can go.
+    gc.freeze()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item, nextitem):
+    """Forget what a module remembers for its tests when the last of them has run."""
+    module = getattr(item, "module", None)
+    if module is None or module is getattr(nextitem, "module", None):
+        return
+    for value in vars(module).values():
+        if hasattr(value, "cache_clear") and value.__module__ == module.__name__:
+            value.cache_clear()
+    if TRIM is not None:
+        TRIM(0)
 
 
 @pytest.fixture
