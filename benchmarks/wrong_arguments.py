@@ -104,7 +104,7 @@ WRONG: dict[str, Callable[[], Any]] = {
 
 RESULTS = (
     "Batch", "CalibrationWarning", "Choice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
-    "Measurement", "MeshFileError", "OutputNotRequestedError", "Pick", "PixelExplanation",
+    "FrameProfile", "MeshFileError", "OutputNotRequestedError", "Pick", "PixelExplanation",
     "RenderPlan", "SaveWarning", "Stats", "ViewWarning", "Visibility",
 )  # fmt: skip
 """Classes that only RasterJIT makes."""

@@ -42,7 +42,7 @@ To look at
     matplotlib's axes. Frames, scenes and meshes show themselves in notebooks.
 How accurate, how fast, and why
     `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys.
-    `explain` tells the `RenderPlan` of a frame, `measure` what its parts take (`Measurement`),
+    `explain` tells the `RenderPlan` of a frame, `profile` what its parts take (`FrameProfile`),
     `explain_pixel` how one pixel came about (`PixelExplanation`); `Stats`, `Choice` and
     `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
 The parts alone
@@ -74,9 +74,9 @@ from typing import TYPE_CHECKING, Any
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import Pipeline
 from rasterjit.distributed.many import render_many
-from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.inspect.profile import FrameProfile, profile
 from rasterjit.io.gltf.writing import save_gltf
 from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, load, scene_to_add
 from rasterjit.io.skipped import SaveWarning
@@ -181,6 +181,7 @@ __all__ = [
     "FisheyeLens",
     "Fog",
     "Frame",
+    "FrameProfile",
     "Framebuffer",
     "Frustum",
     "Grid",
@@ -190,7 +191,6 @@ __all__ = [
     "LoadWarning",
     "Material",
     "MatrixCamera",
-    "Measurement",
     "Mesh",
     "MeshFileError",
     "MorphTargets",
@@ -233,9 +233,9 @@ __all__ = [
     "grid",
     "load",
     "masks",
-    "measure",
     "oracle",
     "orbit_direction",
+    "profile",
     "rasterize",
     "render",
     "render_batch",

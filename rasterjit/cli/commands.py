@@ -66,7 +66,7 @@ from rasterjit.cli.program import (
     threads_option,
 )
 from rasterjit.cli.report import (
-    print_measurement,
+    print_profile,
     progress_bar,
     progress_notice,
     status,
@@ -479,15 +479,15 @@ def explain(
     options: dict[str, Any] = {"outputs": outputs, "background": background, "cull": cull}
     click.echo(describe_plan(styled.explain(size=size, **options)))
     if measure:
-        from rasterjit.inspect.measure import measure as measure_frame
+        from rasterjit.inspect.profile import profile
 
         with (
             status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
             progress_notice(quiet=False),
         ):
             drawn = styled.options(size, threads=threads, **options)
-            measured = measure_frame(styled.scene, size=size, **drawn)
-        print_measurement(measured)
+            measured = profile(styled.scene, size=size, **drawn)
+        print_profile(measured)
 
 
 @program.command(short_help="Measure what accuracy costs and buys.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
-    from rasterjit.inspect.measure import Measurement
+    from rasterjit.inspect.profile import FrameProfile
     from rasterjit.outputs.diagnostics import Diagnostics
     from rasterjit.outputs.frame import Frame
     from rasterjit.scene.scene import Scene
@@ -184,7 +184,7 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     Console(highlight=False).print(table)
 
 
-def print_measurement(measured: Measurement) -> None:
+def print_profile(measured: FrameProfile) -> None:
     """Print the time of each stage, and what each effect costs."""
     from rich.console import Console
     from rich.table import Table

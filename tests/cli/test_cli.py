@@ -20,7 +20,7 @@ from PIL import Image, ImageSequence
 import rasterjit as rj
 from rasterjit.cli import advice, commands, report, warmup
 from rasterjit.cli.options import DEFAULT_DIRECTION, LIGHTS, OUTPUTS_HELP, CameraOptions
-from rasterjit.inspect import measure
+from rasterjit.inspect import profile
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.runtime import ahead, jit, progress, store
@@ -1596,7 +1596,7 @@ def test_every_command_that_renders_tells_of_compiling_unless_quiet(
     impatient, monkeypatch, tmp_path, command, is_told
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(measure, "variations", lambda *arguments: [])
+    monkeypatch.setattr(profile, "variations", lambda *arguments: [])
     result = run(*command)
     assert result.exit_code == 0, result.output
     assert result.stderr.count("compiling kernels") == is_told

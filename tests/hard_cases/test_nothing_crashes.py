@@ -668,7 +668,7 @@ ELSEWHERE = {
     "OutputNotRequestedError": "an error that reading a frame raises",
     "Diagnostics": "what a frame is made with, checked where it is made",
     **dict.fromkeys(("Frame", "Stats"), "what render returns; check_frame holds what they promise"),
-    **dict.fromkeys(("measure", "Measurement"), "it renders what explain plans, several times"),
+    **dict.fromkeys(("profile", "FrameProfile"), "it renders what explain plans, several times"),
     "Visibility": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",

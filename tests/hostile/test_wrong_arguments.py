@@ -14,7 +14,7 @@ import rasterjit as rj
 sys.path.append(str(Path(__file__).parents[2]))
 wrong = importlib.import_module("benchmarks.wrong_arguments")
 
-SLOW = ("measure", "render_many", "dataset.make", "distributed.")
+SLOW = ("profile", "render_many", "dataset.make", "distributed.")
 """What draws long, or starts processes, with what it takes for sound."""
 
 STEP = len(wrong.WRONG) - 1

@@ -163,7 +163,7 @@ def test_reports_show_themselves_as_their_text(cube, camera):
     frame = rj.render(scene, camera, size=(8, 8), max_error=0.5, diagnose=True)
     reports = [
         frame.plan, frame.diagnostics, frame.choice,
-        rj.measure(scene, camera, size=(8, 8), rounds=1),
+        rj.profile(scene, camera, size=(8, 8), rounds=1),
         rj.explain_pixel(scene, camera, (8, 8), 4, 4),
     ]  # fmt: skip
     for report in reports:

@@ -212,7 +212,7 @@ def test_plans_lenses_layers_and_measurements_see_the_pose(bent):
     lens = rj.PinholeDistortion(-0.2, 0.05)
     pictures = [rj.render(one, size=SIZE, lens=lens).color for one in (bent, flat)]
     np.testing.assert_array_equal(*pictures)
-    assert rj.measure(bent, size=SIZE, rounds=1) is not None
+    assert rj.profile(bent, size=SIZE, rounds=1) is not None
 
 
 def test_the_plan_tells_what_poses_it(bent):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.inspect import measure
+from rasterjit.inspect import profile
 from rasterjit.outputs.table import OUTPUTS as ALL_OUTPUTS
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.material import TEXTURE_FIELDS
@@ -366,7 +366,7 @@ def test_measuring_offers_what_the_quality_leaves_open(scene):
     def found(**settings):
         quality = rj.Quality(**settings)
         plan = rj.explain(scene, CAMERA, quality, size=SIZE)
-        return {what for _, what, _, _ in measure.variations(plan, scene, quality)}
+        return {what for _, what, _, _ in profile.variations(plan, scene, quality)}
 
     levels = "mip levels for 2 of them"
     assert levels in found()

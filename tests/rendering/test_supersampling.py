@@ -465,7 +465,7 @@ def test_memory_does_not_grow_with_the_number_of_pictures(monkeypatch, cube, cam
 
 
 def test_measurement_switches_pictures_off(cube, camera):
-    measured = rj.measure(cube, camera, MANY, size=SIZE, rounds=1)
+    measured = rj.profile(cube, camera, MANY, size=SIZE, rounds=1)
     assert ("anti-aliasing", "off") in [(change.name, change.what) for change in measured.changes]
     assert measured.stages["average"] > 0.0
     assert "weights.add_picture" in str(measured)

@@ -12,7 +12,7 @@ import switched_off
 from kernel_files import kernel_modules
 
 import rasterjit as rj
-from rasterjit.inspect import measure
+from rasterjit.inspect import profile
 from rasterjit.pipeline.passes import short_name
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.effects import EFFECTS
@@ -49,15 +49,15 @@ def test_shadows_are_tried_where_their_maps_are_of_a_bounded_size(cube):
         scene.add(cube)
         scene.add(cube, rj.transforms.translate((0.0, 2.5, 0.0)))
         scene.lights = [rj.PointLight((0.0, 5.0, float(n)), intensity=9.0) for n in range(count)]
-        found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
+        found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
         assert any(name == "shadows" for name, *_ in found) == is_tried
 
 
 def test_every_effect_that_is_in_is_measured_without(cube, monkeypatch):
     # Another test draws what could be added; here its kernels would be compiled for nothing.
-    monkeypatch.setattr(measure, "EFFECTS", ())
+    monkeypatch.setattr(profile, "EFFECTS", ())
     scene = rich_scene(cube)
-    measured = rj.measure(scene, looking(), size=SIZE, rounds=2, threads=1)
+    measured = rj.profile(scene, looking(), size=SIZE, rounds=2, threads=1)
     used = {effect.name for effect in measured.plan.effects if effect.used}
     wanted = {"ambient occlusion", "outline", "fog", "tone mapping", "wireframe", "transparency"}
     assert wanted <= used
@@ -84,7 +84,7 @@ def rows_of(plan):
 def test_variations_switch_what_they_name(cube):
     scene, camera, quality = rich_scene(cube), looking(), rj.Quality()
     plan = rj.explain(scene, camera, size=SIZE)
-    found = measure.variations(plan, scene, quality)
+    found = profile.variations(plan, scene, quality)
     assert {what for _, what, _, _ in found} == {
         "off", "of 1 light, maps of 1024 x 1024", "4 samples", "on",
     }  # fmt: skip
@@ -112,7 +112,7 @@ def test_textures_switched_off_are_those_of_all_maps(cube):
         metallic_roughness_texture=whites(4), occlusion_texture=whites(4),
         emissive_texture=whites(4),
     )  # fmt: skip
-    found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
     (bare,) = [changed for name, what, changed, _ in found if name == "textures"]
     assert not any(bare.nodes[0].mesh.material.textures_read())
     rows = rows_of(rj.explain(bare, looking()))
@@ -126,7 +126,7 @@ def test_textures_are_tried_with_mip_levels(cube):
     scene = textured(
         cube, "unlit", base_color_texture=shared, emissive_texture=shared, normal_texture=normals
     )
-    found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = profile.variations(rj.explain(scene, looking()), scene, rj.Quality())
     ((what, changed),) = [row[1:3] for row in found if row[0] == "textures" and row[1] != "off"]
     material = changed.nodes[0].mesh.material
     assert what == "mip levels for 1 of them"
@@ -140,7 +140,7 @@ def test_environment_light_goes_and_the_background_stays(cube):
     scene, camera = rj.Scene(), looking()
     scene.add(cube)
     scene.environment = rj.Environment.gradient("blue", "white", "green")
-    found = measure.variations(rj.explain(scene, camera), scene, rj.Quality())
+    found = profile.variations(rj.explain(scene, camera), scene, rj.Quality())
     changed = {name: scene for name, what, scene, _ in found if what == "off"}
     unlit, unseen = (
         rows_of(rj.explain(changed[name], camera))
@@ -162,7 +162,7 @@ def test_environment_light_goes_and_the_background_stays(cube):
 def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     def tried(scene, **options):
         plan = rj.explain(scene, looking(), size=SIZE, **options)
-        found = measure.variations(plan, scene, rj.Quality())
+        found = profile.variations(plan, scene, rj.Quality())
         return {name: what for name, what, _, _ in found if what != "off"}
 
     scene = rj.Scene()
@@ -193,7 +193,7 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     plan = rj.explain(scene, looking())
     (changed,) = [
         changed
-        for name, what, changed, _ in measure.variations(plan, scene, rj.Quality())
+        for name, what, changed, _ in profile.variations(plan, scene, rj.Quality())
         if name == "shadows" and what != "off"
     ]
     assert [light.shadow for light in changed.lights] == [rj.Shadow(), shadow, rj.Shadow()]
@@ -221,7 +221,7 @@ def test_samples_are_tried_where_edges_are_not_smoothed(cube):
 
     def smoothed(quality):
         plan = rj.explain(scene, looking(), quality)
-        found = measure.variations(plan, scene, quality)
+        found = profile.variations(plan, scene, quality)
         return [(what, other.samples) for name, what, _, other in found if name == "anti-aliasing"]
 
     assert smoothed(rj.Quality()) == [("4 samples", 4)]
@@ -233,7 +233,7 @@ def test_measurement_prints_plan_kernels_buffers_and_times(cube):
     scene = rj.Scene()
     scene.add(cube)
     scene.outline = rj.Outline()
-    text = str(rj.measure(scene, looking(), size=SIZE, rounds=1))
+    text = str(rj.profile(scene, looking(), size=SIZE, rounds=1))
     for words in (
         "outline", "kernels", "outline.find_edges", "stages", "light_stages.show_ambient",
         "buffers", "marks of outlines", "median of 1 frames", "outline: off", "visibility",
@@ -245,16 +245,16 @@ def test_measurement_prints_plan_kernels_buffers_and_times(cube):
 @pytest.mark.parametrize("rounds", [0, -1, 1.5, True])
 def test_rounds_must_be_a_number_of_frames(cube, rounds):
     with pytest.raises(ValueError, match="rounds must be a whole number above 0"):
-        rj.measure(cube, looking(), size=SIZE, rounds=rounds)
+        rj.profile(cube, looking(), size=SIZE, rounds=rounds)
 
 
 def test_arguments_are_those_of_render(cube):
     with pytest.raises(ValueError, match="size"):
-        rj.measure(cube, looking(), size=(0, 5))
+        rj.profile(cube, looking(), size=(0, 5))
     with pytest.raises(ValueError, match="quality"):
-        rj.measure(cube, looking(), quality="best", size=SIZE)
+        rj.profile(cube, looking(), quality="best", size=SIZE)
     with pytest.raises(ValueError, match="outputs has 'beauty'"):
-        rj.measure(cube, looking(), size=SIZE, outputs=("beauty",))
+        rj.profile(cube, looking(), size=SIZE, outputs=("beauty",))
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Measurement(Printed):
+class FrameProfile(Printed):
     """
     What a frame consists of and what that costs; prints as a table.
 
@@ -82,7 +82,7 @@ class Measurement(Printed):
         return f"{planning.describe(self.plan)}\n\n{heading}\n{times}"
 
 
-def measure(
+def profile(
     what: Any,
     camera: Camera | None = None,
     quality: Quality | None = None,
@@ -93,7 +93,7 @@ def measure(
     cull: Cull = "none",
     threads: int | None = None,
     rounds: int = ROUNDS,
-) -> Measurement:
+) -> FrameProfile:
     """
     Render a frame some times, without each effect that it uses, and with what it could use besides.
 
@@ -110,7 +110,7 @@ def measure(
 
     Returns
     -------
-    Measurement
+    FrameProfile
 
     Raises
     ------
@@ -151,7 +151,7 @@ def measure(
         for subject, time in zip(subjects[1:], times[1:], strict=True)
     )
     used = available_processors() if threads is None else threads
-    return Measurement(plan, used, rounds, stages, times[0], changes)
+    return FrameProfile(plan, used, rounds, stages, times[0], changes)
 
 
 class Subject(NamedTuple):
