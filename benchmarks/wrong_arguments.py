@@ -103,7 +103,7 @@ WRONG: dict[str, Callable[[], Any]] = {
 """Made anew for each call."""
 
 RESULTS = (
-    "Batch", "CalibrationWarning", "Choice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
+    "Batch", "CalibrationWarning", "QualityChoice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
     "FrameProfile", "MeshFileError", "OutputNotRequestedError", "Pick", "PixelExplanation",
     "RenderPlan", "SaveWarning", "Stats", "ViewWarning", "Visibility",
 )  # fmt: skip

@@ -43,7 +43,7 @@ To look at
 How accurate, how fast, and why
     `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys.
     `explain` tells the `RenderPlan` of a frame, `profile` what its parts take (`FrameProfile`),
-    `explain_pixel` how one pixel came about (`PixelExplanation`); `Stats`, `Choice` and
+    `explain_pixel` how one pixel came about (`PixelExplanation`); `Stats`, `QualityChoice` and
     `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
 The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
@@ -84,11 +84,11 @@ from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import (
-    Choice,
     Frame,
     LayeredFrame,
     OutputNotRequestedError,
     Pick,
+    QualityChoice,
     Stats,
 )
 from rasterjit.outputs.grid import grid
@@ -170,7 +170,6 @@ __all__ = [
     "BoundingBox",
     "CalibrationWarning",
     "Channel",
-    "Choice",
     "Colormap",
     "Contours",
     "Diagnostics",
@@ -207,6 +206,7 @@ __all__ = [
     "PointLight",
     "Points",
     "Quality",
+    "QualityChoice",
     "RenderPlan",
     "Renderer",
     "SaveWarning",

@@ -105,7 +105,7 @@ class Stats:
 
 
 @dataclass(frozen=True, repr=False)
-class Choice(preview.Printed):
+class QualityChoice(preview.Printed):
     """
     Which quality was chosen for a frame, and what was expected of it.
 
@@ -132,7 +132,7 @@ class Choice(preview.Printed):
             told.append(f"{1e3 * self.predicted_seconds:.3g} ms expected")
         if self.predicted_error is not None:
             told.append(f"error {self.predicted_error:.2g} expected")
-        return f"Choice({', '.join(told)})"
+        return f"QualityChoice({', '.join(told)})"
 
 
 class Pick(NamedTuple):
@@ -180,7 +180,7 @@ class Frame:
     plan : RenderPlan
         What was decided for this frame.
     stats : Stats
-    choice : Choice or None
+    choice : QualityChoice or None
         Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
     """
 
@@ -197,7 +197,7 @@ class Frame:
         self.plan = plan
         self.stats = stats
         # Not None for a type checker: who asks for a choice knows that there is one.
-        self.choice: Choice | Any = None
+        self.choice: QualityChoice | Any = None
         self._white_share = 0.0
         """Of the lit surfaces that are seen, 0..1; 0 where no light is so strong: see notices."""
         self._diagnostics = diagnostics

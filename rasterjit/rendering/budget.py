@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from rasterjit import forks
 from rasterjit.io.whole import replacing
-from rasterjit.outputs.frame import Choice, Frame
+from rasterjit.outputs.frame import Frame, QualityChoice
 from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
@@ -358,7 +358,7 @@ def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
     # Ignore a frame during which anything compiled, in this thread or another.
     if frame.stats.seconds["compile"] == 0.0:
         times.learn(quality, seconds)
-    frame.choice = Choice(quality, predicted, seconds)
+    frame.choice = QualityChoice(quality, predicted, seconds)
     return frame
 
 
@@ -482,13 +482,13 @@ def draw_within_error(bound: float, draw: Draw, refined: Iterator[Frame], sweep:
             for frame in tried:
                 least, most = true.error_of(frame)
                 if most <= bound:
-                    frame.choice = Choice(frame.plan.quality, None, seconds_of(frame), most)
+                    frame.choice = QualityChoice(frame.plan.quality, None, seconds_of(frame), most)
                     return frame
                 if least <= bound:
                     undecided.append(frame)
             pictures = 4 * true.pictures
     true.draw(ALL_PICTURES)
-    true.frame.choice = Choice(Quality.reference(), None, seconds_of(true.frame), 0.0)
+    true.frame.choice = QualityChoice(Quality.reference(), None, seconds_of(true.frame), 0.0)
     return true.frame
 
 

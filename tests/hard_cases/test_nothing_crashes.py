@@ -693,7 +693,7 @@ ELSEWHERE = {
     "LoadWarning": "a warning of load; tests/hostile and tests/io hold it",
     "MeshFileError": "an error of load; tests/hostile and tests/io hold it",
     "SaveWarning": "a warning of Scene.save; tests/io hold it",
-    "Choice": "what the dial notes on a frame",
+    "QualityChoice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
