@@ -104,7 +104,7 @@ WRONG: dict[str, Callable[[], Any]] = {
 
 RESULTS = (
     "Batch", "CalibrationWarning", "QualityChoice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
-    "FrameProfile", "MeshFileError", "OutputNotRequestedError", "Pick", "PixelExplanation",
+    "FrameProfile", "MeshFileError", "OutputNotRequestedError", "PickedPixel", "PixelExplanation",
     "RenderPlan", "SaveWarning", "Stats", "ViewWarning", "Visibility",
 )  # fmt: skip
 """Classes that only RasterJIT makes."""

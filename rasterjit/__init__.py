@@ -31,7 +31,7 @@ Pictures and ground truth
     draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
-    annotations of them; `Frame.pick` tells which face a pixel shows, and where (`Pick`).
+    annotations of them; `Frame.pick` tells which face a pixel shows, and where (`PickedPixel`).
     `styles` has looks that are ready made, such as ``rj.styles.studio(scene).render()``.
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
@@ -87,7 +87,7 @@ from rasterjit.outputs.frame import (
     Frame,
     LayeredFrame,
     OutputNotRequestedError,
-    Pick,
+    PickedPixel,
     QualityChoice,
     Stats,
 )
@@ -198,7 +198,7 @@ __all__ = [
     "Outline",
     "OutputNotRequestedError",
     "PerspectiveCamera",
-    "Pick",
+    "PickedPixel",
     "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",

@@ -135,7 +135,7 @@ class QualityChoice(preview.Printed):
         return f"QualityChoice({', '.join(told)})"
 
 
-class Pick(NamedTuple):
+class PickedPixel(NamedTuple):
     """
     The point that a pixel shows at its centre, as `Frame.pick` finds it.
 
@@ -605,7 +605,7 @@ class Frame:
             raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
         return find(ids)
 
-    def pick(self, x: float, y: float) -> Pick | None:
+    def pick(self, x: float, y: float) -> PickedPixel | None:
         """
         Return what the centre of a pixel shows.
 
@@ -617,7 +617,7 @@ class Frame:
 
         Returns
         -------
-        Pick or None
+        PickedPixel or None
             Object, face, weights (those of points and lines are (0, 0, 0)) and world position, and
             the scalar if the output scalar was asked for; ``None`` where nothing is.
 
@@ -630,7 +630,7 @@ class Frame:
         """
         return self._pick(x, y, ())
 
-    def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> Pick | None:
+    def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> PickedPixel | None:
         """Return what a pixel shows, in a layer if there are several."""
         missing = [name for name in PICKED if name not in self._outputs]
         if missing:
@@ -653,7 +653,7 @@ class Frame:
             node, plane = divmod(own, len(planes_of(self.plan.facts.asked["section"])))
             own = -1 - plane
         scalar = self._outputs.get("scalar")
-        return Pick(
+        return PickedPixel(
             node, own, weights[pixel].copy(), position[pixel].copy(),
             None if scalar is None else float(scalar[layer][pixel]),
         )  # fmt: skip
@@ -773,7 +773,7 @@ class LayeredFrame(Frame):
             raise ValueError(f"colorbar must be False for layers, got {in_short(colorbar)}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
-    def pick(self, x: float, y: float, layer: int = 0) -> Pick | None:
+    def pick(self, x: float, y: float, layer: int = 0) -> PickedPixel | None:
         """
         Return what the centre of a pixel shows in a layer; takes what `Frame.pick` takes.
 

@@ -697,7 +697,7 @@ ELSEWHERE = {
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
-    "Pick": "what Frame.pick returns; tests/outputs/test_picking.py refuses bad input",
+    "PickedPixel": "what Frame.pick returns; tests/outputs/test_picking.py refuses bad input",
     "animation": "a module; tests/animation refuses its bad input",
     "dataset": "a module; tests/dataset refuses its bad input",
     "cameras": "a module; tests/io/test_cameras.py refuses its bad input",

@@ -53,7 +53,7 @@ def test_a_pick_has_the_numbers_of_the_buffers_and_lies_on_the_line_of_sight(sce
         if frame.face_id[y, x] < 0:
             assert pick is None
             continue
-        assert type(pick) is rj.Pick
+        assert type(pick) is rj.PickedPixel
         assert pick.node == frame.object_id[y, x]
         assert pick.face + starts[pick.node] == frame.face_id[y, x]
         assert pick.weights.tobytes() == frame.barycentric[y, x].tobytes()
