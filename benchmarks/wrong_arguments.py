@@ -105,7 +105,7 @@ WRONG: dict[str, Callable[[], Any]] = {
 RESULTS = (
     "Batch", "CalibrationWarning", "QualityChoice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
     "FrameProfile", "MeshFileError", "OutputNotRequestedError", "PickedPixel", "PixelExplanation",
-    "RenderPlan", "SaveWarning", "Stats", "ViewWarning", "Visibility",
+    "RenderPlan", "SaveWarning", "FrameStats", "ViewWarning", "Visibility",
 )  # fmt: skip
 """Classes that only RasterJIT makes."""
 

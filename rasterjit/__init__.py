@@ -43,7 +43,7 @@ To look at
 How accurate, how fast, and why
     `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys.
     `explain` tells the `RenderPlan` of a frame, `profile` what its parts take (`FrameProfile`),
-    `explain_pixel` how one pixel came about (`PixelExplanation`); `Stats`, `QualityChoice` and
+    `explain_pixel` how one pixel came about (`PixelExplanation`); `FrameStats`, `QualityChoice` and
     `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
 The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
@@ -85,11 +85,11 @@ from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import (
     Frame,
+    FrameStats,
     LayeredFrame,
     OutputNotRequestedError,
     PickedPixel,
     QualityChoice,
-    Stats,
 )
 from rasterjit.outputs.grid import grid
 from rasterjit.rendering.batch import render_batch
@@ -181,6 +181,7 @@ __all__ = [
     "Fog",
     "Frame",
     "FrameProfile",
+    "FrameStats",
     "Framebuffer",
     "Frustum",
     "Grid",
@@ -214,7 +215,6 @@ __all__ = [
     "Shadow",
     "Skin",
     "SpotLight",
-    "Stats",
     "Texture",
     "ToneMap",
     "View",

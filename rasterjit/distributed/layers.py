@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import FrameRequest
@@ -61,7 +61,7 @@ class PartialImage:
     def frame(self) -> Frame:
         """Return the picture of all parts, which are one object."""
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
-        stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
+        stats = FrameStats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
         plan = self.plan.with_(look=self.look)
         return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))

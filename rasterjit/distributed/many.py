@@ -25,7 +25,7 @@ from rasterjit.distributed.clusters import (
     send,
     submit,
 )
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
@@ -52,7 +52,7 @@ from rasterjit.scene.validation import one_of, thread_count
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Drawn = tuple[dict[str, NDArray[Any]], Stats, dict[str, str]]
+Drawn = tuple[dict[str, NDArray[Any]], FrameStats, dict[str, str]]
 """What a worker sends back of a frame: its arrays, statistics, and what there is to warn of."""
 
 

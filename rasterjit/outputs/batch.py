@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Stats, output_named
+from rasterjit.outputs.frame import FrameStats, output_named
 from rasterjit.outputs.table import is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.validation import in_short
@@ -27,11 +27,11 @@ class Batch:
 
     Attributes
     ----------
-    stats : Stats
+    stats : FrameStats
         The sums of all views; ``seconds`` has the wall-clock time of them all.
     """
 
-    def __init__(self, outputs: dict[str, NDArray[Any]], stats: Stats) -> None:
+    def __init__(self, outputs: dict[str, NDArray[Any]], stats: FrameStats) -> None:
         self._outputs = outputs
         self.stats = stats
 

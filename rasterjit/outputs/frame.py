@@ -45,7 +45,7 @@ class OutputNotRequestedError(AttributeError, ValueError):
 
 
 @dataclass(frozen=True, repr=False)
-class Stats:
+class FrameStats:
     """
     What became of the triangles, and where the time went.
 
@@ -83,7 +83,7 @@ class Stats:
     def __repr__(self) -> str:
         names = [field.name for field in fields(self)]
         names.insert(names.index("seconds"), "pixels_covered")
-        return f"Stats({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
+        return f"FrameStats({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     @property
     def pixels_covered(self) -> int:
@@ -98,7 +98,7 @@ class Stats:
             object.__setattr__(self, "_covered", covered)
         return covered
 
-    def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> Stats:
+    def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> FrameStats:
         """Return those of a frame that was cut out of another; its faces, if they were counted."""
         shown = self._covered if face_id is None else face_id
         return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
@@ -179,7 +179,7 @@ class Frame:
     ----------
     plan : RenderPlan
         What was decided for this frame.
-    stats : Stats
+    stats : FrameStats
     choice : QualityChoice or None
         Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
     """
@@ -188,7 +188,7 @@ class Frame:
         self,
         outputs: dict[str, NDArray[Any]],
         plan: RenderPlan,
-        stats: Stats,
+        stats: FrameStats,
         diagnostics: Diagnostics | None = None,
         face_starts: NDArray[np.int64] | None = None,
     ) -> None:
@@ -724,7 +724,7 @@ class LayeredFrame(Frame):
     Attributes
     ----------
     plan : RenderPlan
-    stats : Stats
+    stats : FrameStats
         Of the first layer.
     """
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.outputs.batch import Batch
-from rasterjit.outputs.frame import Stats
+from rasterjit.outputs.frame import FrameStats
 from rasterjit.outputs.table import Outputs, is_attribute, shape_of
 from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
@@ -180,7 +180,7 @@ def render_batch(
     *counts, covered = drawn.totals.tolist()
     named = dict(zip(COUNTED, counts, strict=False))
     seconds = {"all views": time.perf_counter() - since}
-    return Batch(arrays, Stats(**named, seconds=seconds, face_id=covered))
+    return Batch(arrays, FrameStats(**named, seconds=seconds, face_id=covered))
 
 
 def _take_up(what: Any, scene: Scene, quality: Quality) -> BatchCache:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.rendering.batch import scene_at
 from rasterjit.rendering.plan import FrameRequest, RenderPlan, plan_frame
 from rasterjit.scene.camera import Camera
@@ -26,7 +26,7 @@ class LateFrame(Frame):
     outputs : dict of arrays
     make_plan : callable
         Returns the plan.
-    stats : Stats
+    stats : FrameStats
     face_starts : (O+1,) int64, optional
         Number of each object's first face.
     """
@@ -35,7 +35,7 @@ class LateFrame(Frame):
         self,
         outputs: dict[str, NDArray[Any]],
         make_plan: Callable[[], RenderPlan],
-        stats: Stats,
+        stats: FrameStats,
         face_starts: NDArray[np.int64] | None = None,
     ) -> None:
         self._plan: RenderPlan | None = None

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import motion, table
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.motion import Moment
 from rasterjit.outputs.table import MIXED_OUTPUTS
 from rasterjit.pipeline import encode, resampling
@@ -248,7 +248,7 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     share = 0.0 if lit is None else notices.white_share(lit, result["color"])
     for overlay in planned.plan.at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
-    stats = Stats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
+    stats = FrameStats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
     if "face_id" in outputs:
         # The caller may write to it.
         _ = stats.pixels_covered

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.pipeline.views import LEAST_WHITE
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import SceneCache
@@ -60,7 +60,7 @@ class Told:
         return {kind: f"{text} (cameras[{number}])" for kind, (number, text) in self._found.items()}
 
 
-def shows_anything(plan: RenderPlan, stats: Stats) -> bool:
+def shows_anything(plan: RenderPlan, stats: FrameStats) -> bool:
     """Tell whether a face covers a sample or, of edges alone, whether any may be in view."""
     if not plan.facts.finds_faces:
         return stats.drawn + stats.unsampled + stats.degenerate > 0
@@ -68,14 +68,14 @@ def shows_anything(plan: RenderPlan, stats: Stats) -> bool:
     return stats.drawn > 0 and (not plan.facts.tests_hits or stats.pixels_covered > 0)
 
 
-def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
+def notices_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, str]:
     """
     Return what there is to warn of, by kind.
 
     Parameters
     ----------
     plan : RenderPlan
-    stats : Stats, optional
+    stats : FrameStats, optional
         Of the whole frame. Default: it is not drawn yet, and only objects out of view tell that
         nothing is in view.
     """

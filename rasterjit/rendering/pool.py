@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.rendering import batch, notices, together
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.kept import BatchCache
@@ -255,7 +255,7 @@ class Artist:
             *counted, covered = counts[n].tolist()
             named = dict(zip(COUNTED, counted, strict=False))
             seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
-            stats = Stats(**named, seconds=seconds, face_id=covered)
+            stats = FrameStats(**named, seconds=seconds, face_id=covered)
             plan = partial(moment.plan, cameras[n])
             found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
         return found

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import shape_of
 from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
 from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of, view_fields
@@ -157,7 +157,7 @@ def frame_of_totals(
     faces, counted = len(planned.cache.shapes.arrays.faces), totals.tolist()
     outside, degenerate, culled, unsampled, invalid = counted[:COVERED]
     drawn = faces - (outside + degenerate + culled + unsampled + invalid)
-    stats = Stats(
+    stats = FrameStats(
         faces, outside, culled, degenerate, unsampled, invalid, drawn, counted[CUT],
         seconds=seconds, face_id=counted[COVERED],
     )  # fmt: skip

@@ -20,7 +20,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
-from rasterjit.outputs.frame import Frame, Stats, keep_outputs
+from rasterjit.outputs.frame import Frame, FrameStats, keep_outputs
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.fragments.bands import sampled_viewport
 from rasterjit.pipeline.records import Placement
@@ -419,10 +419,10 @@ def compare(
 
 def stats_of(
     coverage: drawing.Coverage, seconds: dict[str, float], covered: int | None = None
-) -> Stats:
+) -> FrameStats:
     """Return the frame's statistics; it is not counted how many pixels are covered, if known."""
     totals = coverage.totals
-    return Stats(
+    return FrameStats(
         triangles_in=totals.faces_in,
         outside=totals.outside,
         culled=totals.culled,

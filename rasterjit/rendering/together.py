@@ -80,7 +80,7 @@ KNOWN_CAMERAS = (PerspectiveCamera, OrthographicCamera, MatrixCamera)
 
 COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
            "clipped", "pixels_covered")  # fmt: skip
-"""What is counted of each view: names of ``Stats``."""
+"""What is counted of each view: names of ``FrameStats``."""
 
 LEAST_SHARE = 1e-30
 """Near planes that are a smaller share of the farthest distance are looked at view by view: the

@@ -667,7 +667,9 @@ def test_the_oracle_takes_or_refuses_anything(
 ELSEWHERE = {
     "OutputNotRequestedError": "an error that reading a frame raises",
     "Diagnostics": "what a frame is made with, checked where it is made",
-    **dict.fromkeys(("Frame", "Stats"), "what render returns; check_frame holds what they promise"),
+    **dict.fromkeys(
+        ("Frame", "FrameStats"), "what render returns; check_frame holds what they promise"
+    ),
     **dict.fromkeys(("profile", "FrameProfile"), "it renders what explain plans, several times"),
     "Visibility": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",

@@ -302,7 +302,7 @@ def test_buffers_and_counts_are_those_of_one_sample():
     assert (one.plan.pictures, many.plan.pictures) == (1, 64)
     for name in outputs:
         assert many.arrays()[name].tobytes() == one.arrays()[name].tobytes(), name
-    counts = [field.name for field in dataclasses.fields(rj.Stats) if field.name != "seconds"]
+    counts = [field.name for field in dataclasses.fields(rj.FrameStats) if field.name != "seconds"]
     assert [getattr(many.stats, n) for n in counts] == [getattr(one.stats, n) for n in counts]
     assert many.stats.pixels_covered == one.stats.pixels_covered
     assert many.diagnostics.samples == one.diagnostics.samples

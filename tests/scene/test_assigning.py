@@ -60,7 +60,7 @@ FROZEN = [
 ]
 
 REPORTS = {
-    rj.QualityChoice, rj.Diagnostics, rj.FrameProfile, rj.PixelExplanation, rj.RenderPlan, rj.Stats,
+    rj.QualityChoice, rj.Diagnostics, rj.FrameProfile, rj.PixelExplanation, rj.RenderPlan, rj.FrameStats,
 }  # fmt: skip
 """Frozen, and made by no one but this package: there is no changed copy to make."""
 
