@@ -379,7 +379,7 @@ def draw_outputs() -> None:
     )  # fmt: skip
     for size in (SMALL, (256, 192)):
         for what in (square(), square(shading="flat")):
-            rj.render(what, size=size, outputs=outputs, previous=rj.View())
+            rj.render(what, size=size, outputs=outputs, previous=rj.PreviousView())
     rj.render_layers(square(), k=2, size=SMALL)
     rj.render(square(), size=SMALL, diagnose=True)
     rj.explain_pixel(square(), None, SMALL, 9, 9)

@@ -179,7 +179,7 @@ def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> Image.Image:
     """
     outputs = "color", "depth", "normal", "face_id", "object_id", "nocs", "motion"
     x, y, z = camera.eye
-    before = rj.View(camera=replace(camera, eye=(x - 1.0, y, z)))
+    before = rj.PreviousView(camera=replace(camera, eye=(x - 1.0, y, z)))
     frame = rj.render(scene, camera, size=PANEL, outputs=outputs, previous=before)
     layers = rj.render_layers(scene, camera, k=2, size=PANEL, outputs=("normal",))
     above = [

@@ -27,7 +27,7 @@ From where
     and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
-    since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
+    since an earlier `PreviousView` as well. `Renderer` keeps what frames have in common; `render_many`
     draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO
@@ -128,7 +128,7 @@ from rasterjit.scene.section import Plane
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.posing import posed_scene
@@ -206,6 +206,7 @@ __all__ = [
     "Plane",
     "PointLight",
     "Points",
+    "PreviousView",
     "Quality",
     "QualityChoice",
     "RenderPlan",
@@ -217,7 +218,6 @@ __all__ = [
     "SpotLight",
     "Texture",
     "ToneMap",
-    "View",
     "ViewWarning",
     "Vignette",
     "Visibility",

@@ -79,7 +79,7 @@ def normals(folder: Path) -> bool:
 
 def motion(folder: Path) -> bool:
     """Find motion."""
-    before = rj.View(camera=camera((0.1, 0, 0), (0.1, 0, -1)))
+    before = rj.PreviousView(camera=camera((0.1, 0, 0), (0.1, 0, -1)))
     frame = draw(scene_of(shapes.UPRIGHT), outputs=("motion",), previous=before)
     expected = 0.1 / 4.0 * shapes.focal()
     return bool(np.isclose(np.nanmedian(frame.motion[..., 0]), expected, atol=0.01))

@@ -23,7 +23,7 @@ from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
@@ -215,7 +215,11 @@ def check_threads() -> Finding:
     outputs = tuple(name for name in OUTPUTS if name not in ("uv", "scalar"))
     frames = [
         render(
-            scene, size=(4 * SIDE, 3 * SIDE), outputs=outputs, previous=View(), threads=threads
+            scene,
+            size=(4 * SIDE, 3 * SIDE),
+            outputs=outputs,
+            previous=PreviousView(),
+            threads=threads,
         ).arrays()
         for threads in (1, 3)
     ]

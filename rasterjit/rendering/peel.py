@@ -37,7 +37,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import image_size, thread_count
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 from rasterjit.survey.posing import posed_scene
 
 
@@ -50,7 +50,7 @@ def render_layers(
     quality: Quality | None = None,
     outputs: Outputs = ("depth", "face_id", "object_id"),
     cull: Cull = "none",
-    previous: View | None = None,
+    previous: PreviousView | None = None,
     threads: int | None = None,
 ) -> LayeredFrame:
     """

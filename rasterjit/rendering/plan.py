@@ -35,7 +35,7 @@ from rasterjit.scene.validation import (
     true_or_false,
     whole_size,
 )
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 from rasterjit.survey import clip_planes, posing
 from rasterjit.survey.blending import layers_of
 from rasterjit.survey.contents import (
@@ -72,7 +72,7 @@ class FrameRequest(NamedTuple):
     background: Any = None
     cull: str = "none"
     diagnose: bool = False
-    previous: View | None = None
+    previous: PreviousView | None = None
 
 
 def plan_frame(

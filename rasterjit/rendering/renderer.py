@@ -52,7 +52,7 @@ from rasterjit.scene.validation import (
     positive_number,
     thread_count,
 )
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import SceneArrays, front_turns_of, placement_of
 from rasterjit.survey.cache import SceneCache
@@ -79,7 +79,7 @@ def render(
     background: Background = None,
     cull: Cull = "none",
     diagnose: bool = False,
-    previous: View | None = None,
+    previous: PreviousView | None = None,
     lens: Lens | None = None,
     threads: int | None = None,
 ) -> Frame:
@@ -124,7 +124,7 @@ def render(
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
         Whether to count what became of every face; see ``Frame.diagnostics``.
-    previous : View, optional
+    previous : PreviousView, optional
         How things were before, for the outputs motion and motion_visible, which need it.
     lens : PinholeDistortion, FisheyeLens or Equirectangular, optional
         Distorts the picture of a perspective camera, or makes a panorama of it. Pinhole pictures
@@ -171,7 +171,7 @@ def explain(
     background: Background = None,
     cull: Cull = "none",
     diagnose: bool = False,
-    previous: View | None = None,
+    previous: PreviousView | None = None,
     lens: Lens | None = None,
 ) -> RenderPlan:
     """
@@ -566,7 +566,7 @@ class Renderer(Guarded):
         background: Background = None,
         cull: Cull = "none",
         diagnose: bool = False,
-        previous: View | None = None,
+        previous: PreviousView | None = None,
         lens: Lens | None = None,
     ) -> Frame:
         """
@@ -703,7 +703,7 @@ class Renderer(Guarded):
         background: Background = None,
         cull: Cull = "none",
         diagnose: bool = False,
-        previous: View | None = None,
+        previous: PreviousView | None = None,
         first: Sequence[Quality] = (Quality.draft(), Quality.standard()),
     ) -> Iterator[Frame]:
         """

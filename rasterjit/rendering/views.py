@@ -15,7 +15,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import in_short
-from rasterjit.scene.view import View
+from rasterjit.scene.view import PreviousView
 from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
@@ -198,7 +198,7 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
 
 
 def find_earlier(
-    previous: View | None, plan: RenderPlan, scene: Scene, camera: Camera
+    previous: PreviousView | None, plan: RenderPlan, scene: Scene, camera: Camera
 ) -> tuple[Scene, Camera] | None:
     """
     Return the scene and the camera that a frame is compared with, ``None`` if it is with none.
@@ -210,14 +210,14 @@ def find_earlier(
     ValueError
         Naming what is wrong with ``previous``, or that it is missing.
     """
-    if previous is not None and not isinstance(previous, View):
-        raise ValueError(f"previous must be a View or None, got {in_short(previous)}")
+    if previous is not None and not isinstance(previous, PreviousView):
+        raise ValueError(f"previous must be a PreviousView or None, got {in_short(previous)}")
     if set(table.MOTION_OUTPUTS).isdisjoint(plan.outputs):
         return None
     if previous is None:
         wanted = next(name for name in plan.outputs if name in table.MOTION_OUTPUTS)
         raise ValueError(
-            f"previous must be a View where outputs has {wanted!r}, which tells what has changed "
+            f"previous must be a PreviousView where outputs has {wanted!r}, which tells what has changed "
             "since; got None"
         )
     earlier = scene

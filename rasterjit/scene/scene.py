@@ -450,7 +450,7 @@ class Scene(Guarded, Previewed):
         >>> turn = rj.Channel(node, "rotation", [0.0, 1.0], keys)
         >>> scene.animations.append(rj.Animation("turn", [turn]))
         >>> before, now = scene.at(0.4), scene.at(0.5)
-        >>> view = rj.View(before)
+        >>> view = rj.PreviousView(before)
         >>> frame = rj.render(now, size=(64, 48), outputs="motion", previous=view)
         """
         when = finite_number("time", time)

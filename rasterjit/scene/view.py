@@ -11,7 +11,7 @@ from rasterjit.scene.camera import Camera
 
 @says_replace
 @dataclass(frozen=True)
-class View:
+class PreviousView:
     """
     Describe how things were at an earlier time, for what is asked about motion.
 
@@ -28,7 +28,7 @@ class View:
     >>> import rasterjit as rj
     >>> cube = rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     >>> now = rj.PerspectiveCamera(eye=(0.2, 0, 4), target=(0.2, 0, 0))
-    >>> before = rj.View(camera=rj.PerspectiveCamera(eye=(0, 0, 4), target=(0, 0, 0)))
+    >>> before = rj.PreviousView(camera=rj.PerspectiveCamera(eye=(0, 0, 4), target=(0, 0, 0)))
     >>> frame = rj.render(cube, now, outputs=("motion", "motion_visible"), previous=before)
     """
 

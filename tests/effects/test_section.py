@@ -563,7 +563,7 @@ def test_motion_is_that_of_points_of_the_surface():
         return scene
 
     camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
-    previous = rj.View(at(0.25), camera)
+    previous = rj.PreviousView(at(0.25), camera)
     frame = shown(at(0.0), camera, outputs=("motion", "face_id"), previous=previous)
     seen = frame.face_id >= 0
     pixels = -0.25 * SIZE[1] / 4.0
@@ -581,7 +581,7 @@ def test_motion_follows_shapes_that_change_and_what_is_gone():
 
     camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
     way = np.linalg.solve(turned(1)[:3, :3], (0.2, 0.0, 0.0))
-    previous = rj.View(of(vertices + way, 0.1), camera)
+    previous = rj.PreviousView(of(vertices + way, 0.1), camera)
     frame = shown(of(vertices, 0.1), camera, outputs=("motion", "face_id"), previous=previous)
     seen = frame.face_id >= 0
     pixels = -0.2 * SIZE[1] / 4.0

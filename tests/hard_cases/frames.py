@@ -516,7 +516,7 @@ def ground_truth() -> Shot:
         scenes[1].add(bent, places[n - 1])
     for scene in scenes:
         scene.add(plane(3, 2.0))
-    previous = rj.View(scenes[1], looking((0.3, 1.4, 4.2), (0.1, 0.0, 0.0), fov_y=44.0))
+    previous = rj.PreviousView(scenes[1], looking((0.3, 1.4, 4.2), (0.1, 0.0, 0.0), fov_y=44.0))
     options = {"previous": previous, "cull": "back"}
     outputs = ("depth", "face_id", *GROUND_TRUTH)
     return Shot(scenes[0], looking(), outputs=outputs, samples=4, options=options)

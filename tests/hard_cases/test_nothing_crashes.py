@@ -368,7 +368,10 @@ def test_whatever_is_rendered_keeps_the_invariants(
         lamp = attempt(rj.PointLight, light[:3], intensity=light[3])
         scene.lights = [rj.AmbientLight(intensity=1e9)] + ([] if lamp is None else [lamp])
     options = {"quality": rj.Quality(bits), "size": size}
-    options |= {"outputs": (*frames.EVERYTHING, *frames.GROUND_TRUTH), "previous": rj.View()}
+    options |= {
+        "outputs": (*frames.EVERYTHING, *frames.GROUND_TRUTH),
+        "previous": rj.PreviousView(),
+    }
     plan = attempt(rj.explain, scene, camera, cull=cull, **options)
     frame = attempt(
         rj.render, scene, camera, cull=cull, threads=threads, diagnose=diagnose, **options
@@ -418,7 +421,7 @@ def test_lenses_lead_somewhere_or_are_refused(distortion, fisheye, field, point)
     outputs=st.lists(st.sampled_from(OUTPUTS), max_size=3),
 )  # fmt: skip
 def test_layers_and_views_are_taken_or_refused(k, value, field, outputs):
-    previous = value if field == "view" else rj.View(**{field: value})
+    previous = value if field == "view" else rj.PreviousView(**{field: value})
     options = {"size": (4, 3), "outputs": outputs, "threads": 1}
     attempt(rj.render, ball, None, previous=previous, **options)
     k = min(k, 9) if isinstance(k, int) else k

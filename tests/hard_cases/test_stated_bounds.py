@@ -324,7 +324,7 @@ def test_what_was_seen_before_is_what_rays_find_away_from_silhouettes(name):
     before = rj.PerspectiveCamera((1.2, 0.5, 1.4), (0.0, 0.0, 0.0))
     frame = rj.render(
         scene, now, size=size, outputs=("motion", "motion_visible", "position", "face_id"),
-        previous=rj.View(scene, before),
+        previous=rj.PreviousView(scene, before),
     )  # fmt: skip
     earlier = rj.render(scene, before, size=size, outputs=("distance",)).distance
     rows, columns = np.nonzero(frame.face_id >= 0)

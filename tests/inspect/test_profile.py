@@ -382,7 +382,7 @@ def test_kernels_are_told_with_the_form_that_is_called(cube):
     scene.lights, beside = [], rj.PerspectiveCamera(eye=(9, 1, 6), target=(9, 0, 0))
     options = {"outputs": ("motion_visible",), "size": SIZE}
     for before, has_holes in ((camera, False), (beside, True)):
-        plan = rj.explain(scene, camera, previous=rj.View(camera=before), **options)
+        plan = rj.explain(scene, camera, previous=rj.PreviousView(camera=before), **options)
         assert (("alpha_test.keep_shown", "") in told(plan)) == has_holes
 
 

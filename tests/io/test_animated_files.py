@@ -189,7 +189,7 @@ def test_motion_is_the_difference_of_the_projected_positions(file):
             camera = rj.fit_camera(shown, rj.orbit_direction(25.0, 15.0), aspect=4 / 3)
             frame = rj.render(
                 shown, camera, size=SIZE, outputs=("motion", "face_id", "barycentric"),
-                previous=rj.View(scene.at(there, number), camera), threads=1,
+                previous=rj.PreviousView(scene.at(there, number), camera), threads=1,
             )  # fmt: skip
             hit = frame.face_id >= 0
             assert hit.any()

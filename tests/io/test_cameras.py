@@ -385,7 +385,7 @@ def test_an_error_bound_is_met_with_a_camera_made_for_a_size():
 
 def test_the_camera_of_an_earlier_view_is_named():
     cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
-    view = rj.View(camera=off_axis())
+    view = rj.PreviousView(camera=off_axis())
     with pytest.raises(ValueError, match=rf"^previous\.camera: size .* {W} x {H}"):
         rj.render(cube, size=(W, W), outputs="motion", previous=view)
 

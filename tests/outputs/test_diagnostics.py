@@ -105,7 +105,7 @@ def test_diagnose_is_true_or_false(cube, camera, wrong):
 
 def test_diagnosing_changes_no_bit_of_the_frame(soup, eye):
     outputs = [output for output in OUTPUTS if output not in ("uv", "scalar")]
-    options = {"outputs": outputs, "previous": rj.View()}
+    options = {"outputs": outputs, "previous": rj.PreviousView()}
     plain = rj.render(soup, eye, size=SIZE, threads=1, **options).arrays()
     frame = look(soup, eye, **options)
     for name, array in frame.arrays().items():

@@ -20,7 +20,7 @@ TYPES = {
     "motion_visible": (np.bool_, ()), "normal_camera": (np.float32, (3,)),
     "position_camera": (np.float32, (3,)), "scalar": (np.float32, ()),
 }  # fmt: skip
-SAME = rj.View()
+SAME = rj.PreviousView()
 """Nothing has moved."""
 
 
@@ -223,7 +223,7 @@ def test_each_output_has_the_channels_type_and_empty_value_of_its_row(cube, came
     mesh = rj.Mesh(cube.vertices, cube.faces, uv=uv, scalars=scalars)
     scene.add(mesh)
     frame = rj.render(
-        scene, camera, size=(32, 24), outputs=OUTPUTS, previous=rj.View(),
+        scene, camera, size=(32, 24), outputs=OUTPUTS, previous=rj.PreviousView(),
         background=(0.0, 0.0, 0.0, 0.0), threads=1,
     )  # fmt: skip
     nothing = frame.face_id < 0

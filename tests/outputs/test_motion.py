@@ -80,7 +80,7 @@ def pair(cube, sphere):
     [(NOW, BEFORE), (NOW, NOW), (PARALLEL, PARALLEL), (NOW, PARALLEL), (INSIDE, BEFORE)],
 )
 def test_motion_is_between_the_projected_points(pair, now, before):
-    frame = look(pair[0], now, rj.View(pair[1], before))
+    frame = look(pair[0], now, rj.PreviousView(pair[1], before))
     hit = frame.face_id >= 0
     here, _ = project(points_of(frame, pair[0]), now)
     there, w = project(points_of(frame, pair[1]), before)
@@ -95,7 +95,7 @@ def test_motion_is_between_the_projected_points(pair, now, before):
 
 @pytest.mark.parametrize("camera", [NOW, PARALLEL, INSIDE])
 def test_what_has_not_moved_has_moved_by_nothing_and_was_seen(pair, camera):
-    for previous in (rj.View(), rj.View(pair[0], camera), rj.View(pair[0])):
+    for previous in (rj.PreviousView(), rj.PreviousView(pair[0], camera), rj.PreviousView(pair[0])):
         frame = look(pair[0], camera, previous)
         hit = frame.face_id >= 0
         assert (frame.motion[hit] == 0.0).all()
@@ -105,14 +105,14 @@ def test_what_has_not_moved_has_moved_by_nothing_and_was_seen(pair, camera):
 def test_motion_points_right_and_down():
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=6.0)
     now = scene_of((square(), T.translate((0.5, -0.25, 0))))
-    frame = look(now, camera, rj.View(scene_of((square(), T.identity()))), size=(60, 60))
+    frame = look(now, camera, rj.PreviousView(scene_of((square(), T.identity()))), size=(60, 60))
     hit = frame.face_id >= 0
     np.testing.assert_allclose(frame.motion[hit], [[5.0, 2.5]] * hit.sum(), atol=1e-4)
 
 
 def test_camera_of_the_view_is_enough(cube):
-    moved = look(cube, NOW, rj.View(camera=BEFORE))
-    both = look(cube, NOW, rj.View(cube, BEFORE))
+    moved = look(cube, NOW, rj.PreviousView(camera=BEFORE))
+    both = look(cube, NOW, rj.PreviousView(cube, BEFORE))
     for name in OUTPUTS:
         assert getattr(moved, name).tobytes() == getattr(both, name).tobytes()
     assert np.nanmax(np.abs(moved.motion)) > 0.5
@@ -120,7 +120,7 @@ def test_camera_of_the_view_is_enough(cube):
 
 def test_point_that_was_behind_the_eye_has_no_motion_and_was_not_seen():
     behind = rj.PerspectiveCamera((0, 0, -3), (0, 0, -9))
-    frame = look(square(), NOW, rj.View(camera=behind))
+    frame = look(square(), NOW, rj.PreviousView(camera=behind))
     assert (frame.face_id >= 0).any()
     assert np.isnan(frame.motion).all()
     assert not frame.motion_visible.any()
@@ -135,7 +135,7 @@ def test_what_was_behind_something_else_was_not_seen():
     wall, card = square(half=3.0), square(z=1.0, half=0.5)
     now = scene_of((wall, T.identity()), (card, T.translate((1.0, 0, 0))))
     old = scene_of((wall, T.identity()), (card, T.translate((-1.0, 0, 0))))
-    frame = look(now, camera, rj.View(old), size=(40, 40))
+    frame = look(now, camera, rj.PreviousView(old), size=(40, 40))
     x = (np.arange(40) + 0.5) / 10.0 - 2.0
     uncovered = (np.abs(x + 1.0) < 0.5) & (np.abs(x[:, np.newaxis]) < 0.5)
     assert uncovered.any()
@@ -147,7 +147,7 @@ def test_what_was_behind_something_else_was_not_seen():
 def test_what_was_beside_the_picture_was_not_seen():
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0)
     moved = rj.OrthographicCamera((0.5, 0.0, 5), (0.5, 0, 0), height=4.0)
-    frame = look(square(half=3.0), camera, rj.View(camera=moved), size=(40, 40))
+    frame = look(square(half=3.0), camera, rj.PreviousView(camera=moved), size=(40, 40))
     assert not frame.motion_visible[:, :5].any()
     assert frame.motion_visible[:, 5:].all()
 
@@ -156,7 +156,7 @@ def test_what_was_beyond_the_view_volume_was_not_seen():
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0, near=1.0, far=20.0)
     for planes in ({"near": 1.0, "far": 4.5}, {"near": 5.5, "far": 20.0}):
         cut = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0, **planes)
-        frame = look(square(), camera, rj.View(camera=cut))
+        frame = look(square(), camera, rj.PreviousView(camera=cut))
         assert (frame.face_id >= 0).any()
         assert not frame.motion_visible.any()
         assert (frame.motion[frame.face_id >= 0] == 0.0).all()
@@ -172,7 +172,7 @@ def test_face_that_was_turned_away_and_dropped_was_not_seen(cull, turned):
     now = scene_of((wall, T.identity()), (square(), place))
     old = scene_of((wall, T.identity()), (square(), T.rotate_y(turned)))
     for mode, is_seen in ((cull, False), ("none", True)):
-        frame = look(now, camera, rj.View(old), cull=mode)
+        frame = look(now, camera, rj.PreviousView(old), cull=mode)
         own = frame.object_id == 1
         assert own.any()
         assert (frame.motion_visible[own] == is_seen).all()
@@ -182,7 +182,7 @@ def test_single_sided_face_that_was_turned_away_was_not_seen():
     camera = rj.PerspectiveCamera((0, 0, 5), (0, 0, 0))
     card = square(double_sided=False)
     old = scene_of((card, T.rotate_y(180.0)))
-    frame = look(scene_of((card, T.identity())), camera, rj.View(old))
+    frame = look(scene_of((card, T.identity())), camera, rj.PreviousView(old))
     assert (frame.face_id >= 0).any()
     assert not frame.motion_visible.any()
 
@@ -206,7 +206,7 @@ def first_hits(eye, points, corners):
 
 def test_what_was_seen_is_what_rays_reach_but_at_edges(pair):
     now, old = pair
-    frame = look(now, NOW, rj.View(old, BEFORE), size=(96, 72))
+    frame = look(now, NOW, rj.PreviousView(old, BEFORE), size=(96, 72))
     corners = corners_of(old)
     points, hit = points_of(frame, old), frame.face_id >= 0
     there, _ = project(points, BEFORE, (96, 72))
@@ -235,7 +235,9 @@ def test_what_was_seen_is_what_rays_reach_but_at_edges(pair):
 
 def test_any_number_of_threads_gives_the_same_bits(pair):
     found = [
-        look(pair[0], NOW, rj.View(pair[1], BEFORE), size=(150, 130), threads=threads).arrays()
+        look(
+            pair[0], NOW, rj.PreviousView(pair[1], BEFORE), size=(150, 130), threads=threads
+        ).arrays()
         for threads in (1, 3)
     ]
     for name in OUTPUTS:
@@ -243,7 +245,7 @@ def test_any_number_of_threads_gives_the_same_bits(pair):
 
 
 def test_one_output_does_not_change_another(pair):
-    previous = rj.View(pair[1], BEFORE)
+    previous = rj.PreviousView(pair[1], BEFORE)
     both = look(pair[0], NOW, previous)
     for name in ("motion", "motion_visible"):
         alone = look(pair[0], NOW, previous, outputs=name)
@@ -252,8 +254,8 @@ def test_one_output_does_not_change_another(pair):
 
 def test_previous_view_does_not_change_the_picture(pair):
     plain = rj.render(pair[0], NOW, size=SIZE)
-    asked = look(pair[0], NOW, rj.View(pair[1], BEFORE), outputs=("color", "motion"))
-    unused = look(pair[0], NOW, rj.View(pair[1], BEFORE), outputs=("color",))
+    asked = look(pair[0], NOW, rj.PreviousView(pair[1], BEFORE), outputs=("color", "motion"))
+    unused = look(pair[0], NOW, rj.PreviousView(pair[1], BEFORE), outputs=("color",))
     assert plain.color.tobytes() == asked.color.tobytes() == unused.color.tobytes()
     assert unused.plan.previous is None
 
@@ -261,14 +263,14 @@ def test_previous_view_does_not_change_the_picture(pair):
 @pytest.mark.filterwarnings("ignore::rasterjit.CalibrationWarning")
 def test_renderer_takes_a_view_and_keeps_nothing_of_it(pair):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        options = {"outputs": OUTPUTS, "previous": rj.View(pair[1], BEFORE)}
+        options = {"outputs": OUTPUTS, "previous": rj.PreviousView(pair[1], BEFORE)}
         first = renderer.render(pair[0], NOW, **options)
         renderer.render(pair[1], BEFORE)
         again = renderer.render(pair[0], NOW, **options)
         last = list(renderer.refine(pair[0], NOW, **options))[-1]
         timed = renderer.render(pair[0], NOW, time_budget=60.0, **options)
         within = renderer.render(pair[0], NOW, max_error=0.5, **options)
-    want = look(pair[0], NOW, rj.View(pair[1], BEFORE))
+    want = look(pair[0], NOW, rj.PreviousView(pair[1], BEFORE))
     for name in OUTPUTS:
         for frame in (first, again):
             assert getattr(frame, name).tobytes() == getattr(want, name).tobytes()
@@ -277,10 +279,10 @@ def test_renderer_takes_a_view_and_keeps_nothing_of_it(pair):
 
 
 def test_faces_before_are_found_only_for_who_asks(pair):
-    previous = rj.View(pair[1], BEFORE)
+    previous = rj.PreviousView(pair[1], BEFORE)
     plan = rj.explain(pair[0], NOW, size=SIZE, outputs="motion", previous=previous)
     assert "another camera; its faces are not looked at" in str(plan)
-    plan = rj.explain(pair[0], size=SIZE, outputs="motion_visible", previous=rj.View())
+    plan = rj.explain(pair[0], size=SIZE, outputs="motion_visible", previous=rj.PreviousView())
     assert "the same camera; its faces are found" in str(plan)
     assert "previous view" not in str(rj.explain(pair[0], size=SIZE))
 
@@ -290,16 +292,22 @@ def test_bad_views_are_refused_by_name(cube, sphere, ask):
     size = {} if getattr(ask, "__self__", None) else {"size": SIZE}
     two = scene_of((cube, T.identity()), (cube, T.identity()))
     for previous, message in (
-        (None, "previous must be a View where outputs has 'motion'"),
-        (NOW, "previous must be a View or None"),
-        ((cube, NOW), "previous must be a View or None"),
-        (rj.View(scene=two), r"previous.scene must have the same objects as the scene, 1; got 2"),
-        (rj.View(scene=sphere), r"previous.scene must have the same faces .* 12 of object 0"),
-        (rj.View(scene=rj.Scene()), "previous.scene: scene must hold at least one mesh"),
-        (rj.View(scene="teapot.obj"), "previous.scene: what must be a Scene"),
-        (rj.View(scene=NOW), "previous.scene: what must be a Scene"),
-        (rj.View(camera=cube), "previous.camera: camera must be a PerspectiveCamera"),
-        (rj.View(camera=rj.PerspectiveCamera), "previous.camera: camera must be a Persp"),
+        (None, "previous must be a PreviousView where outputs has 'motion'"),
+        (NOW, "previous must be a PreviousView or None"),
+        ((cube, NOW), "previous must be a PreviousView or None"),
+        (
+            rj.PreviousView(scene=two),
+            r"previous.scene must have the same objects as the scene, 1; got 2",
+        ),
+        (
+            rj.PreviousView(scene=sphere),
+            r"previous.scene must have the same faces .* 12 of object 0",
+        ),
+        (rj.PreviousView(scene=rj.Scene()), "previous.scene: scene must hold at least one mesh"),
+        (rj.PreviousView(scene="teapot.obj"), "previous.scene: what must be a Scene"),
+        (rj.PreviousView(scene=NOW), "previous.scene: what must be a Scene"),
+        (rj.PreviousView(camera=cube), "previous.camera: camera must be a PerspectiveCamera"),
+        (rj.PreviousView(camera=rj.PerspectiveCamera), "previous.camera: camera must be a Persp"),
     ):
         with pytest.raises(ValueError, match=message):
             ask(cube, NOW, outputs="motion", previous=previous, **size)
@@ -315,7 +323,12 @@ def test_corners_are_compared_as_meshes_list_them(cube):
     for lens in ({}, {"lens": rj.Equirectangular()}):
         by_matrix, by_mesh = (
             rj.render(
-                now, NOW, size=(64, 32), outputs=("motion",), previous=rj.View(scene, NOW), **lens
+                now,
+                NOW,
+                size=(64, 32),
+                outputs=("motion",),
+                previous=rj.PreviousView(scene, NOW),
+                **lens,
             ).motion
             for scene in places
         )

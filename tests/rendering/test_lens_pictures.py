@@ -312,7 +312,7 @@ def move(frame_outputs=("motion", "face_id", "position"), **view):
     """Return the view before: from another place, where the first box has moved, too."""
     before = furnished()
     before.nodes[1].world_from_model = rj.transforms.translate((0.35, -0.5, -1.9))
-    return rj.View(scene=before, camera=view["camera"])
+    return rj.PreviousView(scene=before, camera=view["camera"])
 
 
 @pytest.mark.parametrize("name", ["all", "fisheye on a cube", "panorama"])
@@ -336,7 +336,9 @@ def test_motion_is_across_the_picture_of_the_lens(name):
     assert np.quantile(off, 0.995) < 2e-3
     assert np.median(np.abs(frame.motion[is_known])) > 0.3
     # What has not moved has moved by exactly nothing.
-    still = draw(furnished(), camera, lens, size, outputs=outputs, previous=rj.View(camera=camera))
+    still = draw(
+        furnished(), camera, lens, size, outputs=outputs, previous=rj.PreviousView(camera=camera)
+    )
     assert (still.motion == 0).all()
 
 
@@ -517,10 +519,10 @@ PANORAMA = {"lens": rj.Equirectangular(), "size": WIDE}
             "camera must be a perspective where a lens is given, got OrthographicCamera",
         ),
         (
-            {"outputs": "motion", "previous": rj.View(camera=PARALLEL)},
+            {"outputs": "motion", "previous": rj.PreviousView(camera=PARALLEL)},
             "previous.camera: camera must be a perspective where a lens is given",
         ),
-        ({"outputs": "motion"}, "previous must be a View where outputs has 'motion'"),
+        ({"outputs": "motion"}, "previous must be a PreviousView where outputs has 'motion'"),
     ],
 )
 def test_what_is_not_drawn_is_refused(options, message):

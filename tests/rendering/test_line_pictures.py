@@ -133,7 +133,7 @@ def test_motion_of_lines_is_that_of_their_points():
     scene = rj.Scene()
     node = scene.add(rj.Lines([[-1, 0, 0], [1, 0, 0.0]], width=5.0))
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.0)
-    before = rj.View(copy.deepcopy(scene), camera)
+    before = rj.PreviousView(copy.deepcopy(scene), camera)
     node.transform = transforms.translate((0.1, 0, 0))
     frame = draw(scene, camera, ("motion", "motion_visible", "face_id"), previous=before)
     seen = frame.face_id == 0

@@ -140,7 +140,7 @@ def test_faces_cut_by_the_near_plane_are_layers(cube):
 
 def test_motion_is_that_of_each_layer(cube, camera):
     moved = rj.PerspectiveCamera((2.3, 3.1, 4.0), (0, 0, 0), near=0.5, far=20.0)
-    options = {"size": SIZE, "previous": rj.View(camera=moved)}
+    options = {"size": SIZE, "previous": rj.PreviousView(camera=moved)}
     options["outputs"] = ("motion", "motion_visible", "face_id")
     layers = rj.render_layers(cube, camera, k=2, **options)
     frame = rj.render(cube, camera, **options)
@@ -191,8 +191,8 @@ def test_layers_are_saved_and_say_what_they_are(cube, camera, tmp_path):
         ({"outputs": ("depth", "coverage")}, "outputs has 'coverage'"),
         ({"outputs": ("linear",)}, "outputs has 'linear'"),
         ({"outputs": ()}, "outputs must name at least one"),
-        ({"outputs": "motion"}, "previous must be a View where outputs has 'motion'"),
-        ({"previous": 3}, "previous must be a View or None"),
+        ({"outputs": "motion"}, "previous must be a PreviousView where outputs has 'motion'"),
+        ({"previous": 3}, "previous must be a PreviousView or None"),
         ({"cull": "both"}, "cull must be"),
         ({"size": (0, 3)}, "size must be"),
         ({"quality": 7}, "quality must be"),

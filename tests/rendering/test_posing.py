@@ -351,7 +351,7 @@ def test_motion_is_the_difference_of_the_vertices_on_the_screen():
     camera = rj.PerspectiveCamera((1, 3, 9), (0, 2, 0))
     frame = rj.render(
         now, camera, size=SIZE, outputs=("motion", "face_id", "barycentric", "motion_visible"),
-        previous=rj.View(before),
+        previous=rj.PreviousView(before),
     )  # fmt: skip
     seen = np.argwhere(frame.face_id >= 0)
     assert len(seen) > 200
@@ -361,7 +361,9 @@ def test_motion_is_the_difference_of_the_vertices_on_the_screen():
         weights = frame.barycentric[y, x].astype(np.float64)
         here, there = (camera.project(weights @ points[face], SIZE)[0] for points in placed)
         np.testing.assert_allclose(frame.motion[y, x], here - there, atol=2e-3)
-    still = rj.render(now, camera, size=SIZE, outputs="motion", previous=rj.View(scene.at(0.6)))
+    still = rj.render(
+        now, camera, size=SIZE, outputs="motion", previous=rj.PreviousView(scene.at(0.6))
+    )
     assert (still.motion[frame.face_id >= 0] == 0.0).all()
 
 

@@ -16,7 +16,7 @@ from rasterjit.survey.contents import Inventory
 
 SIZE = (48, 40)
 
-SAME = rj.View()
+SAME = rj.PreviousView()
 """An earlier view in which everything is as it is: outputs of motion need one."""
 
 

@@ -120,7 +120,7 @@ def everything(scene, **settings):
         size=SIZE,
         quality=rj.Quality(**settings),
         outputs=OUTPUTS,
-        previous=rj.View(),
+        previous=rj.PreviousView(),
         threads=1,
     )
     return {name: array.tobytes() for name, array in frame.arrays().items()}
@@ -324,7 +324,7 @@ def test_a_renderer_follows_its_quality(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
         for settings in (*SETTINGS, *reversed(SETTINGS)):
             renderer.quality = rj.Quality(**settings)
-            frame = renderer.render(scene, CAMERA, outputs=OUTPUTS, previous=rj.View())
+            frame = renderer.render(scene, CAMERA, outputs=OUTPUTS, previous=rj.PreviousView())
             found = {name: array.tobytes() for name, array in frame.arrays().items()}
             assert found == everything(scene, **settings)
 

@@ -51,7 +51,7 @@ FROZEN = [
     rj.SpotLight((0, 1, 0), (0, -1, 0)),
     rj.Texture(np.ones((2, 2, 3)), anisotropy=4),
     rj.ToneMap("neutral"),
-    rj.View(camera=rj.PerspectiveCamera(**EYE)),
+    rj.PreviousView(camera=rj.PerspectiveCamera(**EYE)),
     rj.Vignette(),
     rj.Wireframe(),
     rj.dataset.Recipe(),

@@ -324,13 +324,13 @@ def test_the_previous_view_of_one_camera_has_its_near_plane():
     now.add(ball(0.02, (0.0, 0.0, -0.5)))
     before.add(ball(0.02, (0.0, 0.0, -0.06)))
     camera, outputs = rj.PerspectiveCamera(**LOOK), ("motion", "motion_visible")
-    frame = draw(now, camera, outputs, previous=rj.View(scene=before))
+    frame = draw(now, camera, outputs, previous=rj.PreviousView(scene=before))
     assert planes_of(frame.plan.camera).near == 0.025
     assert planes_of(frame.plan.previous.camera).near == 0.025
     assert "the same camera" in str(frame.plan)
     given = dataclasses.replace(camera, near=0.025)
-    same(frame, draw(now, given, outputs, previous=rj.View(scene=before)), outputs)
-    other = rj.View(scene=before, camera=rj.PerspectiveCamera((0, 0, 0.001), (0, 0, -1)))
+    same(frame, draw(now, given, outputs, previous=rj.PreviousView(scene=before)), outputs)
+    other = rj.PreviousView(scene=before, camera=rj.PerspectiveCamera((0, 0, 0.001), (0, 0, -1)))
     frame = draw(now, camera, outputs, previous=other)
     assert planes_of(frame.plan.camera).near == 0.1
     assert planes_of(frame.plan.previous.camera).near == 0.025

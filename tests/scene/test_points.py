@@ -263,7 +263,7 @@ def test_scalars_keep_a_material_that_was_given():
 
 def test_motion_is_that_of_centres():
     points = of_shape("sphere")
-    before = rj.View(points, CAMERA)
+    before = rj.PreviousView(points, CAMERA)
     still = draw(points, ("motion", "face_id"), previous=before)
     seen = still.face_id >= 0
     assert (still.motion[seen] == 0).all()
