@@ -105,7 +105,7 @@ WRONG: dict[str, Callable[[], Any]] = {
 RESULTS = (
     "Batch", "CalibrationWarning", "QualityChoice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
     "FrameProfile", "MeshFileError", "OutputNotRequestedError", "PickedPixel", "PixelExplanation",
-    "RenderPlan", "SaveWarning", "FrameStats", "ViewWarning", "Visibility",
+    "RenderPlan", "SaveWarning", "FrameStats", "ViewWarning", "RasterizedFaces",
 )  # fmt: skip
 """Classes that only RasterJIT makes."""
 
@@ -251,7 +251,7 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Framebuffer.draw_lines.colors": lambda: [[1, 2, 3]],
         "Framebuffer.draw_bezier.points": lambda: [(0, 0), (3, 0), (3, 3), (0, 3)],
         "Framebuffer.save.path": lambda: folder / "b.png",
-        "Animation.name": lambda: "walk", "Visibility.interpolate.values": lambda: np.ones((3, 1)),
+        "Animation.name": lambda: "walk", "RasterizedFaces.interpolate.values": lambda: np.ones((3, 1)),
         "animation.MorphTrack.vertices": lambda: np.stack([square, square]),
         "animation.save.path": lambda: folder / "a.gif",
         "distributed.render_large.path": lambda: folder / "large.tif",
@@ -307,7 +307,7 @@ def instances(values: Mapping[str, Callable[[], Any]]) -> dict[str, Callable[[],
         "Batch": lambda: rj.render_batch(
             values["scene"](), values["cameras"](), size=(8, 6), outputs=outputs[-1:]
         ),
-        "Visibility": lambda: rj.rasterize(np.ones((3, 4)), [[0, 1, 2]], (8, 6)),
+        "RasterizedFaces": lambda: rj.rasterize(np.ones((3, 4)), [[0, 1, 2]], (8, 6)),
         "Pipeline": lambda: rj.Pipeline().perspective(40.0, 8, 6, 0.1, 10.0),
         "Style": lambda: styles.clay(values["scene"](), values["camera"]()),
         "Mesh": values["mesh"], "Scene": values["scene"],

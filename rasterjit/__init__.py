@@ -48,7 +48,7 @@ How accurate, how fast, and why
 The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
-    (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
+    (`RasterizedFaces`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
     `types` has the types of arguments, for annotations.
 
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
@@ -97,7 +97,7 @@ from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
-from rasterjit.rendering.rasterize import Visibility, rasterize
+from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
 from rasterjit.runtime import packing as packing
 from rasterjit.scene import transforms
@@ -209,6 +209,7 @@ __all__ = [
     "PreviousView",
     "Quality",
     "QualityChoice",
+    "RasterizedFaces",
     "RenderPlan",
     "Renderer",
     "SaveWarning",
@@ -220,7 +221,6 @@ __all__ = [
     "ToneMap",
     "ViewWarning",
     "Vignette",
-    "Visibility",
     "Wireframe",
     "accuracy",
     "animation",

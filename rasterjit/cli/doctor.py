@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.meshes import FORMATS_EXTRA
 from rasterjit.outputs.table import OUTPUTS
-from rasterjit.rendering.rasterize import Visibility, rasterize
+from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
 from rasterjit.rendering.renderer import render
 from rasterjit.runtime import clocks, jit, shipped, store
 from rasterjit.runtime.threads import available_processors
@@ -234,7 +234,7 @@ CHECKS = (check_shared_edge, check_top_left_rule, check_depth_and_color, check_t
 
 def _draw_pixels(
     pixels: list[tuple[float, float]], faces: list[tuple[int, int, int]]
-) -> Visibility:
+) -> RasterizedFaces:
     """Rasterize faces whose vertices are given in pixels, y down."""
     x, y = np.array(pixels, np.float64).T
     ndc = np.stack([2.0 * x / SIDE - 1.0, 1.0 - 2.0 * y / SIDE, 0.0 * x, 0.0 * x + 1.0], axis=1)

@@ -25,7 +25,7 @@ DepthMode: TypeAlias = Literal["standard", "reversed"]
 DEPTH_MODES: tuple[DepthMode, ...] = get_args(DepthMode)
 
 
-class Visibility:
+class RasterizedFaces:
     """
     Which face each pixel shows, and where on it.
 
@@ -112,7 +112,7 @@ def rasterize(
     depth: DepthMode = "standard",
     quality: Quality | None = None,
     threads: int | None = None,
-) -> Visibility:
+) -> RasterizedFaces:
     """
     Find the visible face at every pixel.
 
@@ -135,7 +135,7 @@ def rasterize(
 
     Returns
     -------
-    Visibility
+    RasterizedFaces
 
     Raises
     ------
@@ -165,7 +165,7 @@ def rasterize(
         workers.close()
     is_affine = quality.interpolation == "affine"
     geometry = draw.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
-    return Visibility(coverage, geometry, len(positions), listed, sign, depth_format)
+    return RasterizedFaces(coverage, geometry, len(positions), listed, sign, depth_format)
 
 
 def _clip_array(value: Any) -> NDArray[np.float64]:

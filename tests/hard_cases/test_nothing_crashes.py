@@ -674,7 +674,7 @@ ELSEWHERE = {
         ("Frame", "FrameStats"), "what render returns; check_frame holds what they promise"
     ),
     **dict.fromkeys(("profile", "FrameProfile"), "it renders what explain plans, several times"),
-    "Visibility": "what rasterize returns; its invariants are held here",
+    "RasterizedFaces": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
     **dict.fromkeys(

@@ -83,7 +83,7 @@ def make_case(clip, faces, size) -> Case:
     return Case(clip, np.asarray(faces), size, xy, z, error, is_outside[faces].any(axis=1))
 
 
-def draw_both(case: Case) -> tuple[Drawn, rj.Visibility]:
+def draw_both(case: Case) -> tuple[Drawn, rj.RasterizedFaces]:
     return (
         draw_faces(case.clip, case.faces, case.size),
         rj.rasterize(case.clip, case.faces, case.size, threads=2),
@@ -440,7 +440,7 @@ def exact_depth(case: Case, face, column, row) -> Fraction:
     return sum(Fraction(k) * z for k, z in zip(weights, depths, strict=True)) / sum(weights)
 
 
-def agreeing_pixels(case: Case, drawn: Drawn, visibility: rj.Visibility):
+def agreeing_pixels(case: Case, drawn: Drawn, visibility: rj.RasterizedFaces):
     """Yield each face with the pixels that both show it at; faces cut by Mesa are left out."""
     agree = (drawn.face_id == visibility.face_id) & (visibility.face_id >= 0)
     rows, columns = np.nonzero(agree)

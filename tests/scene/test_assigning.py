@@ -208,7 +208,7 @@ def test_no_mutable_public_class_takes_any_name():
         and not issubclass(kind, (Exception, tuple))
     }  # fmt: skip
     # What a render returns sets nothing.
-    assert unguarded == {rj.Batch, rj.Frame, rj.LayeredFrame, rj.Visibility}
+    assert unguarded == {rj.Batch, rj.Frame, rj.LayeredFrame, rj.RasterizedFaces}
 
 
 def test_names_are_alike_by_what_they_hold_and_how_they_are_spelt():
