@@ -308,7 +308,7 @@ def instances(values: Mapping[str, Callable[[], Any]]) -> dict[str, Callable[[],
             values["scene"](), values["cameras"](), size=(8, 6), outputs=outputs[-1:]
         ),
         "RasterizedFaces": lambda: rj.rasterize(np.ones((3, 4)), [[0, 1, 2]], (8, 6)),
-        "Pipeline": lambda: rj.Pipeline().perspective(40.0, 8, 6, 0.1, 10.0),
+        "ClassicPipeline": lambda: rj.ClassicPipeline().perspective(40.0, 8, 6, 0.1, 10.0),
         "Style": lambda: styles.clay(values["scene"](), values["camera"]()),
         "Mesh": values["mesh"], "Scene": values["scene"],
     }  # fmt: skip

@@ -46,7 +46,7 @@ How accurate, how fast, and why
     `explain_pixel` how one pixel came about (`PixelExplanation`); `FrameStats`, `QualityChoice` and
     `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
 The parts alone
-    `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
+    `Framebuffer` draws lines, triangles, circles and curves into an array; `ClassicPipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`RasterizedFaces`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
     `types` has the types of arguments, for annotations.
@@ -72,7 +72,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rasterjit.classics.framebuffer import Framebuffer
-from rasterjit.classics.pipeline import Pipeline
+from rasterjit.classics.pipeline import ClassicPipeline
 from rasterjit.distributed.many import render_many
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
@@ -170,6 +170,7 @@ __all__ = [
     "BoundingBox",
     "CalibrationWarning",
     "Channel",
+    "ClassicPipeline",
     "Colormap",
     "Contours",
     "Diagnostics",
@@ -201,7 +202,6 @@ __all__ = [
     "PerspectiveCamera",
     "PickedPixel",
     "PinholeDistortion",
-    "Pipeline",
     "PixelExplanation",
     "Plane",
     "PointLight",

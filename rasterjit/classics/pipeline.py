@@ -33,7 +33,7 @@ class Projection(NamedTuple):
     on_screen: NDArray[np.bool_]
 
 
-class Pipeline(Guarded):
+class ClassicPipeline(Guarded):
     """
     The classic chain: scale, rotate, translate, camera, projection, viewport.
 
@@ -44,7 +44,7 @@ class Pipeline(Guarded):
     Examples
     --------
     >>> pipeline = (
-    ...     Pipeline()
+    ...     ClassicPipeline()
     ...     .world_pos((1.0, 2.0, -4.0))
     ...     .perspective(90.0, width=64, height=64, near=1.0, far=10.0)
     ... )
@@ -62,7 +62,7 @@ class Pipeline(Guarded):
         self._clip_from_view = transforms.identity()
         self._size: tuple[int, int] | None = None
 
-    def scale(self, factor: float | ArrayLike) -> Pipeline:
+    def scale(self, factor: float | ArrayLike) -> ClassicPipeline:
         """
         Set the object's size: one factor, or one per axis; a negative one mirrors.
 
@@ -76,7 +76,7 @@ class Pipeline(Guarded):
 
     def rotate(
         self, x_degrees: float = 0.0, y_degrees: float = 0.0, z_degrees: float = 0.0
-    ) -> Pipeline:
+    ) -> ClassicPipeline:
         """
         Set the object's rotation: about the world's x axis first, then y, then z.
 
@@ -92,7 +92,7 @@ class Pipeline(Guarded):
         )
         return self
 
-    def world_pos(self, position: ArrayLike) -> Pipeline:
+    def world_pos(self, position: ArrayLike) -> ClassicPipeline:
         """
         Set where in the world the object's origin is, a vector (x, y, z).
 
@@ -106,7 +106,7 @@ class Pipeline(Guarded):
 
     def camera(
         self, position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 1.0, 0.0)
-    ) -> Pipeline:
+    ) -> ClassicPipeline:
         """
         Set the camera: where it is, the point it looks at and which way is up (world space).
 
@@ -124,7 +124,7 @@ class Pipeline(Guarded):
 
     def perspective(
         self, fov_y: float, width: int, height: int, near: float, far: float
-    ) -> Pipeline:
+    ) -> ClassicPipeline:
         """
         Set a perspective projection onto an image of width x height pixels.
 
@@ -149,7 +149,7 @@ class Pipeline(Guarded):
 
     def orthographic(
         self, view_height: float, width: int, height: int, near: float, far: float
-    ) -> Pipeline:
+    ) -> ClassicPipeline:
         """
         Set a parallel projection onto an image of width x height pixels.
 

@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from rasterjit.classics.pipeline import Pipeline
+from rasterjit.classics.pipeline import ClassicPipeline
 from rasterjit.scene import transforms as tf
 
 
-def full_pipeline() -> Pipeline:
+def full_pipeline() -> ClassicPipeline:
     return (
-        Pipeline()
+        ClassicPipeline()
         .scale((0.5, 2.0, -1.25))
         .rotate(10.0, 200.0, -35.0)
         .world_pos((0.3, -0.2, 1.5))
@@ -18,12 +18,12 @@ def full_pipeline() -> Pipeline:
     )
 
 
-def looking_down_minus_z(far: float = 10.0) -> Pipeline:
-    return Pipeline().perspective(90.0, 64, 64, 1.0, far)
+def looking_down_minus_z(far: float = 10.0) -> ClassicPipeline:
+    return ClassicPipeline().perspective(90.0, 64, 64, 1.0, far)
 
 
 def test_setters_return_the_pipeline():
-    pipeline = Pipeline()
+    pipeline = ClassicPipeline()
     assert pipeline.scale(2) is pipeline
     assert pipeline.rotate(1, 2, 3) is pipeline
     assert pipeline.world_pos((1, 2, 3)) is pipeline
@@ -47,7 +47,7 @@ def test_matrix_is_projection_camera_translate_rotate_scale():
 
 def test_order_of_the_setters_does_not_matter():
     reordered = (
-        Pipeline()
+        ClassicPipeline()
         .perspective(50.0, 320, 200, 0.1, 100.0)
         .camera((2.0, 3.0, 5.0), (0.0, 0.0, 0.0))
         .world_pos((0.3, -0.2, 1.5))
@@ -58,12 +58,12 @@ def test_order_of_the_setters_does_not_matter():
 
 
 def test_scale_comes_before_rotation_and_rotation_before_translation():
-    pipeline = Pipeline().scale((2, 1, 1)).rotate(z_degrees=90).world_pos((10, 0, 0))
+    pipeline = ClassicPipeline().scale((2, 1, 1)).rotate(z_degrees=90).world_pos((10, 0, 0))
     assert tf.apply(pipeline.world_from_object, (1, 0, 0)).tolist() == [10, 2, 0]
 
 
 def test_rotation_is_about_x_then_y_then_z():
-    matrix = Pipeline().rotate(90, 90, 0).world_from_object
+    matrix = ClassicPipeline().rotate(90, 90, 0).world_from_object
     assert tf.apply(matrix, (0, 1, 0)).tolist() == [1, 0, 0]
 
 
@@ -73,7 +73,7 @@ def test_setting_a_step_again_replaces_it():
 
 
 def test_unset_pipeline_is_the_identity():
-    assert np.array_equal(Pipeline().matrix, np.eye(4))
+    assert np.array_equal(ClassicPipeline().matrix, np.eye(4))
 
 
 def test_one_product_equals_step_by_step():
@@ -146,7 +146,7 @@ def test_infinite_far_shows_points_at_any_distance():
 
 
 def test_orthographic_keeps_sizes_at_any_depth():
-    pipeline = Pipeline().orthographic(4.0, 80, 40, 0.0, 10.0)
+    pipeline = ClassicPipeline().orthographic(4.0, 80, 40, 0.0, 10.0)
     pixels, depth, on_screen = pipeline.project([(1, 1, -1), (1, 1, -9), (0, 0, -10.5)])
     assert pixels.tolist() == [[50, 10], [50, 10], [40, 20]]
     np.testing.assert_allclose(depth, [-0.8, 0.8, 1.1], atol=1e-15)
@@ -160,7 +160,7 @@ def test_no_points_give_empty_arrays():
 
 def test_projecting_without_a_projection_is_an_error():
     with pytest.raises(ValueError, match="perspective or orthographic must be set"):
-        Pipeline().project([(0, 0, 0)])
+        ClassicPipeline().project([(0, 0, 0)])
 
 
 def test_returned_matrices_are_copies():

@@ -486,7 +486,7 @@ def test_near_of_zero_would_give_every_point_one_depth():
     for refused in (
         lambda: tf.perspective(45, 1, 0, 10),
         lambda: lens(near=0),
-        lambda: rj.Pipeline().perspective(45, 64, 64, 0, 10),
+        lambda: rj.ClassicPipeline().perspective(45, 64, 64, 0, 10),
     ):
         with pytest.raises(ValueError, match=r"^near must be "):
             refused()
@@ -532,7 +532,7 @@ def test_camera_without_a_direction_is_refused_by_name(place, name):
         with pytest.raises(ValueError, match=rf"^{name} must "):
             make(**whole)
     with pytest.raises(ValueError, match=r" must "):
-        rj.Pipeline().camera(whole["eye"], whole["target"], whole["up"])
+        rj.ClassicPipeline().camera(whole["eye"], whole["target"], whole["up"])
 
 
 @pytest.mark.case("C19")
@@ -616,7 +616,7 @@ def test_point_of_the_reference_lands_on_its_pixel():
     screen = tf.apply(tf.compose(tf.viewport(64, 64), clip_from_view), (1, 2, -4))
     assert screen[:2].tolist() == [40, 16]
     assert oracle.screen_position(seen_exactly([(1, 2, -4)], 1, 10)[0], SIZE) == (40, 16)
-    chain = rj.Pipeline().perspective(90, 64, 64, 1, 10)
+    chain = rj.ClassicPipeline().perspective(90, 64, 64, 1, 10)
     assert chain.project([(1, 2, -4)]).pixels.tolist() == [[40, 16]]
     # Two pixels wide at that depth are 1/4 unit: a square around the point has four pixels.
     square = rj.Mesh(

@@ -556,7 +556,7 @@ def refused(function, *arguments, **named):
 @given(a=anything, v=vectors(), u=vectors(), n=st.tuples(wild, whole, whole, wild, wild),
        many=st.one_of(rows(3, 3, wild), anything))  # fmt: skip
 def test_pipeline_takes_or_refuses_anything(a, v, u, n, many):
-    chain = rj.Pipeline()
+    chain = rj.ClassicPipeline()
     for step, arguments in (
         (chain.scale, (a,)), (chain.scale, (v,)), (chain.rotate, n[:3]), (chain.world_pos, (v,)),
         (chain.camera, (v, u)), (chain.perspective, n), (chain.orthographic, n),

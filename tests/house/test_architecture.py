@@ -153,7 +153,7 @@ def test_contract_of_names_is_kept():
         "load", "render", "explain", "rasterize", "Renderer", "Frame", "Mesh", "Scene", "Material",
         "AmbientLight", "DirectionalLight", "PointLight", "SpotLight", "Shadow",
         "PerspectiveCamera", "OrthographicCamera", "MatrixCamera", "Quality", "fit_camera",
-        "transforms", "Framebuffer", "Pipeline", "MeshFileError", "LoadWarning",
+        "transforms", "Framebuffer", "ClassicPipeline", "MeshFileError", "LoadWarning",
     ):  # fmt: skip
         assert name in rj.__all__
     assert sorted(set(rj.__all__)) == sorted(rj.__all__)

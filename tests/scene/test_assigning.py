@@ -142,8 +142,8 @@ def test_a_class_made_from_a_description_may_keep_more():
         (rj.Renderer((8, 8)), "qualtiy", "Renderer has no 'qualtiy'; did you mean 'quality'?"),
         (rj.Framebuffer(8, 8), "colour", "Framebuffer has no 'colour', and nothing to assign: dr"),
         (rj.Framebuffer(8, 8), "color", "Framebuffer.color cannot be assigned: draw into it, or "),
-        (rj.Pipeline(), "scale", "Pipeline.scale is a method: call it"),
-        (rj.Pipeline(), "fov", "Pipeline has no 'fov', and nothing to assign: its methods set its"),
+        (rj.ClassicPipeline(), "scale", "ClassicPipeline.scale is a method: call it"),
+        (rj.ClassicPipeline(), "fov", "ClassicPipeline has no 'fov', and nothing to assign: its methods set its"),
         (TransformTrack([0.0, 1.0], [np.eye(4)] * 2), "time", "did you mean 'times'?"),
     ],
 )  # fmt: skip

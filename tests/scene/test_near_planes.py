@@ -42,7 +42,7 @@ MATRICES = {
     "intrinsics": lambda near, far: rj.MatrixCamera.from_intrinsics(
         9, 9, 4, 4, (8, 8), near=near, far=far
     ),
-    "classic pipeline": lambda near, far: rj.Pipeline().perspective(45.0, 8, 8, near, far),
+    "classic pipeline": lambda near, far: rj.ClassicPipeline().perspective(45.0, 8, 8, near, far),
 }
 
 
