@@ -102,7 +102,7 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
                           [1, 5, 7, 3]])  # fmt: skip
         box = rj.Mesh(corners, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
         scene.add(box.split_creases(), name="cut box")
-        scene.section = rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
+        scene.section = rj.SectionPlane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
 
     def remove_cut_box(scene: Any) -> None:
         scene.section = None
@@ -110,7 +110,7 @@ def effects() -> dict[str, tuple[Callable[[Any], None], Callable[[Any], None]]]:
 
     def show_lines(are_shown: bool) -> Callable[[Any], None]:
         def change(scene: Any) -> None:
-            plane = scene.section or rj.Plane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
+            plane = scene.section or rj.SectionPlane((0.5, 0.5, 0.5), (0.0, 0.0, 1.0))
             scene.section = replace(plane, lines=True) if are_shown else None
 
         return change

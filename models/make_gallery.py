@@ -527,7 +527,7 @@ def section(size: Size) -> Picture:
         place = PLACE.rotate_y(40.0 * number) @ PLACE.translate((across, 0.0, 0.0))
         scene.add(dressed(ball(), brass), place @ PLACE.scale(deep - 0.01))
     scene.environment = replace(studio(), background=False)
-    scene.section = rj.Plane(
+    scene.section = rj.SectionPlane(
         (0, 0, 0), (0, 0, 1), cap_color="#b5483a", lines=True, line_color="#38110c"
     )
     camera = rj.PerspectiveCamera(eye=(3.2, 3.4, 6.4), target=(0.0, 0.1, -0.4), fov_y=34.0)

@@ -19,7 +19,7 @@ What is drawn
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
-    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `Plane` cuts open.
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts open.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -124,7 +124,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.section import Plane
+from rasterjit.scene.section import SectionPlane
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
@@ -203,7 +203,6 @@ __all__ = [
     "PickedPixel",
     "PinholeDistortion",
     "PixelExplanation",
-    "Plane",
     "PointLight",
     "Points",
     "PreviousView",
@@ -214,6 +213,7 @@ __all__ = [
     "Renderer",
     "SaveWarning",
     "Scene",
+    "SectionPlane",
     "Shadow",
     "Skin",
     "SpotLight",

@@ -156,7 +156,9 @@ def scene_of(row):
         scene.add(rj.Label((-0.5, 0.0, -3.0), "never", 30, hidden=True))
     scene.eye_dome = rj.EyeDome(0.2) if on["dome"] else None
     # All objects are open: none has a cap.
-    plane = rj.Plane((1.3, 0.9, 0.0), (1.0, 0.6, 0.2), cap=False, lines=True, line_color="#208040")
+    plane = rj.SectionPlane(
+        (1.3, 0.9, 0.0), (1.0, 0.6, 0.2), cap=False, lines=True, line_color="#208040"
+    )
     scene.section = plane if on["section"] else None
     looking = {"eye": (0.8, 1.2, 6.0), "target": (0, 0, 0), "near": 0.5, "far": 30.0}
     if on["parallel"]:

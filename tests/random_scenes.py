@@ -194,7 +194,7 @@ EFFECTS = {
     "eye_dome": lambda random: rj.EyeDome(),
     "wireframe": lambda random: rj.Wireframe("white"),
     "environment": lambda random: rj.Environment.gradient(),
-    "section": lambda random: rj.Plane((0.3, 0.2, 0.0), (1.0, 0.4, 0.2)),
+    "section": lambda random: rj.SectionPlane((0.3, 0.2, 0.0), (1.0, 0.4, 0.2)),
 }
 
 
@@ -381,8 +381,8 @@ OUT = {
     "ambient occlusion": [effect("ambient_occlusion", rj.AmbientOcclusion(0.5, strength=0.0))],
     "vignette": [effect("vignette", rj.Vignette(strength=0.0))],
     "outline": [without_colors("outline")],
-    "section": [effect("section", rj.Plane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0)))],
-    "section lines": [effect("section", rj.Plane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), lines=True))],
+    "section": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0)))],
+    "section lines": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), lines=True))],
     "transparency": [
         with_material(alpha_mode="blend", base_color=(0.5, 0.5, 0.5, 0.4)),
         with_material(alpha_mode="blend", base_color=(0.5, 0.5, 0.5, 1.0)),

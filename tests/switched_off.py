@@ -79,7 +79,7 @@ def full_scene():
     scene.vignette = rj.Vignette()
     scene.wireframe = rj.Wireframe("black")
     # It cuts nothing.
-    scene.section = rj.Plane((0.0, 0.0, 50.0), (0.0, 0.0, 1.0))
+    scene.section = rj.SectionPlane((0.0, 0.0, 50.0), (0.0, 0.0, 1.0))
     scene.add(rj.Label((0.0, 0.0, 1.5), "label"))
     return scene
 

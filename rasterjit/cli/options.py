@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
-    from rasterjit.scene.section import Plane
+    from rasterjit.scene.section import SectionPlane
     from rasterjit.styles.style import Style
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
@@ -1187,13 +1187,14 @@ class Effects(NamedTuple):
             scene.section = _planes(self.section, self.section_lines)
 
 
-def _planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[Plane]:
+def _planes(planes: tuple[tuple[float, ...], ...], lines: str | None) -> list[SectionPlane]:
     """Return planes of points and normals, with lines of a colour or without."""
-    from rasterjit.scene.section import Plane
+    from rasterjit.scene.section import SectionPlane
 
     color = lines or "black"
     return [
-        Plane(plane[:3], plane[3:], lines=lines is not None, line_color=color) for plane in planes
+        SectionPlane(plane[:3], plane[3:], lines=lines is not None, line_color=color)
+        for plane in planes
     ]
 
 

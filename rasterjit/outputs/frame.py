@@ -226,7 +226,7 @@ class Frame:
         """
         (H, W) int32: face number, counted through all objects in order; -1 where nothing is.
 
-        Caps of a section have numbers above those of all faces: see `Plane`.
+        Caps of a section have numbers above those of all faces: see `SectionPlane`.
         """
         return self._output("face_id")
 

@@ -31,7 +31,7 @@ from rasterjit.scene.node import Node, scene_of, topmost, tops_of, with_all_belo
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.points import Points
 from rasterjit.scene.preview import Previewed
-from rasterjit.scene.section import Plane, check_section
+from rasterjit.scene.section import SectionPlane, check_section
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances, unit_vector
@@ -64,7 +64,7 @@ EFFECT_FIELDS: dict[str, tuple[type | tuple[type, ...], str]] = {
     "fog": (Fog, "Fog"),
     "tone_map": (ToneMap, "ToneMap"),
     "vignette": (Vignette, "a Vignette"),
-    "section": ((Plane, tuple), "a Plane, several"),
+    "section": ((SectionPlane, tuple), "a SectionPlane, several"),
 }
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
@@ -115,7 +115,7 @@ class Scene(Guarded, Previewed):
         How much darker the corners of the picture are.
     variant : str or None
         Which of ``variants`` is shown; None for what the meshes show by themselves.
-    section : Plane, tuple of Plane or None
+    section : SectionPlane, tuple of SectionPlane or None
         What the scene is cut open by; lists of planes are kept as tuples.
 
     Raises
@@ -146,7 +146,7 @@ class Scene(Guarded, Previewed):
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
         self.vignette: Vignette | None = None
-        self.section: Plane | Sequence[Plane] | None = None
+        self.section: SectionPlane | Sequence[SectionPlane] | None = None
         # Topmost nodes without a mesh, which may have none below them either; how many objects
         # were removed, so that default names stay apart.
         self._groups: dict[Node, None] = {}

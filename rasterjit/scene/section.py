@@ -27,11 +27,11 @@ WIDEST_LINE = 64
 
 @says_replace
 @dataclass(frozen=True)
-class Plane:
+class SectionPlane:
     """
     A plane that cuts a scene open: what lies in front of it is not there.
 
-    ``scene.section = Plane(point, normal)``, or a list of planes, cuts all meshes, points and lines
+    ``scene.section = SectionPlane(point, normal)``, or a list of planes, cuts all meshes, points and lines
     of a scene; what lies in front of *any* of the planes is cut away. Faces are cut exactly where
     the plane crosses them. The cut of a closed mesh, whose faces are all wound one way, is filled
     by a cap in a colour of its own; that of any other is not, which is warned of once. What lies in
@@ -81,7 +81,7 @@ class Plane:
     --------
     >>> import rasterjit as rj
     >>> scene = rj.load("models/torus_knot.obj")
-    >>> scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True)
+    >>> scene.section = rj.SectionPlane((0, 0, 0), (0, 0, 1), lines=True)
     """
 
     point: VectorLike
@@ -119,26 +119,26 @@ class Plane:
         object.__setattr__(self, "line_width", int(width))
 
 
-Section: TypeAlias = Plane | Sequence[Plane]
+Section: TypeAlias = SectionPlane | Sequence[SectionPlane]
 """What a scene may be cut by."""
 
 
-def check_section(name: str, value: Any) -> Plane | tuple[Plane, ...] | None:
+def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, ...] | None:
     """Return a plane, planes as a tuple, or ``None`` for none; raise ``ValueError`` otherwise."""
-    if value is None or isinstance(value, Plane):
+    if value is None or isinstance(value, SectionPlane):
         return value
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise ValueError(f"{name} must be a Plane, several or None, got {in_short(value)}")
+        raise ValueError(f"{name} must be a SectionPlane, several or None, got {in_short(value)}")
     for number, plane in enumerate(value):
-        if not isinstance(plane, Plane):
-            raise ValueError(f"{name}[{number}] must be a Plane, got {in_short(plane)}")
+        if not isinstance(plane, SectionPlane):
+            raise ValueError(f"{name}[{number}] must be a SectionPlane, got {in_short(plane)}")
     if len(value) > MOST_PLANES:
         raise ValueError(f"{name} must have at most {MOST_PLANES} planes, got {len(value)}")
     return tuple(value) or None
 
 
-def planes_of(section: Plane | tuple[Plane, ...] | None) -> tuple[Plane, ...]:
+def planes_of(section: SectionPlane | tuple[SectionPlane, ...] | None) -> tuple[SectionPlane, ...]:
     """Return the planes of a section."""
     if section is None:
         return ()
-    return (section,) if isinstance(section, Plane) else section
+    return (section,) if isinstance(section, SectionPlane) else section

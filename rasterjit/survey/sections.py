@@ -45,7 +45,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene, with_labelled
-from rasterjit.scene.section import Plane, planes_of
+from rasterjit.scene.section import SectionPlane, planes_of
 from rasterjit.scene.texture import UVSet
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import read_only
@@ -107,7 +107,7 @@ class CutMesh(Mesh):
 class Cut(NamedTuple):
     """What the numbers of a cut scene mean in the scene that was cut."""
 
-    planes: tuple[Plane, ...]
+    planes: tuple[SectionPlane, ...]
     face_starts: Int64
     """(O+1,): first face of each object of the old scene."""
     face_numbers: NDArray[np.int32]
@@ -302,7 +302,7 @@ def _copy_of(scene: Scene) -> CutScene:
     return result
 
 
-def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[Plane]) -> CutNodes:
+def _assembled(scene: Scene, found: Sequence[Parts], planes: Sequence[SectionPlane]) -> CutNodes:
     """Return what is left of all objects, given what is of each."""
     counts = [len(node.mesh.faces) for node in scene.nodes]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -410,14 +410,14 @@ def _nothing(mesh: Mesh) -> Mesh:
     return result
 
 
-def _distances(plane: Plane, points: Float64) -> Float64:
+def _distances(plane: SectionPlane, points: Float64) -> Float64:
     """Return how far points, (N, 3), lie in front of a plane, (N,)."""
     (a, b, c), (x, y, z) = plane.normal, plane.point
     with np.errstate(invalid="ignore", over="ignore"):
         return (a * (points[:, 0] - x) + b * (points[:, 1] - y)) + c * (points[:, 2] - z)
 
 
-def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
+def _all_distances(world: Float64, planes: Sequence[SectionPlane]) -> Float64:
     """Return how far points lie in front of planes, (V, P), exactly 0 where it is rounding."""
     finite = np.abs(world[np.isfinite(world).all(axis=1)])
     size = float(finite.max(initial=0.0))
@@ -429,7 +429,7 @@ def _all_distances(world: Float64, planes: Sequence[Plane]) -> Float64:
     return np.stack(columns, axis=1)
 
 
-def _cut_object(node: Node, planes: Sequence[Plane]) -> Parts:
+def _cut_object(node: Node, planes: Sequence[SectionPlane]) -> Parts:
     """Return what is left of an object."""
     mesh = node.mesh
     nothing = (np.zeros((0, 2), np.int32),) * len(planes)
@@ -638,11 +638,11 @@ class _Cutter:
         Its vertices.
     distances : (V, P) float64
         How far they lie in front of the planes.
-    planes : sequence of Plane
+    planes : sequence of SectionPlane
     """
 
     def __init__(
-        self, node: Node, world: Float64, distances: Float64, planes: Sequence[Plane]
+        self, node: Node, world: Float64, distances: Float64, planes: Sequence[SectionPlane]
     ) -> None:
         self.node, self.planes, self.mesh = node, planes, node.mesh
         self.world, self.distances = world, distances
@@ -978,7 +978,7 @@ def _triple(a: Float64, b: Float64, c: Float64) -> Float64:
         )
 
 
-def _cap_material(mesh: Mesh, plane: Plane) -> Material:
+def _cap_material(mesh: Mesh, plane: SectionPlane) -> Material:
     """Return what the caps of a mesh are made of."""
     own = mesh.material
     if plane.cap_color is not None:

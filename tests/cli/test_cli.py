@@ -872,7 +872,7 @@ def test_sections_are_options(tmp_path, options, planes):
     given = [word for text in options for word in ("--section", text)]
     found = render(tmp_path, *given, "--section-lines", "red", "--shading", "unlit")
     scene = rj.load(CUBE)
-    scene.section = [rj.Plane(*plane, lines=True, line_color="red") for plane in planes]
+    scene.section = [rj.SectionPlane(*plane, lines=True, line_color="red") for plane in planes]
     for node in scene.nodes:
         node.mesh.material = rj.Material("unlit")
     assert np.array_equal(found[..., :3], rendered(scene=scene).color[..., :3])

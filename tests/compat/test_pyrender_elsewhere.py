@@ -116,7 +116,7 @@ def test_scenes_that_changed_and_effects_are_refused(drawn, camera):
     with pytest.raises(ValueError, match="scene must keep its 2 objects and 3 lights"):
         rj.render(changed, camera, size=SIZE)
     cut = copy.deepcopy(drawn)
-    cut.section = rj.Plane((1.0, 0.0, 0.0), (0.2, 0.0, 0.0))
+    cut.section = rj.SectionPlane((1.0, 0.0, 0.0), (0.2, 0.0, 0.0))
     with pytest.raises(ValueError, match="scene must keep its 2 objects"):
         rj.render(cut, camera, size=SIZE)
     drawn.fog = rj.Fog(density=0.1)

@@ -105,7 +105,7 @@ def test_caps_have_the_area_that_closes_what_is_left(name, seed):
     rng = np.random.default_rng(seed)
     vertices, faces = solid(name)
     place = turned(seed, mirrored=seed % 2 == 1)
-    plane = rj.Plane(rng.normal(size=3) * 0.1, rng.normal(size=3))
+    plane = rj.SectionPlane(rng.normal(size=3) * 0.1, rng.normal(size=3))
     scene = scene_with((vertices, faces, place), planes=plane)
     left = areas(world_of(cut(scene).nodes[0])).sum(axis=0) * np.sign(np.linalg.det(place[:3, :3]))
     ((cap,),) = caps_of(scene).values()
@@ -140,7 +140,9 @@ def test_caps_have_the_exact_area_of_the_section(name, height):
             # What is below goes from where the face comes up to where it goes down.
             (down,), (up,) = ([p for is_down, p in ends if is_down == one] for one in (True, False))
             area += (down[0] * up[1] - down[1] * up[0]) / 2
-    scene = scene_with((vertices, faces, np.eye(4)), planes=rj.Plane((0, 0, height), (0, 0, 1)))
+    scene = scene_with(
+        (vertices, faces, np.eye(4)), planes=rj.SectionPlane((0, 0, height), (0, 0, 1))
+    )
     found = sum(
         np.linalg.norm(areas(world_of(cap)), axis=1).sum() for cap in caps_of(scene).get(0, [])
     )
@@ -156,7 +158,7 @@ def test_caps_have_the_exact_area_of_the_section(name, height):
 )  # fmt: skip
 def test_planes_through_faces_are_exact(name, height, area):
     # What lies in the plane stays where the solid is behind it: the ceiling of a cavity does not.
-    scene = scene_with((*solid(name), np.eye(4)), planes=rj.Plane((0, 0, height), (0, 0, 1)))
+    scene = scene_with((*solid(name), np.eye(4)), planes=rj.SectionPlane((0, 0, height), (0, 0, 1)))
     caps = caps_of(scene).get(0, [])
     assert sum(np.linalg.norm(areas(world_of(cap)), axis=1).sum() for cap in caps) == area
 
@@ -165,13 +167,13 @@ def test_a_plane_that_touches_a_top_leaves_it_as_it_is():
     vertices, faces = solid("box")
     for height, normal in ((0.75, 1.0), (-0.75, -1.0)):
         scene = scene_with(
-            (vertices, faces, np.eye(4)), planes=rj.Plane((0, 0, height), (0, 0, normal))
+            (vertices, faces, np.eye(4)), planes=rj.SectionPlane((0, 0, height), (0, 0, normal))
         )
         assert cut(scene).nodes[0] is scene.nodes[0]
 
 
 def test_nothing_is_left_of_what_only_touches_from_before():
-    scene = scene_with((*solid("box"), np.eye(4)), planes=rj.Plane((0, 0, 0.75), (0, 0, -1)))
+    scene = scene_with((*solid("box"), np.eye(4)), planes=rj.SectionPlane((0, 0, 0.75), (0, 0, -1)))
     frame = rj.render(scene, rj.fit_camera(scene), size=SIZE, outputs=("face_id", "object_id"))
     assert (frame.face_id == -1).all()
     assert (frame.object_id == -1).all()
@@ -184,7 +186,7 @@ def test_crossing_shells_have_one_cap_of_the_area_of_their_union():
     boxes.append(trimesh.creation.box((0.5, 0.5, 0.5)))
     boxes[2].apply_translation((-3.0, 0.0, 0.0))
     shape = trimesh.util.concatenate(boxes)
-    planes = rj.Plane((0, 0, 0.1), (0, 0, 1))
+    planes = rj.SectionPlane((0, 0, 0.1), (0, 0, 1))
     scene = scene_with((shape.vertices, shape.faces, np.eye(4)), planes=planes)
     ((cap,),) = caps_of(scene).values()
     area = np.linalg.norm(areas(world_of(cap)), axis=1).sum()
@@ -195,8 +197,8 @@ def test_crossing_shells_have_one_cap_of_the_area_of_their_union():
 def test_several_planes_leave_a_closed_solid(name):
     # Caps are cut by the other planes: each side of what is left has one that goes back.
     planes = [
-        rj.Plane((0.1, 0, 0), (1, 0.2, 0)), rj.Plane((0, 0.1, 0), (0, 1, 0.3)),
-        rj.Plane((0, 0, 0.05), (-0.3, 0, 1)),
+        rj.SectionPlane((0.1, 0, 0), (1, 0.2, 0)), rj.SectionPlane((0, 0.1, 0), (0, 1, 0.3)),
+        rj.SectionPlane((0, 0, 0.05), (-0.3, 0, 1)),
     ]  # fmt: skip
     scene = scene_with((*solid(name), turned(3)), planes=planes)
     nodes = cut(scene).nodes
@@ -235,8 +237,8 @@ def test_caps_of_crumpled_solids_fill_what_is_inside(seed, recwarn):
     shape = trimesh.creation.icosphere(3)
     vertices = shape.vertices + 0.5 * rng.normal(size=shape.vertices.shape)
     planes = [
-        rj.Plane((0, 0, 0.1), (0, 0, 1)),
-        rj.Plane(rng.normal(size=3) * 0.1, rng.normal(size=3)),
+        rj.SectionPlane((0, 0, 0.1), (0, 0, 1)),
+        rj.SectionPlane(rng.normal(size=3) * 0.1, rng.normal(size=3)),
     ]
     scene = scene_with((vertices, np.array(shape.faces), np.eye(4)), planes=planes)
     caps = caps_of(scene)[0]
@@ -295,7 +297,10 @@ def seen_through(scene, eyes, ways):
 @pytest.mark.parametrize("name", SOLIDS)
 def test_what_is_seen_through_the_cut_is_what_rays_find(name, parallel):
     seed = SOLIDS.index(name)
-    planes = [rj.Plane((0, 0, 0.1), (0.2, 0.3, 1.0)), rj.Plane((0.1, 0, 0), (1.0, 0.1, 0.4))]
+    planes = [
+        rj.SectionPlane((0, 0, 0.1), (0.2, 0.3, 1.0)),
+        rj.SectionPlane((0.1, 0, 0), (1.0, 0.1, 0.4)),
+    ]
     place = rj.transforms.translate((2.6, 0.4, -0.3)) @ turned(seed + 7, mirrored=True)
     scene = scene_with(
         (*solid(name), turned(seed)), (*solid("torus"), place), planes=planes[: 1 + seed % 2]
@@ -385,7 +390,7 @@ def test_what_is_left_looks_as_it_did(material):
     outputs = ("linear", "face_id", "uv", "normal", "depth", "attribute:height")
     whole = shown(scene, outputs=outputs)
     # The half that is turned away: what is seen of the rest is what was seen before.
-    scene.section = rj.Plane((0.0, 0.1, 0.0), (0.1, 1.0, 0.05))
+    scene.section = rj.SectionPlane((0.0, 0.1, 0.0), (0.1, 1.0, 0.05))
     frame = shown(scene, outputs=outputs)
     same = (frame.face_id == whole.face_id) & (frame.face_id >= 0)
     faces = len(scene.nodes[0].mesh.faces)
@@ -410,7 +415,7 @@ def test_faces_that_no_plane_crosses_have_the_bits_they_had():
     scene.add(ball(), rj.transforms.translate((0.0, 0.0, -2.5)))
     outputs = ("linear", "face_id", "uv", "normal", "depth", "barycentric", "position")
     before = shown(scene, outputs=outputs)
-    scene.section = rj.Plane((0.0, 0.0, 0.9), (0.0, 0.0, 1.0))
+    scene.section = rj.SectionPlane((0.0, 0.0, 0.9), (0.0, 0.0, 1.0))
     frame = shown(scene, outputs=outputs)
     numbers = cut(scene).nodes.cut
     pieces = np.unique(numbers.face_numbers[numbers.is_piece])
@@ -425,7 +430,7 @@ def test_glass_is_cut_and_shows_what_is_behind():
     glass = rj.Material("phong", (0.2, 0.4, 0.9, 0.4), alpha_mode="blend")
     scene.add(ball(material=glass), name="glass")
     scene.add(ball(material=rj.Material("unlit", "red")), np.diag([0.4, 0.4, 0.4, 1.0]), "core")
-    scene.section = rj.Plane((0, 0, 0.6), (0, 0, 1), cap_color=(0.1, 0.9, 0.1, 0.5))
+    scene.section = rj.SectionPlane((0, 0, 0.6), (0, 0, 1), cap_color=(0.1, 0.9, 0.1, 0.5))
     frame = shown(scene, outputs=("linear", "object_id"), background="white")
     glass_only = rj.Scene()
     glass_only.add(scene.nodes[0].mesh)
@@ -438,7 +443,7 @@ def test_glass_is_cut_and_shows_what_is_behind():
     assert red > 0.3 * 0.6
     assert green < alone.linear[middle][1]
     # An opaque cap hides the core.
-    scene.section = rj.Plane((0, 0, 0.6), (0, 0, 1))
+    scene.section = rj.SectionPlane((0, 0, 0.6), (0, 0, 1))
     hidden = shown(scene, outputs=("linear", "object_id"))
     glass_only.section = scene.section
     alone = shown(glass_only, outputs=("linear", "object_id"))
@@ -458,7 +463,7 @@ def test_holes_of_masks_stay_where_they_are():
     scene.add(mesh)
     camera = rj.OrthographicCamera((0.013, 0.017, 3.0), (0.013, 0.017, 0.0), height=2.2)
     whole = shown(scene, camera, outputs=("face_id", "position"))
-    plane = scene.section = rj.Plane((0.103, 0.0, 0.0), (1.0, 0.31, 0.0), cap=False)
+    plane = scene.section = rj.SectionPlane((0.103, 0.0, 0.0), (1.0, 0.31, 0.0), cap=False)
     frame = shown(scene, camera, outputs=("face_id", "position"))
     before = (whole.position - plane.point) @ plane.normal
     np.testing.assert_array_equal(frame.face_id[before < -0.02], whole.face_id[before < -0.02])
@@ -472,7 +477,7 @@ def test_the_colour_of_a_cap_is_mixed_by_its_share_of_a_pixel(samples):
     shape = trimesh.creation.box((1.0, 1.0, 1.0))
     place = trimesh.transformations.rotation_matrix(0.4, (0, 0, 1))
     scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "black")), place)
-    scene.section = rj.Plane((0, 0, 0.123), (0, 0, 1), cap_color="white")
+    scene.section = rj.SectionPlane((0, 0, 0.123), (0, 0, 1), cap_color="white")
     camera = rj.OrthographicCamera((0.01, 0.02, 3.0), (0.01, 0.02, 0.0), height=2.0)
     quality = rj.Quality(samples=samples)
     frame = shown(scene, camera, quality=quality, outputs=("linear",), background="black")
@@ -483,7 +488,7 @@ def test_the_colour_of_a_cap_is_mixed_by_its_share_of_a_pixel(samples):
 def test_pixels_of_a_cap_along_its_normal_are_its_area():
     vertices, faces = solid("pipe")
     rng = np.random.default_rng(5)
-    plane = rj.Plane((0.0, 0.1, 0.1), rng.normal(size=3))
+    plane = rj.SectionPlane((0.0, 0.1, 0.1), rng.normal(size=3))
     scene = scene_with((vertices, faces, turned(5)), planes=plane)
     ((cap,),) = caps_of(scene).values()
     area = np.linalg.norm(areas(world_of(cap)), axis=1).sum()
@@ -502,7 +507,10 @@ def test_no_gap_shows_between_caps_and_what_they_close():
     # Seen from the side that is cut away, a closed solid shows its outside and its caps, never the
     # inside of a face.
     for seed, name in enumerate(SOLIDS):
-        planes = [rj.Plane((0, 0, 0.1), (0.2, 0.3, 1.0)), rj.Plane((0.1, 0, 0), (1.0, 0.1, 0.4))]
+        planes = [
+            rj.SectionPlane((0, 0, 0.1), (0.2, 0.3, 1.0)),
+            rj.SectionPlane((0.1, 0, 0), (1.0, 0.1, 0.4)),
+        ]
         scene = scene_with((*solid(name), turned(seed)), planes=planes)
         for eye in ((2.0, 1.0, 4.0), (4.0, 1.0, 2.0), (-3.0, 2.0, 3.0)):
             camera = rj.PerspectiveCamera(eye, (0, 0, 0), fov_y=35.0, near=0.5, far=20.0)
@@ -518,7 +526,7 @@ def test_instances_are_cut_each_at_its_place():
     scene = rj.Scene()
     for x in (-1.2, 1.2):
         scene.add(mesh, rj.transforms.translate((x, 0.0, 0.0)))
-    scene.section = rj.Plane((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    scene.section = rj.SectionPlane((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     camera = rj.PerspectiveCamera((6.0, 1.0, 4.0), (0.0, 0.0, 0.0), near=0.5, far=20.0)
     outputs = ("face_id", "object_id", "instance_id", "material_id")
     frame = shown(scene, camera, outputs=outputs)
@@ -541,14 +549,14 @@ def test_cut_away_parts_cast_no_shadow():
     scene.add(ball(), name="ball")
     scene.lights = [rj.DirectionalLight((0.0, -1.0, 0.0), shadow=rj.Shadow(size=256))]
     camera = rj.PerspectiveCamera((0.0, 9.0, 0.1), (0.0, 0.0, 0.0), near=0.5, far=30.0)
-    scene.section = rj.Plane((0.0, -0.5, 0.0), (0.0, 1.0, 0.0), cap_color="red")
+    scene.section = rj.SectionPlane((0.0, -0.5, 0.0), (0.0, 1.0, 0.0), cap_color="red")
     small = shown(scene, camera, outputs=("linear", "object_id"))
-    scene.section = rj.Plane((0.0, -1.1, 0.0), (0.0, 1.0, 0.0))
+    scene.section = rj.SectionPlane((0.0, -1.1, 0.0), (0.0, 1.0, 0.0))
     none = shown(scene, camera, outputs=("linear", "object_id"))
     floors = (small.object_id == 0) & (none.object_id == 0)
     dark = [(one.linear[..., 0] < 0.2)[floors].sum() for one in (small, none)]
     assert dark[0] == dark[1] == 0 or dark[0] > dark[1]
-    scene.section = rj.Plane((0.0, 3.0, 0.0), (0.0, 1.0, 0.0))
+    scene.section = rj.SectionPlane((0.0, 3.0, 0.0), (0.0, 1.0, 0.0))
     whole = shown(scene, camera, outputs=("linear", "object_id"))
     assert (whole.object_id == 1).sum() > (small.object_id == 1).sum()
 
@@ -559,7 +567,7 @@ def test_motion_is_that_of_points_of_the_surface():
         place = rj.transforms.compose(rj.transforms.translate((x, 0, 0)), turned(1))
         vertices, faces = solid("torus")
         scene.add(rj.Mesh(vertices, faces, material=rj.Material("flat")), place)
-        scene.section = rj.Plane((0.0, 0.0, 0.1), (0.1, 0.2, 1.0))
+        scene.section = rj.SectionPlane((0.0, 0.0, 0.1), (0.1, 0.2, 1.0))
         return scene
 
     camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
@@ -576,7 +584,7 @@ def test_motion_follows_shapes_that_change_and_what_is_gone():
     def of(vertices, height):
         scene = rj.Scene()
         scene.add(rj.Mesh(vertices, faces, material=rj.Material("flat")), turned(1))
-        scene.section = rj.Plane((0.0, 0.0, height), (0.1, 0.2, 1.0))
+        scene.section = rj.SectionPlane((0.0, 0.0, height), (0.1, 0.2, 1.0))
         return scene
 
     camera = rj.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), height=4.0)
@@ -593,7 +601,9 @@ def test_motion_follows_shapes_that_change_and_what_is_gone():
 
 
 def test_batches_streams_and_layers_are_cut_too():
-    scene = scene_with((*solid("cavity"), turned(2)), planes=[rj.Plane((0, 0, 0), (0, 0.2, 1))])
+    scene = scene_with(
+        (*solid("cavity"), turned(2)), planes=[rj.SectionPlane((0, 0, 0), (0, 0.2, 1))]
+    )
     cameras = [looking(), rj.PerspectiveCamera((2.0, 1.0, 4.0), (0.0, 0.0, 0.0), near=0.5, far=20)]
     outputs = ("color", "face_id", "object_id")
     frames = [shown(scene, camera, outputs=outputs) for camera in cameras]
@@ -623,7 +633,7 @@ def test_points_and_lines_are_cut():
     scene = rj.Scene()
     scene.add(rj.Points(points, size=np.arange(1.0, 201.0) * 0.02, scalars=np.arange(200.0)))
     scene.add(ways)
-    scene.section = rj.Plane((0.25, 0.0, 0.0), (1.0, 0.0, 0.0))
+    scene.section = rj.SectionPlane((0.25, 0.0, 0.0), (1.0, 0.0, 0.0))
     left, line = cut(scene).nodes
     kept = points[:, 0] <= 0.25
     np.testing.assert_array_equal(left.mesh.positions, points[kept])
@@ -640,12 +650,12 @@ def test_open_meshes_have_no_cap_and_are_named_once():
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     scene = rj.Scene()
     scene.add(rj.Mesh(box.vertices, box.faces[:-1], material=rj.Material("flat")), name="lidless")
-    scene.section = rj.Plane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
+    scene.section = rj.SectionPlane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
     with pytest.warns(UserWarning, match="'lidless' is cut by a section, .* not closed"):
         frame = shown(scene, outputs=("face_id",))
     # Warnings are errors here.
     shown(scene, outputs=("face_id",))
-    scene.section = rj.Plane((0.0, 0.2, 0.0), (0.1, 1.0, 0.2))
+    scene.section = rj.SectionPlane((0.0, 0.2, 0.0), (0.1, 1.0, 0.2))
     shown(scene, outputs=("face_id",))
     assert frame.face_id.max() < 11
     assert (frame.face_id >= 0).any()
@@ -659,7 +669,7 @@ def test_open_meshes_cut_along_their_edges_are_named_too(recwarn):
         for floor in (0, 1)
         for triple in ((0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4))
     ]
-    plane = rj.Plane((0, 0, 0), (0, 0, 1))
+    plane = rj.SectionPlane((0, 0, 0), (0, 0, 1))
     scene = scene_with((steps, faces, np.eye(4)), planes=plane)
     assert len(cut(scene).nodes[0].mesh.faces) == 4
     assert "its mesh is not closed" in str(recwarn.pop(UserWarning).message)
@@ -675,7 +685,7 @@ def test_open_meshes_cut_along_their_edges_are_named_too(recwarn):
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_caps_of_meshes_wound_inside_out_have_the_normal_and_light_of_others(mirrored):
     vertices, faces = solid("torus")
-    plane = rj.Plane((0.1, 0, 0), (0.2, 0.1, 1.0), cap_color="red")
+    plane = rj.SectionPlane((0.1, 0, 0), (0.2, 0.1, 1.0), cap_color="red")
     camera = rj.PerspectiveCamera((0.5, 1.0, 4.0), (0.0, 0.0, 0.0))
     frames = []
     for order in (1, -1):
@@ -696,7 +706,7 @@ def test_faces_that_turn_another_way_make_a_mesh_open(recwarn):
     faces[3] = faces[3, ::-1]
     scene = rj.Scene()
     scene.add(rj.Mesh(box.vertices, faces, material=rj.Material("flat")), name="twisted")
-    scene.section = rj.Plane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
+    scene.section = rj.SectionPlane((0.0, 0.1, 0.0), (0.1, 1.0, 0.2))
     assert len(cut(scene).nodes) == 1
     message = str(recwarn.pop(UserWarning).message)
     assert message.startswith(
@@ -711,7 +721,9 @@ def test_seams_of_textures_are_closed():
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     vertices = box.vertices[box.faces].reshape(-1, 3)
     faces = np.arange(36).reshape(-1, 3)
-    scene = scene_with((vertices, faces, turned(4)), planes=rj.Plane((0, 0, 0), (0.3, 0.2, 1.0)))
+    scene = scene_with(
+        (vertices, faces, turned(4)), planes=rj.SectionPlane((0, 0, 0), (0.3, 0.2, 1.0))
+    )
     assert len(cut(scene).nodes) == 2
 
 
@@ -727,7 +739,7 @@ def test_seams_that_are_rounded_are_closed():
     assert (low[0] != low[12]).any()
     scene = scene_with(
         (np.concatenate([low, high, ends]), faces, np.eye(4)),
-        planes=rj.Plane((0, 0, 0.2), (0.1, 0.2, 1.0)),
+        planes=rj.SectionPlane((0, 0, 0.2), (0.1, 0.2, 1.0)),
     )
     ((cap,),) = caps_of(scene).values()
     area = np.linalg.norm(areas(world_of(cap)), axis=1).sum()
@@ -739,9 +751,9 @@ def test_section_lines_are_drawn_around_the_cut():
     shape = trimesh.creation.box((1.0, 1.0, 1.0))
     scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
     camera = rj.OrthographicCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), height=2.0)
-    plain = rj.Plane((0, 0, 0.1), (0, 0, 1), cap_color="white")
+    plain = rj.SectionPlane((0, 0, 0.1), (0, 0, 1), cap_color="white")
     for width in (1, 3, 8):
-        scene.section = rj.Plane(
+        scene.section = rj.SectionPlane(
             (0, 0, 0.1), (0, 0, 1), cap_color="white", lines=True, line_color="red",
             line_width=width,
         )  # fmt: skip
@@ -765,7 +777,7 @@ def test_lines_are_hidden_by_what_is_nearer():
         rj.Mesh(wall, [[0, 1, 2], [0, 2, 3]], material=rj.Material("unlit", "blue")),
         rj.transforms.translate((0, 0, 2.0)),
     )
-    scene.section = rj.Plane((0, 0.2, 0), (0, 1, 0), cap=False, lines=True, line_color="red")
+    scene.section = rj.SectionPlane((0, 0.2, 0), (0, 1, 0), cap=False, lines=True, line_color="red")
     # The wall is cut as well, far below the view.
     camera = rj.PerspectiveCamera((0.0, -1.4, 4.0), (0.0, -1.6, 0.0), fov_y=20.0, near=0.5, far=20)
     frame = shown(scene, camera, background="white")
@@ -784,7 +796,9 @@ def test_lines_behind_the_silhouette_of_their_solid_are_hidden(side, order):
     shape = trimesh.creation.torus(1.0, 0.4, 48, 24)
     mesh = rj.Mesh(shape.vertices, shape.faces[:, ::order], material=rj.Material("unlit", "white"))
     scene.add(mesh, np.diag([side, 1.0, 1.0, 1.0]))
-    scene.section = rj.Plane((0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1)
+    scene.section = rj.SectionPlane(
+        (0, 0, 0), (0, 0, 1), lines=True, line_color="red", line_width=1
+    )
     camera = rj.OrthographicCamera((0.0, 1.0, -5.0), (0.0, 0.0, 0.0), height=3.2)
     red = red_pixels(shown(scene, camera, size=(160, 160), background="white"))
     assert red[:30].sum() > 50
@@ -796,7 +810,7 @@ def test_lines_are_seen_from_inside_of_their_solid():
     scene = rj.Scene()
     shape = trimesh.creation.box((2.0, 2.0, 2.0))
     scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
-    scene.section = rj.Plane((0, 0, 0.5), (0, 0, 1), cap=False, lines=True, line_color="red")
+    scene.section = rj.SectionPlane((0, 0, 0.5), (0, 0, 1), cap=False, lines=True, line_color="red")
     camera = rj.PerspectiveCamera((0.0, 0.0, -0.8), (0.0, 0.0, 1.0), fov_y=100.0, near=0.01, far=9)
     red = red_pixels(shown(scene, camera, size=(100, 100), background="white"))
     assert red.sum() > 300
@@ -806,7 +820,7 @@ def test_wireframes_show_no_edge_inside_of_a_cap():
     scene = rj.Scene()
     shape = trimesh.creation.box((1.0, 1.0, 1.0))
     scene.add(rj.Mesh(shape.vertices, shape.faces, material=rj.Material("unlit", "white")))
-    scene.section = rj.Plane((0, 0, 0.1), (0, 0, 1), cap_color="white")
+    scene.section = rj.SectionPlane((0, 0, 0.1), (0, 0, 1), cap_color="white")
     scene.wireframe = rj.Wireframe("red")
     camera = rj.OrthographicCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), height=2.0)
     frame = shown(scene, camera, size=(100, 100), background="white")
@@ -819,7 +833,7 @@ def test_bounds_and_cameras_are_those_of_the_whole():
     scene = scene_with((*solid("box"), turned(2)), planes=None)
     low, high = scene.bounds()
     before = rj.render(scene, size=SIZE).plan.camera
-    scene.section = rj.Plane((0, 0, 0), (1, 0, 0))
+    scene.section = rj.SectionPlane((0, 0, 0), (1, 0, 0))
     for one, other in zip(scene.bounds(), (low, high), strict=True):
         np.testing.assert_array_equal(one, other)
     after = rj.render(scene, size=SIZE).plan.camera
@@ -830,9 +844,9 @@ def test_labels_in_front_are_left_out():
     scene = rj.Scene()
     scene.add(ball())
     scene.add(rj.Label((0.0, 0.0, 1.5), "gone"))
-    scene.section = rj.Plane((0, 0, 0.2), (0, 0, 1))
+    scene.section = rj.SectionPlane((0, 0, 0.2), (0, 0, 1))
     assert not shown(scene).plan.has("labels")
-    scene.section = rj.Plane((0, 0, 1.6), (0, 0, 1))
+    scene.section = rj.SectionPlane((0, 0, 1.6), (0, 0, 1))
     assert shown(scene).plan.has("labels")
 
 
@@ -842,7 +856,7 @@ def test_a_plane_that_moves_or_goes_is_followed():
     with rj.Renderer(SIZE, threads=1) as renderer:
         whole = renderer.render(scene, looking(), outputs=("color", "face_id"))
         for height in (0.5, 0.0, -0.5):
-            scene.section = rj.Plane((0, 0, height), (0, 0, 1))
+            scene.section = rj.SectionPlane((0, 0, height), (0, 0, 1))
             frame = renderer.render(scene, looking(), outputs=("color", "face_id"))
             alone = shown(scene, outputs=("color", "face_id"))
             np.testing.assert_array_equal(frame.color, alone.color)
@@ -892,7 +906,7 @@ def test_outputs_of_what_a_plane_takes_away_remain(output, shape, is_alone):
     outputs = ("color", "object_id", "face_id", output)
     before = shown(scene, outputs=outputs)
     assert (before.object_id == scene.nodes.index(node)).any()
-    scene.section = rj.Plane((0, 0, 1.9), (0, 0, 1))
+    scene.section = rj.SectionPlane((0, 0, 1.9), (0, 0, 1))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.ViewWarning)
         frame = shown(scene, outputs=outputs)
@@ -912,14 +926,16 @@ def test_keys_go_through_planes_across_the_axes():
         changed = SECTION.with_mode(scene, mode)
         assert changed.section.normal == normal
         assert scene.section is None
-    scene.section = rj.Plane((0, 0, 0), (1, 2, 3), lines=True)
+    scene.section = rj.SectionPlane((0, 0, 0), (1, 2, 3), lines=True)
     assert SECTION.with_mode(scene, "own").section is scene.section
     assert SECTION.with_mode(scene, None).section is None
     assert [plane.lines for plane in SECTION_LINES.without(scene).section] == [False]
 
 
 def test_copies_and_pickles_are_cut_anew():
-    scene = scene_with((*solid("torus"), turned(2)), planes=[rj.Plane((0, 0, 0), (0.1, 0, 1))])
+    scene = scene_with(
+        (*solid("torus"), turned(2)), planes=[rj.SectionPlane((0, 0, 0), (0.1, 0, 1))]
+    )
     found = shown(scene).color
     for other in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene)), copy.copy(scene)):
         np.testing.assert_array_equal(shown(other).color, found)
@@ -942,7 +958,9 @@ def test_a_scene_without_section_imports_nothing_of_it():
 def test_parts_of_a_picture_are_those_of_the_whole():
     from rasterjit.rendering.tiles import RegionRenderer
 
-    scene = scene_with((*solid("nested"), turned(3)), planes=rj.Plane((0, 0, 0), (0.1, 0, 1)))
+    scene = scene_with(
+        (*solid("nested"), turned(3)), planes=rj.SectionPlane((0, 0, 0), (0.1, 0, 1))
+    )
     outputs = ("color", "face_id", "barycentric")
     whole = shown(scene, size=(128, 128), outputs=outputs)
     with RegionRenderer(scene, looking(), size=(128, 128), outputs=outputs, threads=1) as tiles:
@@ -972,14 +990,14 @@ def test_parts_of_a_picture_are_those_of_the_whole():
 )
 def test_bad_planes_are_named(fields, match):
     with pytest.raises(ValueError, match=match):
-        rj.Plane(**{"point": (0, 0, 0), "normal": (0, 0, 1), **fields})
+        rj.SectionPlane(**{"point": (0, 0, 0), "normal": (0, 0, 1), **fields})
 
 
 def test_bad_sections_are_named():
-    plane, scene = rj.Plane((0, 0, 0), (0, 0, 1)), rj.Scene()
+    plane, scene = rj.SectionPlane((0, 0, 0), (0, 0, 1)), rj.Scene()
     for value, match in (
-        ("x", "section must be a Plane"), (3, "section must be a Plane"),
-        ([plane, None], r"section\[1\] must be a Plane"), ([plane] * 17, "at most 16 planes"),
+        ("x", "section must be a SectionPlane"), (3, "section must be a SectionPlane"),
+        ([plane, None], r"section\[1\] must be a SectionPlane"), ([plane] * 17, "at most 16 planes"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=match):
             scene.section = value
@@ -991,7 +1009,9 @@ def test_bad_sections_are_named():
 
 def test_tiny_and_huge_normals_are_directions():
     for scale in (1e-300, 1e300):
-        assert rj.Plane((0, 0, 0), (0, 3 * scale, 4 * scale)).normal == pytest.approx((0, 0.6, 0.8))
+        assert rj.SectionPlane((0, 0, 0), (0, 3 * scale, 4 * scale)).normal == pytest.approx(
+            (0, 0.6, 0.8)
+        )
 
 
 def hostile_shapes():
@@ -1014,8 +1034,8 @@ def hostile_shapes():
 def test_hostile_shapes_are_cut_without_an_error(name):
     vertices, faces = hostile_shapes()[name]
     planes = [
-        rj.Plane((0, 0, 0), (0, 0, 1)), rj.Plane((0, 0, 0), (1, 1, 1)),
-        rj.Plane((1e15, 1e15, 1e15), (1, 2, 3)), rj.Plane((0, 0, 1e-320), (0, 0, 1)),
+        rj.SectionPlane((0, 0, 0), (0, 0, 1)), rj.SectionPlane((0, 0, 0), (1, 1, 1)),
+        rj.SectionPlane((1e15, 1e15, 1e15), (1, 2, 3)), rj.SectionPlane((0, 0, 1e-320), (0, 0, 1)),
     ]  # fmt: skip
     for place in (np.eye(4), np.diag([1.0, 1.0, 0.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
         for section in (*planes, planes):

@@ -246,7 +246,7 @@ def test_joints_scale_how_thick_a_body_is(cut):
             joints = [rj.Node(None, larger), rj.Node(None, rj.transforms.scale(90.0))]
             node.skin = rj.Skin(joints, np.tile(np.eye(4), (2, 1, 1)))
         if cut:
-            scene.section = rj.Plane((0.1, 0, 0), (1, 0, 0), cap=False)
+            scene.section = rj.SectionPlane((0.1, 0, 0), (1, 0, 0), cap=False)
         pictures.append(linear(scene))
     thin = scene_of()
     thin.add(pane(0.5, **own | {"thickness": 0.25}), larger, "pane")

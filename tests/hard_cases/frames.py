@@ -387,8 +387,10 @@ def cut_open() -> Shot:
     scene = scene_of(ball(), apart=0.0)
     scene.add(ball(5), rj.transforms.scale(0.5) @ rj.transforms.rotate_x(40.0))
     scene.section = [
-        rj.Plane((0.1, 0.0, 0.2), (0.3, 0.2, 1.0), cap_color="#b04030", lines=True),
-        rj.Plane((0.0, 0.3, 0.0), (0.0, 1.0, 0.1), line_color="#203060", line_width=3, lines=True),
+        rj.SectionPlane((0.1, 0.0, 0.2), (0.3, 0.2, 1.0), cap_color="#b04030", lines=True),
+        rj.SectionPlane(
+            (0.0, 0.3, 0.0), (0.0, 1.0, 0.1), line_color="#203060", line_width=3, lines=True
+        ),
     ]
     return Shot(scene, looking())
 

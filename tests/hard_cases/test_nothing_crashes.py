@@ -199,7 +199,7 @@ FIELDS = {
     rj.AmbientOcclusion: ("radius", "strength"),
     rj.Vignette: ("strength", "start"),
     rj.EyeDome: ("strength", "radius"),
-    rj.Plane: ("point", "normal", "cap", "cap_color", "lines", "line_color", "line_width"),
+    rj.SectionPlane: ("point", "normal", "cap", "cap_color", "lines", "line_color", "line_width"),
     rj.Outline: ("color", "width", "edges", "crease_angle"),
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
@@ -210,7 +210,7 @@ FIELDS = {
 
 NEEDED = {
     rj.PointLight: {"position": (0, 0, 0)},
-    rj.Plane: {"point": (0, 0, 0), "normal": (0, 0, 1)},
+    rj.SectionPlane: {"point": (0, 0, 0), "normal": (0, 0, 1)},
     rj.SpotLight: {"position": (0, 0, 0)},
     rj.Environment: {"sky": [[[1.0, 1.0, 1.0]] * 2]},
     rj.Texture: {"image": [[0.5]]},

@@ -67,9 +67,9 @@ frame.save("all.npz", arrays)
 np.savez("arrays.npz", allow_pickle=False, **arrays)
 frame.save("depth.png", "depth", scale=0.001)
 frame.save("some.npz", ("depth", "normal"))
-scene.section = [rj.Plane((0, 0, 0), np.ones(3), cap_color="red", lines=True)]
-scene.section = rj.Plane(np.zeros(3), [0, 0, 1])
-print(rj.Plane((0, 0, 0), (0, 0, 1)).normal[0])
+scene.section = [rj.SectionPlane((0, 0, 0), np.ones(3), cap_color="red", lines=True)]
+scene.section = rj.SectionPlane(np.zeros(3), [0, 0, 1])
+print(rj.SectionPlane((0, 0, 0), (0, 0, 1)).normal[0])
 rj.Quality(samples="area", texture_filter="anisotropic8", transparency_layers=4)
 rj.Texture(vertices, wrap=("repeat", "mirror"), filter="nearest", anisotropy=1, uv_set=1)
 node.world_from_model = [[1, 0, 0, 2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]

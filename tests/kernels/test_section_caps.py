@@ -12,7 +12,7 @@ from rasterjit.survey import sections
 def filled(points, tails, heads):
     """Return the triangles that fill outlines, (T, 3, 2), and how often each counts."""
     cutter = sections._Cutter.__new__(sections._Cutter)
-    cutter.planes = (rj.Plane((0, 0, 0), (0, 0, 1)),)
+    cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(len(points))])
     cutter.distances, cutter.places = np.zeros((len(points), 1)), np.arange(len(points))
     cutter.steps = []
@@ -73,7 +73,7 @@ def test_each_point_inside_lies_in_one_triangle(seed, on_grid):
 def test_outlines_that_do_not_close_are_not_filled():
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     cutter = sections._Cutter.__new__(sections._Cutter)
-    cutter.planes = (rj.Plane((0, 0, 0), (0, 0, 1)),)
+    cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(4)])
     cutter.distances, cutter.places, cutter.steps = np.zeros((4, 1)), np.arange(4), []
     outlines = sections._Outlines(cutter, 0)

@@ -101,10 +101,10 @@ CHANGES = {
     "a vignette": lambda scene: give(scene, vignette=rj.Vignette()),
     "a weaker vignette": lambda scene: give(scene, vignette=rj.Vignette(0.2)),
     "a section": lambda scene: give(
-        scene, section=rj.Plane((0.1, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
+        scene, section=rj.SectionPlane((0.1, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
     ),
     "another section": lambda scene: give(
-        scene, section=rj.Plane((0.2, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
+        scene, section=rj.SectionPlane((0.2, 0.0, 0.0), (1.0, 0.2, 0.1), cap=False)
     ),
     "no section": lambda scene: give(scene, section=None),
     "a cone": lambda scene: scene.lights.append(rj.SpotLight((-1.2, 4, -1), (0, -1, 0))),

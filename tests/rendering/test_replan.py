@@ -145,7 +145,7 @@ CHANGES = {
     "tone map": lambda scene, asked: setattr(scene, "tone_map", rj.ToneMap("aces")),
     "vignette": lambda scene, asked: setattr(scene, "vignette", rj.Vignette()),
     "section": lambda scene, asked: setattr(
-        scene, "section", rj.Plane((0.0, 0.0, 0.1), (0.0, 0.1, 1.0), cap=False)
+        scene, "section", rj.SectionPlane((0.0, 0.0, 0.1), (0.0, 0.1, 1.0), cap=False)
     ),
     "environment": lambda scene, asked: setattr(scene, "environment", rj.Environment.constant()),
     # What is asked of the frame.

@@ -36,7 +36,7 @@ def lit(scene):
 
 
 def cut(scene):
-    scene.section = rj.Plane((0.2, 0.0, 0.0), (1.0, 0.1, 0.0))
+    scene.section = rj.SectionPlane((0.2, 0.0, 0.0), (1.0, 0.1, 0.0))
 
 
 def with_points(scene):

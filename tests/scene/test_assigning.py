@@ -44,7 +44,7 @@ FROZEN = [
     rj.OrthographicCamera(**EYE),
     rj.Outline(),
     rj.PerspectiveCamera(**EYE),
-    rj.Plane((0, 1, 0), (0, 1, 0)),
+    rj.SectionPlane((0, 1, 0), (0, 1, 0)),
     rj.PointLight((0, 1, 0)),
     rj.Quality(),
     rj.Shadow(),

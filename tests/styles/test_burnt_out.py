@@ -259,7 +259,11 @@ def open_box():
     ("made", "section", "kinds"),
     [
         (open_box, None, ["sharp edges"]),
-        (open_box, rj.Plane((0.1, 0, 0), (1, 0.2, 0), cap=True), ["sharp edges", "is cut by"]),
+        (
+            open_box,
+            rj.SectionPlane((0.1, 0, 0), (1, 0.2, 0), cap=True),
+            ["sharp edges", "is cut by"],
+        ),
     ],
 )
 @pytest.mark.parametrize("bright", [1.0, 1e3])

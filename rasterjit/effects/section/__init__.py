@@ -26,7 +26,7 @@ from rasterjit.runtime.threads import rows_per_task
 from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.section import Plane, planes_of
+from rasterjit.scene.section import SectionPlane, planes_of
 from rasterjit.survey.effect import (
     Absent,
     FrameContext,
@@ -92,7 +92,7 @@ class Sections(LooksAround):
         if not np.isfinite(center).all():
             return scene
         normal = tuple(float(axis == mode.replace("own", "z")) for axis in "xyz")
-        return with_field(scene, self.field, Plane(tuple(center.tolist()), normal))
+        return with_field(scene, self.field, SectionPlane(tuple(center.tolist()), normal))
 
 
 class SectionLines(LooksAround):
@@ -132,7 +132,7 @@ class SectionLines(LooksAround):
         """Tell that faces hide lines."""
         return True
 
-    def reach(self, data: tuple[Plane, ...]) -> int:
+    def reach(self, data: tuple[SectionPlane, ...]) -> int:
         """Return how far from its middle a line goes."""
         return max(plane.line_width for plane in data if plane.lines)
 
@@ -162,7 +162,7 @@ class SectionLines(LooksAround):
 
     @staticmethod
     def draw_over(
-        planes: tuple[Plane, ...], context: FrameContext, color: NDArray[np.uint8]
+        planes: tuple[SectionPlane, ...], context: FrameContext, color: NDArray[np.uint8]
     ) -> None:
         """Draw the lines over the colour, (H, W, 4)."""
         plan, cache, geometry, _, coverage, workers = context
@@ -196,7 +196,7 @@ class SectionLines(LooksAround):
 
 
 def _behind_their_solids(
-    plane: Plane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
+    plane: SectionPlane, edges: NDArray[np.int32], sides: NDArray[np.int32], context: FrameContext
 ) -> NDArray[np.bool_]:
     """
     Tell which edges of a cut are hidden by the solid that is cut, (E,): both its face there and the
