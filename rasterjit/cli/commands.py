@@ -317,7 +317,7 @@ def turntable(
         progress_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
-        renderer.told = None
+        renderer.warned = None
         around = view.turn(scene, size, played)
         turning = playing.frames(
             renderer, scene, [number / turn.fps for number in range(frames)],

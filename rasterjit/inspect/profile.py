@@ -133,7 +133,7 @@ def profile(
             for name, label, changed, other in variations(plan, scene, quality):
                 renderer = Renderer.timed(size, other, threads)
                 # The first one has told it.
-                renderer.told = None
+                renderer.warned = None
                 subjects.append(Subject(name, label, changed, other, renderer))
             frames = _take_turns(subjects, camera, options, rounds)
         finally:

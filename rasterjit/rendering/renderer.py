@@ -206,7 +206,7 @@ def draw_frame(
     workers: Workers,
     accumulation: Accumulation | None = None,
     clock: StageClock | None = None,
-    before_picture: Callable[[], None] | None = None,
+    on_picture: Callable[[], None] | None = None,
     kept: Kept | None = None,
     needs_seen: bool = True,
     **options: bool,
@@ -222,7 +222,7 @@ def draw_frame(
         Pictures of the same frame that are there already; changed: those that were missing.
     clock : StageClock, optional
         Started when the frame was planned.
-    before_picture : callable, optional
+    on_picture : callable, optional
         Called before the faces of each picture are found; what it raises ends the frame.
     kept : Kept, optional
         What the frame before left. Then what is seen lies there, and only until the next frame.
@@ -245,8 +245,8 @@ def draw_frame(
         kept = None
 
     def find(picture: RenderPlan, views: Views | None = None, **options: Any) -> Seen:
-        if before_picture is not None:
-            before_picture()
+        if on_picture is not None:
+            on_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
 
     with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
@@ -475,9 +475,9 @@ class Renderer(Guarded):
 
     Attributes
     ----------
-    before_picture : callable or None
+    on_picture : callable or None
         Called before each of the pictures that a frame is made of; what it raises ends the frame.
-    told : set of str or None
+    warned : set of str or None
         What `ViewWarning` has warned of, of each kind once; ``None`` -> it never does.
 
     Raises
@@ -488,12 +488,12 @@ class Renderer(Guarded):
         If an attribute is assigned that there is not.
     """
 
-    _FIELDS = ("size", "quality", "before_picture", "told")
+    _FIELDS = ("size", "quality", "on_picture", "warned")
     _CHECKS = MappingProxyType({
         "size": image_size,
         "quality": lambda _, value: check_quality(value),
-        "before_picture": _callable_or_none,
-        "told": _set_or_none,
+        "on_picture": _callable_or_none,
+        "warned": _set_or_none,
     })  # fmt: skip
 
     def __init__(
@@ -509,13 +509,13 @@ class Renderer(Guarded):
         self._lensed: lenses.Lensed | None = None
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
         self._recorder, self._is_timed = Recorder(), False
-        self.before_picture: Callable[[], None] | None = None
-        self.told: set[str] | None = set()
+        self.on_picture: Callable[[], None] | None = None
+        self.warned: set[str] | None = set()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Be copied and pickled by its settings: the copy keeps nothing between frames yet."""
-        told = None if self.told is None else set(self.told)
-        state = {"before_picture": self.before_picture, "told": told}
+        told = None if self.warned is None else set(self.warned)
+        state = {"on_picture": self.on_picture, "warned": told}
         return _renderer_of, (type(self), self.size, self.quality, self._threads), state
 
     def __repr__(self) -> str:
@@ -528,7 +528,7 @@ class Renderer(Guarded):
     ) -> Renderer:
         """Return one of several that draw a scene, of which this is known; it never warns."""
         renderer = cls(size, quality=quality, threads=threads)
-        renderer._cache, renderer.told = cache, None
+        renderer._cache, renderer.warned = cache, None
         return renderer
 
     @classmethod
@@ -586,8 +586,8 @@ class Renderer(Guarded):
         """
         request = self._request(outputs, background, cull, diagnose, previous)
         frame = self._render_asked(max_error, time_budget, what, camera, request, lens)
-        if self.told is not None:
-            notices.warn(notices.notices_of_frame(frame), self.told)
+        if self.warned is not None:
+            notices.warn(notices.notices_of_frame(frame), self.warned)
         return frame
 
     def _request(self, *asked: Any) -> FrameRequest:
@@ -631,7 +631,7 @@ class Renderer(Guarded):
         self._cache, self._lensed = planned.pictures[-1].cache, planned
 
         def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
-            return draw_frame(one, self._workers, None, clock, self.before_picture)
+            return draw_frame(one, self._workers, None, clock, self.on_picture)
 
         return lenses.draw_lensed(planned, self._workers, draw)
 
@@ -753,7 +753,7 @@ class Renderer(Guarded):
 
     def _draw_recorded(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
         """Draw a frame by calls that are recorded; None: it must be drawn step by step."""
-        is_watched = self._is_timed or self.before_picture is not None
+        is_watched = self._is_timed or self.on_picture is not None
         if is_watched or not is_small(planned) or not self._keeping.acquire(blocking=False):
             return None
         try:
@@ -768,7 +768,7 @@ class Renderer(Guarded):
 
     def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
         """Draw a frame."""
-        options["before_picture"] = self.before_picture
+        options["on_picture"] = self.on_picture
         # Of frames that are drawn at once, one takes what is kept.
         options["needs_seen"] = False
         if not self._keeping.acquire(blocking=False):

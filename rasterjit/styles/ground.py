@@ -253,7 +253,7 @@ def _looker(
 ) -> Callable[[tuple[float, float]], NDArray[np.bool_]]:
     """Return a function that tells, for light of a slope, which texels something stands before."""
     renderer = Renderer((SIDE, SIDE), threads=threads)
-    renderer.told = None
+    renderer.warned = None
     view = np.eye(4)
     # Turned, not mirrored: columns, up, rows.
     view[:3, :3] = np.stack([ground.frame[0], -ground.frame[1], ground.frame[2]])

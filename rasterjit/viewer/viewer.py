@@ -565,7 +565,7 @@ class Viewer:
                 raise _OutdatedError
 
         with _renderer(self.size, self._threads) as renderer:
-            renderer.before_picture = ask
+            renderer.on_picture = ask
             if kind != "color" and not is_best:
                 start, outputs = perf_counter(), OUTPUTS_OF[kind]
                 frame = renderer.render(scene, camera, outputs=outputs, **self._options)
@@ -823,5 +823,5 @@ def _in_words(seconds: float) -> str:
 def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:
     """Return a renderer that warns of nothing: whoever moves the camera sees what it sees."""
     renderer = Renderer(size, threads=threads)
-    renderer.told = None
+    renderer.warned = None
     return renderer

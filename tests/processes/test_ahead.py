@@ -494,7 +494,7 @@ def test_a_frame_that_compiles_asks_for_what_it_will_call(cube, monkeypatch, thr
     scene = rj.Scene()
     scene.add(cube)
     with rj.Renderer((16, 12), threads=threads) as renderer:
-        renderer.before_picture = say_that_something_compiles
+        renderer.on_picture = say_that_something_compiles
         frame = renderer.render(scene)
     assert taken == ([] if threads == 1 else [list_tasks(frame.plan)])
 

@@ -186,7 +186,7 @@ def test_every_order_of_changes_and_cameras_is_seen(cube, sphere):
 )
 def test_cameras_of_all_kinds_see_the_same(scene, camera):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        renderer.told = None
+        renderer.warned = None
         for each in (around(1), camera, around(2), camera, camera):
             frame = renderer.render(scene, each)
             assert told(frame) == told(alone(renderer, scene, each))
@@ -210,10 +210,10 @@ def test_a_frame_within_a_frame_is_its_own(scene):
         renderer.render(scene, around(0))
 
         def draw_another():
-            renderer.before_picture = None
+            renderer.on_picture = None
             inner.append(renderer.render(scene, around(3)))
 
-        renderer.before_picture = draw_another
+        renderer.on_picture = draw_another
         outer = renderer.render(scene, around(2))
         assert bits(outer) == bits(alone(renderer, scene, around(2)))
         assert bits(inner[0]) == bits(alone(renderer, scene, around(3)))
@@ -285,11 +285,11 @@ def test_an_error_leaves_nothing(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
         renderer.render(scene, around(1))
         assert renderer._kept._made
-        renderer.before_picture = lambda: 1 / 0
+        renderer.on_picture = lambda: 1 / 0
         with pytest.raises(ZeroDivisionError):
             renderer.render(scene, around(2))
         assert not renderer._kept._made
-        renderer.before_picture = None
+        renderer.on_picture = None
         assert bits(renderer.render(scene, around(2))) == bits(alone(renderer, scene, around(2)))
 
 

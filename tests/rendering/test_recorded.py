@@ -123,7 +123,7 @@ def test_arrays_are_the_frames_own(draws):
 def test_large_and_watched_frames_are_not_recorded(draws, monkeypatch):
     scene, pictures = batches.mixed_scene(), []
     with rj.Renderer((300, 300), threads=1) as large, rj.Renderer(SIZE, threads=1) as watched:
-        watched.before_picture = lambda: pictures.append(1)
+        watched.on_picture = lambda: pictures.append(1)
         for _ in range(4):
             large.render(scene, batches.CAMERA)
             watched.render(scene, batches.CAMERA)

@@ -291,12 +291,12 @@ def test_close_by_another_thread_between_two_steps_of_a_frame_is_said(cube, came
         closing.start()
         closing.join()
 
-    renderer.before_picture = close
+    renderer.on_picture = close
     with pytest.raises(RuntimeError, match=r"^close\(\) was called while a frame was being drawn$"):
         renderer.render(cube, camera)
     # No pool that nobody closes.
     assert renderer._workers._pool is None
-    renderer.before_picture = None
+    renderer.on_picture = None
     assert renderer.render(cube, camera).color.tobytes() == first.color.tobytes()
     renderer.close()
 

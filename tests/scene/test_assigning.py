@@ -176,9 +176,9 @@ def test_a_class_made_from_a_guarded_one_may_have_settings_of_its_own():
         ("size", (16385, 5), "size must be two whole numbers in 1..16384"),
         ("size", 5, "size must be (width, height)"),
         ("quality", "high", "quality must be a rasterjit.Quality, got str"),
-        ("before_picture", 3, "before_picture must be a function or None, got 3"),
-        ("told", "view", "told must be a set or None, got 'view'"),
-        ("told", ["view"], "told must be a set or None, got list"),
+        ("on_picture", 3, "on_picture must be a function or None, got 3"),
+        ("warned", "view", "warned must be a set or None, got 'view'"),
+        ("warned", ["view"], "warned must be a set or None, got list"),
     ],
 )
 def test_what_a_renderer_is_assigned_is_checked_at_once(name, value, told):
@@ -191,13 +191,13 @@ def test_what_a_renderer_is_assigned_is_checked_at_once(name, value, told):
 
 def test_what_a_renderer_is_assigned_is_kept():
     renderer, told = rj.Renderer((8, 8)), {"view"}
-    renderer.size, renderer.told, renderer.before_picture = (4, 5), told, print
+    renderer.size, renderer.warned, renderer.on_picture = (4, 5), told, print
     renderer.quality = None
     assert (renderer.size, renderer.quality) == ((4, 5), rj.Quality.standard())
-    assert renderer.told is told
-    assert renderer.before_picture is print
-    renderer.told = renderer.before_picture = None
-    assert renderer.told is renderer.before_picture is None
+    assert renderer.warned is told
+    assert renderer.on_picture is print
+    renderer.warned = renderer.on_picture = None
+    assert renderer.warned is renderer.on_picture is None
 
 
 def test_no_mutable_public_class_takes_any_name():

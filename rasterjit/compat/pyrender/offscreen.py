@@ -330,7 +330,7 @@ class OffscreenRenderer:
                 engine.close()
             engine = self._engines[quality] = Engine(seen.size, quality=quality)
             # A program that sees nothing hears nothing of it there.
-            engine.told = None
+            engine.warned = None
         camera = _upside_down(seen.camera)
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 

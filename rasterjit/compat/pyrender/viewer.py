@@ -944,7 +944,7 @@ class _Recorder:
         if self._renderer is None or self._renderer.size != size:
             self.close()
             self._renderer = Renderer(size)
-            self._renderer.told = None
+            self._renderer.warned = None
         frame = self._renderer.render(look.scene, look.camera, background=look.background)
         return np.ascontiguousarray(frame.color[:, :, :3])
 
