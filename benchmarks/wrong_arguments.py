@@ -103,9 +103,10 @@ WRONG: dict[str, Callable[[], Any]] = {
 """Made anew for each call."""
 
 RESULTS = (
-    "Batch", "CalibrationWarning", "QualityChoice", "Diagnostics", "Frame", "LayeredFrame", "LoadWarning",
-    "FrameProfile", "MeshFileError", "OutputNotRequestedError", "PickedPixel", "PixelExplanation",
-    "RenderPlan", "SaveWarning", "FrameStats", "ViewWarning", "RasterizedFaces",
+    "Batch", "CalibrationWarning", "Diagnostics", "Frame", "FrameProfile", "FrameStats",
+    "LayeredFrame", "LoadWarning", "MeshFileError", "OutputNotRequestedError", "PickedPixel",
+    "PixelExplanation", "QualityChoice", "RasterizedFaces", "RenderPlan", "SaveWarning",
+    "ViewWarning",
 )  # fmt: skip
 """Classes that only RasterJIT makes."""
 
@@ -251,7 +252,8 @@ def sound_values(folder: Path) -> dict[str, Callable[[], Any]]:
         "Framebuffer.draw_lines.colors": lambda: [[1, 2, 3]],
         "Framebuffer.draw_bezier.points": lambda: [(0, 0), (3, 0), (3, 3), (0, 3)],
         "Framebuffer.save.path": lambda: folder / "b.png",
-        "Animation.name": lambda: "walk", "RasterizedFaces.interpolate.values": lambda: np.ones((3, 1)),
+        "Animation.name": lambda: "walk",
+        "RasterizedFaces.interpolate.values": lambda: np.ones((3, 1)),
         "animation.MorphTrack.vertices": lambda: np.stack([square, square]),
         "animation.save.path": lambda: folder / "a.gif",
         "distributed.render_large.path": lambda: folder / "large.tif",

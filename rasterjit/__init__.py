@@ -19,7 +19,8 @@ What is drawn
     `Material` and `Texture` are what surfaces look like, `Colormap` and `Contours` what scalars do;
     `AmbientLight`, `DirectionalLight`, `PointLight` and `SpotLight`, each with a `Shadow` or
     without, and an `Environment` light them. `Fog`, `AmbientOcclusion`, `EyeDome`, `Outline`,
-    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts open.
+    `Wireframe`, `ToneMap` and `Vignette` are effects of a whole scene, which a `SectionPlane` cuts
+    open.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
     and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
@@ -27,7 +28,7 @@ From where
     and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
-    since an earlier `PreviousView` as well. `Renderer` keeps what frames have in common; `render_many`
+    since a `PreviousView` as well. `Renderer` keeps what frames have in common; `render_many`
     draws a stream of them, `render_batch` thousands of small ones into one array (`Batch`);
     `render_layers` finds the surfaces behind the nearest one (`LayeredFrame`). `Frame.save` writes
     and `Frame.show` shows them; `grid` lays them out on a contact sheet; `masks` makes COCO

@@ -382,7 +382,9 @@ OUT = {
     "vignette": [effect("vignette", rj.Vignette(strength=0.0))],
     "outline": [without_colors("outline")],
     "section": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0)))],
-    "section lines": [effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), lines=True))],
+    "section lines": [
+        effect("section", rj.SectionPlane((0.0, 90.0, 0.0), (0.0, 1.0, 0.0), lines=True))
+    ],
     "transparency": [
         with_material(alpha_mode="blend", base_color=(0.5, 0.5, 0.5, 0.4)),
         with_material(alpha_mode="blend", base_color=(0.5, 0.5, 0.5, 1.0)),

@@ -217,8 +217,8 @@ def find_earlier(
     if previous is None:
         wanted = next(name for name in plan.outputs if name in table.MOTION_OUTPUTS)
         raise ValueError(
-            f"previous must be a PreviousView where outputs has {wanted!r}, which tells what has changed "
-            "since; got None"
+            f"previous must be a PreviousView where outputs has {wanted!r}, which tells what has "
+            "changed since; got None"
         )
     earlier = scene
     if previous.scene is not None:

@@ -31,11 +31,11 @@ class SectionPlane:
     """
     A plane that cuts a scene open: what lies in front of it is not there.
 
-    ``scene.section = SectionPlane(point, normal)``, or a list of planes, cuts all meshes, points and lines
-    of a scene; what lies in front of *any* of the planes is cut away. Faces are cut exactly where
-    the plane crosses them. The cut of a closed mesh, whose faces are all wound one way, is filled
-    by a cap in a colour of its own; that of any other is not, which is warned of once. What lies in
-    the plane itself stays if the solid is behind it.
+    ``scene.section = SectionPlane(point, normal)``, or a list of planes, cuts all meshes, points
+    and lines of a scene; what lies in front of *any* of the planes is cut away. Faces are cut
+    exactly where the plane crosses them. The cut of a closed mesh, whose faces are all wound one
+    way, is filled by a cap in a colour of its own; that of any other is not, which is warned of
+    once. What lies in the plane itself stays if the solid is behind it.
 
     All outputs tell what is seen through the cut. A cap belongs to its object: ``object_id``,
     ``instance_id`` and ``material_id`` are those of the object, ``face_id`` is the number of all

@@ -997,7 +997,8 @@ def test_bad_sections_are_named():
     plane, scene = rj.SectionPlane((0, 0, 0), (0, 0, 1)), rj.Scene()
     for value, match in (
         ("x", "section must be a SectionPlane"), (3, "section must be a SectionPlane"),
-        ([plane, None], r"section\[1\] must be a SectionPlane"), ([plane] * 17, "at most 16 planes"),
+        ([plane, None], r"section\[1\] must be a SectionPlane"),
+        ([plane] * 17, "at most 16 planes"),
     ):  # fmt: skip
         with pytest.raises(ValueError, match=match):
             scene.section = value

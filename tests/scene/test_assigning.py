@@ -60,7 +60,8 @@ FROZEN = [
 ]
 
 REPORTS = {
-    rj.QualityChoice, rj.Diagnostics, rj.FrameProfile, rj.PixelExplanation, rj.RenderPlan, rj.FrameStats,
+    rj.Diagnostics, rj.FrameProfile, rj.FrameStats, rj.PixelExplanation, rj.QualityChoice,
+    rj.RenderPlan,
 }  # fmt: skip
 """Frozen, and made by no one but this package: there is no changed copy to make."""
 
@@ -143,7 +144,7 @@ def test_a_class_made_from_a_description_may_keep_more():
         (rj.Framebuffer(8, 8), "colour", "Framebuffer has no 'colour', and nothing to assign: dr"),
         (rj.Framebuffer(8, 8), "color", "Framebuffer.color cannot be assigned: draw into it, or "),
         (rj.ClassicPipeline(), "scale", "ClassicPipeline.scale is a method: call it"),
-        (rj.ClassicPipeline(), "fov", "ClassicPipeline has no 'fov', and nothing to assign: its methods set its"),
+        (rj.ClassicPipeline(), "fov", "ClassicPipeline has no 'fov', and nothing to assign: its"),
         (TransformTrack([0.0, 1.0], [np.eye(4)] * 2), "time", "did you mean 'times'?"),
     ],
 )  # fmt: skip
