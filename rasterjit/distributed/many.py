@@ -152,10 +152,7 @@ class FarFrame(LateFrame):
 
     def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: FrameRequest) -> None:
         self._scene = scene
-        make_plan = partial(
-            planning.plan_frame, scene, camera, options.size, options.quality, options.outputs,
-            options.background, options.cull,
-        )  # fmt: skip
+        make_plan = partial(planning.plan_frame, options, scene, camera)
         super().__init__(drawn[0], make_plan, drawn[1])
 
     def _first_faces(self) -> NDArray[np.int64]:
