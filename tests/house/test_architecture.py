@@ -97,6 +97,10 @@ def test_no_modules_import_each_other_in_a_circle(files):
     assert house.circles(files) == []
 
 
+def test_a_class_name_has_one_meaning(files):
+    assert house.repeated_classes(files) == []
+
+
 def test_functions_take_ten_arguments_at_most(files):
     assert house.long_signatures(files) == []
 

@@ -60,13 +60,13 @@ def write_found(found: Any, file: int) -> None:
     OSError
         If the file gets larger than it may.
     """
-    writer = _Writer(file)
+    writer = _Encoder(file)
     text = json.dumps(writer.plain(found)).encode()
     at = writer.append(memoryview(text))
     _write_all(file, memoryview(_HEAD.pack(_MARK, at, len(text))), 0)
 
 
-class _Writer:
+class _Encoder:
     """Writes arrays, and remembers where what was seen before is."""
 
     def __init__(self, file: int) -> None:
@@ -136,12 +136,12 @@ def read_found(file: int) -> Any:
     if mark != _MARK:
         raise ValueError("nothing was found")
     try:
-        return _Reader(file).value(json.loads(_read_at(file, at, length)))
+        return _Decoder(file).value(json.loads(_read_at(file, at, length)))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
         raise ValueError(f"what was found cannot be read: {error}") from error
 
 
-class _Reader:
+class _Decoder:
     """Makes values anew."""
 
     def __init__(self, file: int) -> None:

@@ -111,7 +111,7 @@ def declared_counts(stream: bytes) -> tuple[int, int]:
     kind, method, flags = stream[7], stream[8], stream[9] | stream[10] << 8
     if kind != _MESH or method not in (_SEQUENTIAL, _EDGEBREAKER):
         raise ValueError(f"{DRACO}: its stream is of kind {kind}, {method}, which is no mesh")
-    reader = _Reader(stream, 11)
+    reader = _StreamReader(stream, 11)
     if flags & _HAS_METADATA:
         for _ in range(reader.number()):
             reader.number()
@@ -124,7 +124,7 @@ def declared_counts(stream: bytes) -> tuple[int, int]:
     return reader.number(), vertices
 
 
-class _Reader:
+class _StreamReader:
     """Reads a stream's numbers one by one; ``IndexError`` where it ends."""
 
     def __init__(self, stream: bytes, place: int) -> None:

@@ -172,7 +172,7 @@ class _GltfScene:
                 called = scene.get("name", number) if isinstance(scene, dict) else number
                 self._left_out.note(f"scene {in_short(called)}", reason=" beside the one shown")
 
-    def _add_node(self, place: Place) -> None:
+    def _add_node(self, place: FileNode) -> None:
         """Add what stands at a node."""
         if "camera" in place.entry:
             self._add_camera(place.entry["camera"], self._standing(place, "camera"))
@@ -186,7 +186,7 @@ class _GltfScene:
         if place.number in self._moving.targets and "matrix" not in place.entry:
             self._groups[place.number]._trs = trs_of(place.entry)
 
-    def _standing(self, place: Place, what: str) -> NDArray[np.float64]:
+    def _standing(self, place: FileNode, what: str) -> NDArray[np.float64]:
         """
         Return ``world_from_node``, the product from the topmost on, where something stands.
 
@@ -207,7 +207,7 @@ class _GltfScene:
             self._left_out.note(f"movement of a {what}")
         return np.array(rows)
 
-    def _add_meshes(self, place: Place) -> None:
+    def _add_meshes(self, place: FileNode) -> None:
         """Add the mesh of a node, a part for each primitive, or its instances."""
         instances = self._instances(place)
         if instances is not None:
@@ -225,7 +225,7 @@ class _GltfScene:
             self._groups[place.number] = node
             self._moving.know_drawn(place.number, place.entry, node)
 
-    def _instances(self, place: Place) -> list[NDArray[np.float64]] | None:
+    def _instances(self, place: FileNode) -> list[NDArray[np.float64]] | None:
         """Return where the instances of a node stand, or None, with a note if they are damaged."""
         try:
             found = instances_of(self._file, place.entry)
@@ -234,7 +234,7 @@ class _GltfScene:
             self._left_out.note(f"{INSTANCING} of node {place.number}: {reason_of(error)}")
             return None
 
-    def _add_instances(self, place: Place, instances: list[NDArray[np.float64]]) -> None:
+    def _add_instances(self, place: FileNode, instances: list[NDArray[np.float64]]) -> None:
         """Add a group and, below it, a node for each part of each instance."""
         meshes = self._meshes.read(place.entry["mesh"])
         if not meshes or not instances:
@@ -259,11 +259,11 @@ class _GltfScene:
         except ValueError as error:
             raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
 
-    def _group_above(self, place: Place) -> Node | None:
+    def _group_above(self, place: FileNode) -> Node | None:
         """Return what a node hangs below; groups are made where a mesh hangs below them."""
         return None if place.above is None else self._group_at(place.above)
 
-    def _group_at(self, place: Place) -> Node:
+    def _group_at(self, place: FileNode) -> Node:
         """Return what stands for a node of the file; it is made, with all above, if it is not."""
         if place.number in self._groups:
             return self._groups[place.number]
@@ -376,12 +376,12 @@ def _intensity(light: dict[str, Any]) -> float:
     return value
 
 
-class Place(NamedTuple):
+class FileNode(NamedTuple):
     """A node of the file."""
 
     number: int
     entry: dict[str, Any]
-    above: Place | None
+    above: FileNode | None
     """What it hangs below."""
     parent_from_node: NDArray[np.float64]
     is_hidden: bool
@@ -393,7 +393,7 @@ class Place(NamedTuple):
         return str(self.entry.get("name", self.number))
 
 
-def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
+def walk_nodes(header: dict[str, Any]) -> Iterator[FileNode]:
     """
     Yield every node of the file's scene, each before those below it.
 
@@ -415,7 +415,7 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
             child for name in named for child in _numbers_of_nodes(named, name, "children", nodes)
         }
         roots = [number for number in range(len(nodes)) if number not in hanging]
-    waiting: list[tuple[int, Place | None]] = [(number, None) for number in reversed(roots)]
+    waiting: list[tuple[int, FileNode | None]] = [(number, None) for number in reversed(roots)]
     seen: set[int] = set()
     while waiting:
         number, above = waiting.pop()
@@ -432,7 +432,9 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         # A product has other zeros than its factor: all are products.
-        place = Place(number, node, above, compose(matrix) if above is None else matrix, is_hidden)
+        place = FileNode(
+            number, node, above, compose(matrix) if above is None else matrix, is_hidden
+        )
         yield place
         waiting += [(child, place) for child in reversed(children)]
 

@@ -22,7 +22,7 @@ from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.point_clouds.lzf import unpack_lzf
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, line_end, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.io.text.parts import meant_names
 from rasterjit.scene.color import srgb_to_linear
 
@@ -84,7 +84,7 @@ def read_pcd(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         )
         left_out.note("viewpoint", int(head.has_viewpoint))
         if head.form == "ascii":
-            columns = _text_columns(Lines(data, resources.budget, head.at), head, damage)
+            columns = _text_columns(TextLines(data, resources.budget, head.at), head, damage)
         elif head.form == "binary":
             columns = _binary_columns(data, head, damage)
         else:
@@ -164,7 +164,7 @@ def _whole(name: str, *words: str) -> int:
     return int(words[0])
 
 
-def _text_columns(lines: Lines, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
+def _text_columns(lines: TextLines, head: _Head, damage: Damage) -> dict[str, NDArray[Any]]:
     """Return the values of each field, (N,) or (N, count), of a text file."""
     rows = np.flatnonzero((lines.starts < lines.ends) & (lines.char(0) != ord("#")))
     width = sum(one.count for one in head.fields)

@@ -56,7 +56,7 @@ class Damage:
         self._first: str | None = None
         self._count = 0
 
-    def line(self, lines: Lines, line: int, expected: str) -> None:
+    def line(self, lines: TextLines, line: int, expected: str) -> None:
         """Raise `MeshFileError` about a line, or remember it."""
         if self._strict or self._first is None:
             self._say(f"{lines.where(line)}: expected {expected}, got {lines.shown(line)}")
@@ -82,7 +82,7 @@ class Damage:
             self._left_out.note(f"what is damaged, first {self._first}", self._count)
 
 
-class Lines:
+class TextLines:
     """
     The lines of a file.
 
@@ -213,7 +213,7 @@ def parse(content: NDArray[np.uint8], count: int, kind: Any) -> NDArray[Any] | N
 
 
 def number_rows(
-    lines: Lines,
+    lines: TextLines,
     which: NDArray[np.int64],
     skip: int,
     least: int,
@@ -225,7 +225,7 @@ def number_rows(
 
     Parameters
     ----------
-    lines : Lines
+    lines : TextLines
     which : (L,) int64
         Numbers of lines, ascending.
     skip : int
@@ -256,7 +256,7 @@ def number_rows(
 
 
 def _careful_rows(
-    lines: Lines,
+    lines: TextLines,
     which: NDArray[np.int64],
     skip: int,
     least: int,

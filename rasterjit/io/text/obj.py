@@ -22,7 +22,7 @@ from rasterjit.io.text.lines import (
     CORNER_BYTES,
     ROW_BYTES,
     Damage,
-    Lines,
+    TextLines,
     columns,
     number_rows,
     parse,
@@ -77,7 +77,7 @@ def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     data = original = resources.read_itself(path)
     if b"\\" in data:
         data = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ").replace(b"\\\r", b"  ")
-    lines = Lines(data, resources.budget, 0, original)
+    lines = TextLines(data, resources.budget, 0, original)
     return list(_ObjFile(path, lines, resources, damage, left_out).parts())
 
 
@@ -85,7 +85,7 @@ class _ObjFile:
     """The statements of an OBJ file, by kind."""
 
     def __init__(
-        self, path: Path, lines: Lines, resources: Resources, damage: Damage, left_out: LeftOut
+        self, path: Path, lines: TextLines, resources: Resources, damage: Damage, left_out: LeftOut
     ) -> None:
         self._path = path
         self._lines = lines

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
+from rasterjit.io.text.lines import Damage, TextLines, columns, number_rows
 from rasterjit.io.text.parts import (
     POLYGON_CORNER_BYTES,
     Part,
@@ -44,7 +44,7 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     data = resources.read_itself(path)
     if b"#" in data:
         data = re.sub(rb"#[^\r\n]*", lambda found: b" " * len(found[0]), data)
-    lines = Lines(data, resources.budget)
+    lines = TextLines(data, resources.budget)
     filled = np.flatnonzero(lines.starts < lines.ends)
     header = _HEADER.fullmatch(lines.text(int(filled[0]))) if len(filled) else None
     if header is None:

@@ -21,7 +21,7 @@ from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, line_end, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import (
     COLORS_BESIDE,
@@ -160,7 +160,7 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
     lines = None
     if order == "=":
-        lines = Lines(data, resources.budget, at)
+        lines = TextLines(data, resources.budget, at)
         _read_text(lines, elements, damage)
     else:
         resources.budget.take("its rows", BINARY_BYTES * len(data))
@@ -313,7 +313,7 @@ def _declare(words: list[str], elements: list[_Element]) -> None:
     elements[-1].properties.append(said)
 
 
-def _read_text(lines: Lines, elements: list[_Element], damage: Damage) -> None:
+def _read_text(lines: TextLines, elements: list[_Element], damage: Damage) -> None:
     """Read the rows of a text file, a line each."""
     filled = np.flatnonzero(lines.starts < lines.ends)
     at = 0
@@ -357,7 +357,7 @@ def _read_text(lines: Lines, elements: list[_Element], damage: Damage) -> None:
 
 
 def _check(
-    element: _Element, fits: NDArray[np.bool_], lines: Lines, what: str, damage: Damage
+    element: _Element, fits: NDArray[np.bool_], lines: TextLines, what: str, damage: Damage
 ) -> None:
     """Report rows that do not fit, and mark them as damaged."""
     bad = element.there & ~fits
@@ -558,7 +558,7 @@ def _cut_strips(strips: _Element, of_strips: str, name: str) -> _Element:
 def _polygons(
     face: _Element,
     there: NDArray[np.bool_],
-    lines: Lines | None,
+    lines: TextLines | None,
     damage: Damage,
     left_out: LeftOut,
     budget: MemoryBudget,

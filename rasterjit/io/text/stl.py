@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, columns, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, columns, number_rows
 from rasterjit.io.text.parts import Names, Part
 
 _HEAD = 84
@@ -40,7 +40,7 @@ def read_stl(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         left_out.note("colour or attribute of a triangle", marked)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
-        parts = list(_text_parts(Lines(data, resources.budget), path.name, damage, left_out))
+        parts = list(_text_parts(TextLines(data, resources.budget), path.name, damage, left_out))
     if not parts:
         raise MeshFileError(f"{path} holds no faces")
     return parts
@@ -51,7 +51,9 @@ def _part(name: str, vertices: NDArray) -> Part:
     return Part(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
 
 
-def _text_parts(lines: Lines, file_name: str, damage: Damage, left_out: LeftOut) -> Iterator[Part]:
+def _text_parts(
+    lines: TextLines, file_name: str, damage: Damage, left_out: LeftOut
+) -> Iterator[Part]:
     """Yield a mesh for each solid of a text file that has triangles; the file's name stands in."""
     first, second, fourth = (lines.char(offset) | 0x20 for offset in (0, 1, 3))
     solids = np.flatnonzero((first == ord("s")) & (second == ord("o")))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.io.point_clouds.cloud import INTENSITY, Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import ROW_BYTES, Damage, Lines, number_rows
+from rasterjit.io.text.lines import ROW_BYTES, Damage, TextLines, number_rows
 from rasterjit.io.text.parts import linear_rgba, srgb_bytes
 
 ROW_FORMATS = ("xyz", "xyzn", "xyzrgb", "pts", "asc", "txt", "csv")
@@ -47,7 +47,7 @@ def read_rows(path: Path, resources: Resources, damage: Damage, left_out: LeftOu
     original = resources.read_itself(path)
     decimal = _has_decimal_commas(original)
     data = original.translate(_DECIMAL_COMMAS if decimal else _SEPARATORS)
-    lines = Lines(data, resources.budget, 0, original)
+    lines = TextLines(data, resources.budget, 0, original)
     marks = lines.char(0)
     rows = np.flatnonzero(
         (lines.starts < lines.ends)
@@ -84,7 +84,7 @@ def _has_decimal_commas(data: bytes) -> bool:
 
 
 def _head(
-    path: Path, lines: Lines, rows: NDArray[np.int64]
+    path: Path, lines: TextLines, rows: NDArray[np.int64]
 ) -> tuple[list[str], NDArray[np.int64], int | None]:
     """Return the names of columns, if a line says them; the rows below; their number, if said."""
     if not len(rows):

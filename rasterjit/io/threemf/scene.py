@@ -63,7 +63,9 @@ def load_3mf(
     try:
         package = Package(path, resources.budget)
         try:
-            return _Reader(package, path, resources, on_invalid, crease_angle, left_out).scene()
+            return _SceneBuilder(
+                package, path, resources, on_invalid, crease_angle, left_out
+            ).scene()
         finally:
             package.close()
     except MeshFileError:
@@ -84,7 +86,7 @@ class _Place(NamedTuple):
     depth: int
 
 
-class _Model:
+class _ModelPart:
     """The objects and properties of one part of the package that is a model."""
 
     def __init__(self, root: ElementTree.Element, package: Package, left_out: LeftOut,
@@ -105,7 +107,7 @@ class _Model:
         self.properties = Properties(found, package, left_out, resources.budget, resources.decoder)
 
 
-class _Reader:
+class _SceneBuilder:
     """Builds the scene of the root model."""
 
     def __init__(
@@ -118,7 +120,7 @@ class _Reader:
         self._on_invalid = on_invalid
         self._crease_angle = crease_angle
         self._left_out = left_out
-        self._models: dict[str, _Model] = {}
+        self._models: dict[str, _ModelPart] = {}
         self._meshes: dict[tuple[str, str], list[Mesh]] = {}
         self._used: set[tuple[str, str]] = set()
         self._scene = Scene()
@@ -141,14 +143,14 @@ class _Reader:
             raise MeshFileError(f"{self._source} holds {held} in its build{named}")
         return self._scene
 
-    def _model(self, part: str) -> _Model:
+    def _model(self, part: str) -> _ModelPart:
         """Return the model of a part."""
         key = part.lstrip("/").lower()
         if key not in self._models:
             root = self._package.tree(part)
             if local_name(root.tag) != "model":
                 raise ValueError(f"its part {shown_name(part)} is no model")
-            model = _Model(root, self._package, self._left_out, self._resources)
+            model = _ModelPart(root, self._package, self._left_out, self._resources)
             if self._models and model.unit != next(iter(self._models.values())).unit:
                 self._left_out.note("unit of a part that is not the root model's")
             self._models[key] = model
@@ -203,7 +205,7 @@ class _Reader:
             ]  # fmt: skip
         return self._meshes[key]
 
-    def _parts(self, model: _Model, number: str) -> list[Part]:
+    def _parts(self, model: _ModelPart, number: str) -> list[Part]:
         """Return the surfaces and the lattice of an object."""
         element, found = model.objects[number], list[Part]()
         name = element.get("name") or number
@@ -232,7 +234,7 @@ class _Reader:
             found += parts
         return found
 
-    def _part_of(self, model: _Model) -> str:
+    def _part_of(self, model: _ModelPart) -> str:
         """Return the part that a model is read from."""
         return next(part for part, one in self._models.items() if one is model)
 
