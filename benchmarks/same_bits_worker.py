@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.compare_worker import digest, use_package
 
-GENERATOR = Path(__file__).parents[1] / "tests"
+GENERATOR = Path(__file__).parents[1] / "tests" / "support"
 """Folder of ``random_scenes``: the same for all packages."""
 
 

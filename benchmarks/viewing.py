@@ -277,7 +277,7 @@ def watched(tab: Any, size: tuple[int, int]) -> dict[str, Any]:
 
 def tests_chromium() -> Any:
     """Return the module of the tests that opens pages in Chromium."""
-    path = ROOT / "tests" / "chromium.py"
+    path = ROOT / "tests" / "support" / "chromium.py"
     found = importlib.util.spec_from_file_location("chromium", path)
     assert found is not None
     assert found.loader is not None

@@ -12,7 +12,7 @@ import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.runtime import jit
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 SIZE = (40, 28)
 CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.5, 4.0), target=(0.0, 0.0, 0.0))
 ALL = tuple(name for name in OUTPUTS if name not in MOTION_OUTPUTS)

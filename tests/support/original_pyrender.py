@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent / "compat"
+FOLDER = Path(__file__).parents[1] / "compat"
 
 ORIGINAL = os.environ.get("PYRENDER_PYTHON")
 """The Python of an environment that has pyrender."""
