@@ -526,8 +526,12 @@ class Renderer(Guarded):
     def of_many(
         cls, size: tuple[int, int], quality: Quality, threads: int, cache: SceneCache | None = None
     ) -> Renderer:
-        """Return one of several that draw a scene, of which this is known; it never warns."""
-        renderer = cls(size, quality=quality, threads=threads)
+        """
+        Return one of several that draw a scene, of which this is known.
+
+        It never warns, and records nothing: several would take several times the memory.
+        """
+        renderer = cls.timed(size, quality, threads)
         renderer._cache, renderer.warned = cache, None
         return renderer
 
