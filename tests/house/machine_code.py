@@ -114,7 +114,7 @@ def look_at(target=None, some=(), model=""):
     started = [
         subprocess.Popen(
             [sys.executable, *STRICT, __file__, one], stdout=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "support"]))},
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests' / 'support'}"},
         )
         for one in asked
     ]  # fmt: skip

@@ -6,8 +6,8 @@ ground, a light of next to no intensity, fog of next to no density. So all scene
 kernels that the ways of mixing faces ask for: one face a pixel, blended layers of four samples, and
 areas.
 
-For one more effect, run ``python tests/support/combined.py``: it prints `ROWS` with one more bit. Then add
-a name at the end of `SWITCHES`, and to `scene_of` what it switches.
+For one more effect, run ``python tests/support/combined.py``: it prints `ROWS` with one more bit.
+Then add a name at the end of `SWITCHES`, and to `scene_of` what it switches.
 """
 
 from __future__ import annotations
