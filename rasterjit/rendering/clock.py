@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from rasterjit.runtime.jit import COMPILE_CLOCK
+from rasterjit.runtime.clocks import COMPILE_CLOCK
 
 
 class StageClock:
