@@ -556,6 +556,6 @@ def test_areas_of_blended_objects_are_refused_by_name():
 
 def test_fog_asks_for_no_positions_of_flat_objects_out_of_view():
     scene = scene_of((square(shading="phong"), np.eye(4)), (PLAIN[0], AWAY), fog=rj.Fog(density=1))
-    assert rj.explain(scene, CAMERA, size=SIZE).data("fog").flat is None
+    assert not rj.explain(scene, CAMERA, size=SIZE).data("fog").finds_points
     scene.nodes[1].world_from_model = np.eye(4)
-    assert rj.explain(scene, CAMERA, size=SIZE).data("fog").flat is not None
+    assert rj.explain(scene, CAMERA, size=SIZE).data("fog").finds_points
