@@ -33,11 +33,11 @@ SHOWN = 12
 ALIKE = (
     ("lone, 1 thread", "lone, 2 threads"),
     ("lone, 1 thread", "kept"),
-    ("lone, 1 thread", "recorded"),
+    ("lone, 1 thread", "bound"),
     ("lone, 1 thread", "batch, 1 thread"),
     ("batch, 1 thread", "batch, 2 threads"),
     ("changed", "kept, changed"),
-    ("changed", "recorded, changed"),
+    ("changed", "bound, changed"),
 )
 """Ways to draw that have the same bits."""
 

@@ -49,7 +49,7 @@ class Drawn:
         (other, camera), scene = self.cameras, self.scene
 
         def kept(*frames: tuple[Any, Any]) -> dict[str, Any]:
-            """Return the last frame of a renderer: from the third of a kind on it is recorded."""
+            """Return the last frame of a renderer, whose third of a kind has bound calls."""
             with rj.Renderer(self.size, quality=self.quality) as renderer:
                 for frame in frames:
                     drawn = renderer.render(*frame, outputs=self.outputs)
@@ -63,11 +63,11 @@ class Drawn:
             "lone, 1 thread": lambda: rj.render(scene, camera, threads=1, **asked).arrays(),
             "lone, 2 threads": lambda: rj.render(scene, camera, threads=2, **asked).arrays(),
             "kept": lambda: kept((scene, other), (scene, camera)),
-            "recorded": lambda: kept(*2 * ((scene, other), (scene, camera))),
+            "bound": lambda: kept(*2 * ((scene, other), (scene, camera))),
             "batch, 1 thread": lambda: batch(1),
             "batch, 2 threads": lambda: batch(2),
             "changed": lambda: rj.render(self.changed, camera, **asked).arrays(),
-            "recorded, changed": lambda: kept(*3 * ((scene, camera),), (self.changed, camera)),
+            "bound, changed": lambda: kept(*3 * ((scene, camera),), (self.changed, camera)),
             "kept, changed": lambda: kept((scene, camera), (self.changed, camera)),
         }
 

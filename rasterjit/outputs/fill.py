@@ -284,7 +284,8 @@ def _finish(
     shapes = cache.shapes
     if "barycentric" in result and cache.cut is not None:
         _weigh_whole_faces(cache.cut, face_id, result["barycentric"])
-    for name, attribute in plan.facts.attributes.items():
+    for name in plan.facts.attributes.keys() & set(plan.outputs):
+        attribute = plan.facts.attributes[name]
         of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
         if of_vertices is None:
             result[name] = of_faces[face_id]

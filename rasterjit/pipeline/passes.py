@@ -137,9 +137,9 @@ class ShadingNeeds(NamedTuple):
     textures: bool = False
     mipped: bool = False
     """Whether any texture has levels to choose from."""
-    kinds: frozenset[int] = frozenset()
+    kinds: tuple[int, ...] = ()
     """The kinds of texture that any object has."""
-    apart: frozenset[int] = frozenset()
+    apart: tuple[int, ...] = ()
     """Those that any object has at coordinates of their own."""
     maps: bool = False
     alphas: bool = False

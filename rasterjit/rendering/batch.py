@@ -439,13 +439,13 @@ class OneByOne:
 
     def __call__(self, group: Iterable[int]) -> ViewsDrawn:
         """Draw some views."""
-        views, (outputs, background, cull) = self._views, self._views.options[2:5]
+        views, options = self._views, self._views.options
         totals, told = np.zeros(len(COUNTED), np.int64), Told()
         for number in group:
             with naming(f"cameras[{number}]"):
                 frame = self._renderer.render(
-                    views.scene_of(number), views.cameras[number], outputs=outputs,
-                    background=background, cull=cull,
+                    views.scene_of(number), views.cameras[number], outputs=options.outputs,
+                    background=options.background, cull=options.cull,
                 )  # fmt: skip
             for name, array in frame.arrays().items():
                 views.arrays[name][number] = array

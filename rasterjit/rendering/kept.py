@@ -113,6 +113,9 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
         and (one.outputs, one.is_uneven, one.attributes, one.lights, one.has_background)
         == (other.outputs, other.is_uneven, other.attributes, other.lights, other.has_background)
         and one.has_lights == other.has_lights
+        and one.diagnose == other.diagnose
+        and one.imitation is other.imitation
+        and one.background_image is other.background_image
         and all(map(operator.is_, one.asked.values(), other.asked.values()))
         and made.background.tobytes() == asked.background.tobytes()
         and _lights(made) == _lights(asked)

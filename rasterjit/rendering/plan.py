@@ -94,7 +94,8 @@ def plan_frame(
     ValueError
         Naming the argument that is wrong.
     """
-    quality, background, cull, diagnose = request.quality, *request[3:6]
+    quality, background = request.quality, request.background
+    cull, diagnose = request.cull, request.diagnose
     size = whole_size("size", request.size, quality.subpixel_bits)
     outputs = check_outputs(request.outputs)
     one_of("cull", cull, CULL_MODES)

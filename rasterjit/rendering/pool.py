@@ -233,11 +233,12 @@ class Artist:
 
     def _draw_alone(self, camera: Camera) -> Begun:
         """Draw a view as `rasterjit.render` does."""
-        outputs, background, cull = self._options[2:5]
+        asked = self._options
         try:
             frame = self._renderer.render(
-                self._scene, camera, outputs=outputs, background=background, cull=cull
-            )
+                self._scene, camera, outputs=asked.outputs, background=asked.background,
+                cull=asked.cull,
+            )  # fmt: skip
         except Exception as error:
             return Begun(None, {}, error)
         return Begun(frame, notices.notices_of_frame(frame))

@@ -31,9 +31,9 @@ from rasterjit.rendering import behind, notices, shade, supersample
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import plan as planning
+from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull, FrameRequest
-from rasterjit.rendering.recorded import Recorder, frame_of_totals, is_small
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
@@ -508,14 +508,14 @@ class Renderer(Guarded):
         self._last: RenderPlan | None = None
         self._lensed: lenses.Lensed | None = None
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
-        self._recorder, self._is_timed = Recorder(), False
+        self._bound, self._is_timed = BoundFrames(), False
         self.on_picture: Callable[[], None] | None = None
         self.warned: set[str] | None = set()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Be copied and pickled by its settings: the copy keeps nothing between frames yet."""
         told = None if self.warned is None else set(self.warned)
-        state = {"on_picture": self.on_picture, "warned": told}
+        state = {"on_picture": self.on_picture, "warned": told, "_is_timed": self._is_timed}
         return _renderer_of, (type(self), self.size, self.quality, self._threads), state
 
     def __repr__(self) -> str:
@@ -529,7 +529,7 @@ class Renderer(Guarded):
         """
         Return one of several that draw a scene, of which this is known.
 
-        It never warns, and records nothing: several would take several times the memory.
+        It never warns, and binds no calls: several would take several times the memory.
         """
         renderer = cls.timed(size, quality, threads)
         renderer._cache, renderer.warned = cache, None
@@ -557,7 +557,7 @@ class Renderer(Guarded):
         """Let the threads go; a later render starts them again."""
         self._workers.close()
         self._kept.clear()
-        self._recorder.clear()
+        self._bound.clear()
 
     def render(
         self,
@@ -623,7 +623,7 @@ class Renderer(Guarded):
         """Render one frame."""
         clock = StageClock()
         planned = self._plan(request, what, camera)
-        return self._draw_recorded(planned, clock) or self._draw(planned, clock=clock)
+        return self._draw_bound(planned, clock) or self._draw(planned, clock=clock)
 
     def _render_with(
         self, lens: Lens, what: Any, camera: Camera | None, request: FrameRequest
@@ -755,14 +755,16 @@ class Renderer(Guarded):
         for one in planned:
             yield self._draw(one, accumulation)
 
-    def _draw_recorded(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
-        """Draw a frame by calls that are recorded; None: it must be drawn step by step."""
+    def _draw_bound(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
+        """Draw a frame by bound calls; None: it must be drawn step by step."""
         is_watched = self._is_timed or self.on_picture is not None
-        if is_watched or not is_small(planned) or not self._keeping.acquire(blocking=False):
+        if is_watched or not is_small(planned):
+            self._bound.clear()
+            return None
+        if not self._keeping.acquire(blocking=False):
             return None
         try:
-            self._workers.memory.next_frame()
-            drawn = self._recorder.draw(planned, self._workers.memory)
+            drawn = self._bound.draw(planned, self._workers.memory)
         finally:
             self._keeping.release()
         if drawn is None:

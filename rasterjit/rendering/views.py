@@ -70,7 +70,7 @@ def plan_views(
     ValueError
         Naming the argument that is wrong.
     """
-    size, quality = request[:2]
+    size, quality = request.size, request.quality
     camera, scene = choose_camera(scene, camera, size), cut_open(scene)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)

@@ -260,7 +260,7 @@ class Effect:
 
 class InGroups(Effect):
     """
-    An effect that batches and recorded frames draw, without Python in between.
+    An effect that batches and bound frames draw, without Python in between.
 
     What it reads follows from the plan (`share`), but for arrays that follow from the camera and
     where objects are (`differ`). Others must be prepared for each picture.

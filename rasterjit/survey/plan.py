@@ -33,7 +33,7 @@ FOLLOWING = (
     "planned", "needs_depth", "reads_depth", "keeps_lists", "keeps_clip_positions", "keeps_faces",
     "shading",
 )  # fmt: skip
-"""What plans of whole frames say by their effects and facts alone."""
+"""What plans of whole frames say by their effects and facts alone; layers and lights follow too."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -36,10 +36,11 @@ def shading_needs(
         contours=contents.contoured > 0,
         textures=facts.needs_textures,
         mipped=contents.mipped > 0,
-        kinds=frozenset(n for n, count in enumerate(contents.textured.values()) if count),
-        apart=frozenset(n for n, own in enumerate(facts.inventory.kinds_apart) if own),
+        kinds=tuple(n for n, count in enumerate(contents.textured.values()) if count),
+        apart=tuple(n for n, own in enumerate(facts.inventory.kinds_apart) if own),
         maps=facts.needs_maps,
         alphas=layers is not None and layers.has_blended,
+        # `Shading` asks the viewport that it is given.
         on_faces=not samples_beside,
         microfacets=facts.needs_microfacets,
         points=facts.shades_points,

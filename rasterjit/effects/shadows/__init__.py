@@ -238,11 +238,11 @@ class ShadowMaps(LooksAround):
             passes.append(
                 Pass(shadows_stage.place_on_cube, lambda _: (point, shadows.maps[n], size))
             )
-        softness = int(not of_vertices)
+        is_of_faces = int(not of_vertices)
 
         def own(_: ShadingArrays) -> tuple[Any, ...]:
             texels = shadows.texels[first : first + sides * size * size]
-            return texels, size, sides, softness
+            return texels, size, sides, is_of_faces
 
         def soft(a: ShadingArrays) -> tuple[Any, ...]:
             width = np.float32(shadows.maps[n][shadows_stage.WIDENING])

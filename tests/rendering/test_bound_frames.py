@@ -1,16 +1,18 @@
-"""Small frames of a renderer are recorded: they have the bits and counts of lone ones."""
+"""Small frames of a renderer, drawn by bound calls, have the bits and counts of lone ones."""
 
 from __future__ import annotations
 
 import dataclasses
+import gc
 import threading
+import weakref
 
 import batches
 import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering import recorded
+from rasterjit.rendering import bound_frames
 from rasterjit.rendering.desk import Desk
 
 pytestmark = batches.in_groups
@@ -24,7 +26,7 @@ QUALITIES = {
 
 @pytest.fixture
 def draws(monkeypatch):
-    """The frames that recorded calls drew: whether each fitted in its memory."""
+    """The frames that bound calls drew: whether each fitted in its memory."""
     fits, draw = [], Desk.draw_one
 
     def noted(desk, values):
@@ -37,7 +39,7 @@ def draws(monkeypatch):
 
 
 def scene_of(kind):
-    """Return a scene of three objects with effects that recorded frames may have."""
+    """Return a scene of three objects with effects that bound frames may have."""
     scene = batches.mixed_scene()
     if kind == "fog and sky":
         scene.fog = rj.Fog("grey", density=0.1, mode="exp", height=0.5, falloff=0.3)
@@ -54,7 +56,7 @@ def scene_of(kind):
 
 
 def same(frame, other):
-    """Tell whether two frames have the same arrays, counts and warnings."""
+    """Tell whether two frames have the same arrays, counts and share of white."""
     counts = [
         dataclasses.replace(one.stats, seconds={}, face_id=one.stats.pixels_covered)
         for one in (frame, other)
@@ -69,7 +71,7 @@ def same(frame, other):
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("kind", ["plain", "fog and sky", "glass", "lights"])
-def test_recorded_frames_are_lone_ones(draws, kind, quality):
+def test_bound_frames_are_lone_ones(draws, kind, quality):
     scene, options = scene_of(kind), {"outputs": OUTPUTS}
     settings = rj.Quality(**QUALITIES[quality])
     cameras = [*batches.around(5), *batches.around(5, 0.7)]
@@ -85,7 +87,7 @@ def test_recorded_frames_are_lone_ones(draws, kind, quality):
     assert (len(draws) >= 2) == can_be
 
 
-def test_each_camera_is_recorded_by_its_own_depth(draws):
+def test_each_camera_has_its_own_depth(draws):
     scene = batches.mixed_scene()
     pinhole = rj.MatrixCamera.from_intrinsics(40.0, 40.0, 30.0, 22.0, SIZE)
     flat = rj.OrthographicCamera(eye=(0.0, 0.5, 4.0), target=(0.0, 0.0, 0.0), height=3.0)
@@ -104,7 +106,7 @@ def test_frames_that_do_not_fit_are_drawn_step_by_step(draws, monkeypatch):
     with rj.Renderer(SIZE, threads=1) as renderer:
         frames = [renderer.render(scene, inside, outputs=OUTPUTS) for _ in range(5)]
     assert frames[0].stats.clipped > 1
-    assert draws == [False] * 3
+    assert draws == [False]
     assert all(same(frame, frames[0]) for frame in frames)
 
 
@@ -120,14 +122,14 @@ def test_arrays_are_the_frames_own(draws):
     assert np.array_equal(kept.color, before)
 
 
-def test_large_and_watched_frames_are_not_recorded(draws, monkeypatch):
+def test_large_and_watched_frames_are_drawn_step_by_step(draws, monkeypatch):
     scene, pictures = batches.mixed_scene(), []
     with rj.Renderer((300, 300), threads=1) as large, rj.Renderer(SIZE, threads=1) as watched:
         watched.on_picture = lambda: pictures.append(1)
         for _ in range(4):
             large.render(scene, batches.CAMERA)
             watched.render(scene, batches.CAMERA)
-    monkeypatch.setattr(recorded, "MOST_MEMORY", 10_000)
+    monkeypatch.setattr(bound_frames, "MOST_MEMORY", 10_000)
     with rj.Renderer(SIZE, threads=1) as poor:
         for _ in range(4):
             poor.render(scene, batches.CAMERA)
@@ -135,7 +137,7 @@ def test_large_and_watched_frames_are_not_recorded(draws, monkeypatch):
     assert len(pictures) == 4
 
 
-def test_threads_that_share_a_renderer_have_frames_of_their_own():
+def test_threads_that_share_a_renderer_have_frames_of_their_own(draws):
     scene, cameras, found = batches.mixed_scene(), batches.around(40), {}
     lone = [rj.render(scene, camera, size=SIZE, threads=1) for camera in cameras]
     with rj.Renderer(SIZE, threads=1) as renderer:
@@ -150,3 +152,54 @@ def test_threads_that_share_a_renderer_have_frames_of_their_own():
         for thread in threads:
             thread.join()
     assert all(same(found[n], frame) for n, frame in enumerate(lone))
+    assert draws
+
+
+CHANGES = {
+    "diagnose": {"diagnose": True}, "cull": {"cull": "back"}, "background": {"background": "red"},
+    "outputs": {"outputs": ("color", "uv")},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_is_asked_for_later_is_not_missing(draws, change):
+    scene, camera = batches.mixed_scene(), batches.CAMERA
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for _ in range(4):
+            renderer.render(scene, camera)
+        assert draws == [True] * 2
+        frame = renderer.render(scene, camera, **CHANGES[change])
+    lone = rj.render(scene, camera, size=SIZE, threads=1, **CHANGES[change])
+    assert same(frame, lone)
+    assert hasattr(frame, "diagnostics") == (change == "diagnose")
+
+
+@pytest.mark.parametrize("place", ["shape_of", "Desk"])
+def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, place):
+    renderer, scene = rj.Renderer(SIZE, threads=1), batches.mixed_scene()
+    original = getattr(bound_frames, place)
+
+    def closing(*arguments):
+        renderer.close()
+        return original(*arguments)
+
+    renderer.render(scene, batches.CAMERA)
+    monkeypatch.setattr(bound_frames, place, closing)
+    frames = [renderer.render(scene, batches.CAMERA) for _ in range(2)]
+    assert renderer._bound._desk is None or place == "shape_of"
+    monkeypatch.undo()
+    assert all(same(frame, renderer.render(scene, batches.CAMERA)) for frame in frames)
+
+
+def test_scenes_are_let_go_that_nobody_draws_any_more():
+    camera, scene = batches.CAMERA, batches.mixed_scene()
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for _ in range(4):
+            renderer.render(scene, camera)
+        gone = weakref.ref(scene)
+        del scene
+        gc.collect()
+        assert gone() is None
+        renderer.size = (400, 400)
+        renderer.render(batches.mixed_scene(), camera)
+        assert renderer._bound._desk is None

@@ -1,15 +1,16 @@
 """
-Frames of a kept `Renderer` whose calls are recorded: small ones, where Python would take longest.
+Small frames of a kept `Renderer`, where Python would take longest: their calls are bound once.
 
 From its third frame of one kind on, a plan's kernels and stages are bound to memory of their own
 (`desk.Desk`, in which batches of views are drawn, too). Then a frame loads its matrices and lights
 there, and is drawn by one call into machine code. Frames that `sharing.can_share` leaves out are
-drawn step by step, as each first frame is.
+drawn step by step, as the first two of each kind are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,22 +28,23 @@ from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
 from rasterjit.survey.effect import InGroups
 from rasterjit.survey.many_views import Group, ManyViews
+from rasterjit.survey.plan import RenderPlan
 
 MOST_PIXELS = 1 << 15
-"""Pixels of the largest pictures that are recorded: larger ones take longer than their Python."""
+"""Pixels of the largest pictures: of larger ones Python is a small part of the time."""
 
 MOST_FACES = 1 << 14
 """The same for faces."""
 
 FRAMES_BEFORE = 2
-"""Frames of one kind before one is recorded: what takes two frames' time must serve for several."""
+"""Frames of one kind before calls are bound, which takes the time of about two."""
 
 MOST_MEMORY = 1 << 26
-"""Bytes that a recorded frame may keep."""
+"""Bytes that one renderer may keep for this."""
 
 
 class FrameDrawn(NamedTuple):
-    """A frame that was drawn by recorded calls."""
+    """A frame that was drawn by bound calls."""
 
     arrays: dict[str, NDArray[Any]]
     """The outputs, (H, W, ...)."""
@@ -50,68 +52,85 @@ class FrameDrawn(NamedTuple):
     """(9,): as ``pipeline/views.py`` counts."""
 
 
-class Recorder:
-    """What a renderer's frames are recorded in: one kind of frame at a time."""
+class _Last(NamedTuple):
+    """What is compared of a frame; its scene is not kept alive."""
+
+    plan: RenderPlan
+    shapes: Any
+    tables: Any
+
+
+class BoundFrames:
+    """The bound calls of a renderer: those of one kind of frame at a time."""
 
     def __init__(self) -> None:
-        self._last: PlannedFrame | None = None
-        self._alike = 0
+        self._last: _Last | None = None
+        self._alike, self._clears = 0, 0
         self._desk: Desk | None = None
 
     def clear(self) -> None:
-        """Forget what was recorded."""
+        """Let everything go; another thread may still draw."""
+        self._clears += 1
         self._last, self._alike, self._desk = None, 0, None
 
     def draw(self, planned: PlannedFrame, memory: Memory) -> FrameDrawn | None:
-        """Draw a frame if its calls are recorded, or are to be recorded now."""
-        if not self._is_recorded(planned):
+        """Draw a frame, if its calls are bound or it pays to bind them now; else return None."""
+        desk, outputs = self._desk_of(planned), {}
+        if desk is None:
             return None
-        desk, outputs = self._desk, {}
+        memory.next_frame()
         for name in planned.plan.outputs:
             shape, dtype = shape_of(name, planned.plan.size, planned.plan.facts.attributes)
             outputs[name] = memory.empty(shape, np.dtype(dtype))
         desk.write_to(outputs)
         totals = desk.draw_one(dict(fields_of(planned)))
-        return None if totals is None else FrameDrawn(outputs, totals)
+        if totals is None:
+            # It does not fit, and the next of its kind would hardly do.
+            self._desk = None
+            return None
+        return FrameDrawn(outputs, totals)
 
-    def _is_recorded(self, planned: PlannedFrame) -> bool:
-        """Tell whether there is memory that a frame is drawn in; make it when it pays."""
-        last, self._last = self._last, planned
-        if last is None or not _are_alike(last, planned):
+    def _desk_of(self, planned: PlannedFrame) -> Desk | None:
+        """Return the memory that a frame is drawn in; make it when it pays."""
+        plan, cache, clears = planned.plan, planned.cache, self._clears
+        last, self._last = self._last, _Last(plan, cache.shapes, cache.tables)
+        if last is None or planned.earlier is not None or not _are_alike(last, self._last):
             self._alike, self._desk = 0, None
-            return False
+            return None
         self._alike += 1
-        if self._alike == FRAMES_BEFORE and _can_be_recorded(planned):
-            count = 0 if planned.plan.lighting is None else len(planned.plan.lighting.lights)
-            self._desk = Desk(planned.plan, planned.cache, range(count))
-        return self._desk is not None
+        if self._alike == FRAMES_BEFORE and _can_be_bound(planned):
+            count = 0 if plan.lighting is None else len(plan.lighting.lights)
+            with suppress(MemoryError):
+                desk = Desk(plan, cache, range(count))
+                if clears == self._clears:
+                    self._desk = desk
+        return self._desk
 
 
 def is_small(planned: PlannedFrame) -> bool:
-    """Tell whether a frame is so small that it may be worth while to record its calls."""
+    """Tell whether a frame is so small that it may pay to bind its calls."""
     width, height = planned.plan.size
     arrays = planned.cache.shapes.arrays
     is_few = max(len(arrays.faces), len(arrays.positions)) <= MOST_FACES
     return width * height <= MOST_PIXELS and is_few and not (jit.DISABLED or jit.CHECKED)
 
 
-def _can_be_recorded(planned: PlannedFrame) -> bool:
+def _can_be_bound(planned: PlannedFrame) -> bool:
     """Tell whether all that draws a frame follows from its plan, and takes little memory."""
     plan, cache = planned.plan, planned.cache
     return (
-        planned.earlier is None
-        and type(plan.camera) in KNOWN_CAMERAS
+        type(plan.camera) in KNOWN_CAMERAS
         and can_share(plan, planned.scene, cache)
         and memory_of(plan, cache) <= MOST_MEMORY
     )
 
 
-def _are_alike(one: PlannedFrame, other: PlannedFrame) -> bool:
-    """Tell whether two frames differ in nothing but matrices, and what follows from these."""
+def _are_alike(one: _Last, other: _Last) -> bool:
+    """Tell whether two frames differ in nothing but what a `Desk` loads of each."""
     before, now = one.plan, other.plan
-    if one.cache.shapes is not other.cache.shapes or one.cache.tables is not other.cache.tables:
+    if one.shapes is not other.shapes or one.tables is not other.tables:
         return False
-    if type(before.camera) is not type(now.camera) or other.earlier is not None:
+    if type(before.camera) is not type(now.camera):
         return False
     if before.facts is now.facts and before.effects is now.effects and before.size == now.size:
         return before.background.tobytes() == now.background.tobytes()
