@@ -184,6 +184,7 @@ def test_whatever_stands_in_the_place_of_whatever_is_named_in_our_words(tmp_path
         ("accessors.0.componentType", 7, "componentType must be one of 5120, 5121, 5122, 5123, 5125"
          ", 5126, got 7"),
         ("accessors.0.type", "VEC9", 'type must be one of SCALAR, VEC2, VEC3, VEC4, MAT4, got "V'),
+        ("accessors.0.sparse.count", 5, "accessor 0: sparse: count must be at most 4, got 5"),
         ("accessors.0.sparse.indices.bufferView", 8, "sparse indices must be below 4, got "),
         ("meshes.0.primitives.0.attributes.POSITION", MISSING, "POSITION is missing"),
     ],

@@ -104,6 +104,59 @@ def no_bytes(folder):
     return model.save(folder / "a.glb"), "accessor 0"
 
 
+def many_changes(folder):
+    """Write a glTF file of a sparse accessor, all of whose rows are of the same bytes."""
+    count = 400_000
+    return shared_bytes(folder, count, count, [{"count": count}]), "sparse accessor 0"
+
+
+def changes_of_few_rows(folder):
+    """Write a glTF file of a sparse accessor that says to change more rows than it has."""
+    return shared_bytes(folder, 8_000_000, 3, [{"count": 7_999_900}]), None
+
+
+def views_of_one_buffer(folder):
+    """Write a glTF file of accessors of a few rows, each of a view of nearly all bytes."""
+    return shared_bytes(folder, 24_000_000, 3, [None] * 6), None
+
+
+def shared_bytes(folder, size, count, sparse):
+    """Write a glTF file of VEC3 accessors, sparse or not, of the same bytes."""
+    (folder / "a.bin").write_bytes(bytes(size))
+    accessors, views = [], []
+    for number, one in enumerate(sparse):
+        view = {"bufferView": number}
+        views.append({"buffer": 0, "byteOffset": number, "byteLength": size - number})
+        accessor = {"componentType": 5126, "count": count, "type": "VEC3"}
+        if one is None:
+            accessor |= view
+        else:
+            views[-1]["byteStride"] = 1
+            one |= {"indices": {**view, "componentType": 5121}, "values": view}
+            one["count"] = min(one["count"], size - 12)
+            accessor["sparse"] = one
+        accessors.append(accessor)
+    names = ["POSITION", *(f"_A{number}" for number in range(1, len(sparse)))]
+    used = {name: number for number, name in enumerate(names)}
+    document = {
+        "asset": {"version": "2.0"}, "accessors": accessors, "bufferViews": views,
+        "buffers": [{"uri": "a.bin", "byteLength": size}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": used}]}],
+    }  # fmt: skip
+    (folder / "a.gltf").write_text(json.dumps(document))
+    return folder / "a.gltf"
+
+
+def long_name_spaces(folder):
+    """Write a 3MF file of many names in name spaces of long addresses."""
+    address = "urn:" + "x" * 600_000
+    names = "".join(f'<t{number} m:a{number}=""/>' for number in range(300))
+    text = f'<model xmlns="{address}"><metadatagroup xmlns:m="{address}">{names}</metadatagroup>'
+    with zipfile.ZipFile(folder / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", f"{text}</model>")
+    return folder / "a.3mf", None
+
+
 def many_accessors(folder):
     """Write a glTF file of a hundred meshes of one large accessor."""
     model, row = Model(), quad(-1, -1, 1, 1)
@@ -318,9 +371,9 @@ WRITERS = {
     one.__name__: one
     for one in (
         no_bytes, many_accessors, many_pictures, obj_picture, ply_picture, many_materials,
-        large_file, zip_member, lying_member, tar_member, tar_headers, sparse_tar_member,
-        bz2_content, grid, text_faces, text_rows, long_polygon, blank_lines, binary_faces,
-        many_solids, many_curves, many_bulges, many_places, blocks_in_blocks,
+        many_changes, large_file, zip_member, lying_member, tar_member, tar_headers,
+        sparse_tar_member, bz2_content, grid, text_faces, text_rows, long_polygon, blank_lines,
+        binary_faces, many_solids, many_curves, many_bulges, many_places, blocks_in_blocks,
     )
 }  # fmt: skip
 
@@ -416,6 +469,7 @@ def test_curves_are_cut_by_the_extent_of_the_drawing(tmp_path, peak_of, name, te
     [
         many_accessors, many_pictures, obj_picture, lying_member, grid, tar_headers, text_faces,
         text_rows, long_polygon, blank_lines, binary_faces, many_solids, many_curves, many_bulges,
+        many_changes, changes_of_few_rows, views_of_one_buffer, long_name_spaces,
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("times", [1, 8])

@@ -56,6 +56,9 @@ _JSON_BYTES = 24
 _NUMBER_BYTES = 24
 """What a number of an accessor takes: as it is read, as float64, and in the mesh."""
 
+_SPARSE_BYTES = 16
+"""What a row of a sparse accessor takes besides: its place as int64, and whether that is sound."""
+
 MOST_ZEROS = 1 << 26
 """Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
 
@@ -170,7 +173,12 @@ class GltfFile:
         else:
             raise ValueError(f"it has {count} rows and no bytes")
         if "sparse" in accessor:
-            rows = self._with_sparse(rows, object_of(accessor, "sparse"), width, dtype)
+            sparse = object_of(accessor, "sparse")
+            changes = whole_of(sparse, "count")
+            if changes > count:
+                raise ValueError(f"sparse: count must be at most {count}, got {changes}")
+            self.budget.take(f"sparse accessor {number}", changes * _SPARSE_BYTES)
+            rows = self._with_sparse(rows, sparse, changes, dtype)
         return _as_said(accessor, rows, dtype, width)
 
     @contextmanager
@@ -187,16 +195,16 @@ class GltfFile:
         return number in self._decoded
 
     def _with_sparse(
-        self, rows: NDArray[Any], sparse: dict[str, Any], width: int, dtype: np.dtype
+        self, rows: NDArray[Any], sparse: dict[str, Any], count: int, dtype: np.dtype
     ) -> NDArray[Any]:
-        """Return rows with those replaced that a sparse accessor says."""
-        count, indices = whole_of(sparse, "count"), object_of(sparse, "indices")
+        """Return rows with the ``count`` of them replaced that a sparse accessor says."""
+        indices = object_of(sparse, "indices")
         places = self._rows(indices, count, 1, _component(indices))[:, 0]
         wrong = places[~((places >= 0) & (places < len(rows)))]
         if len(wrong):
             raise ValueError(f"sparse indices must be below {len(rows)}, got {wrong[0]}")
         changed = rows.copy()
-        values = self._rows(object_of(sparse, "values"), count, width, dtype)
+        values = self._rows(object_of(sparse, "values"), count, rows.shape[1], dtype)
         changed[places.astype(np.int64)] = values
         return changed
 
@@ -206,7 +214,7 @@ class GltfFile:
         view = self.entry("bufferViews", number)
         stride, offset = whole_of(view, "byteStride", 0), whole_of(place, "byteOffset", 0)
         stride = stride or width * dtype.itemsize
-        content = self.view_bytes(number)
+        content = self._viewed(number)
         end = offset + (count - 1) * stride + width * dtype.itemsize if count else offset
         if end > len(content):
             raise ValueError(
@@ -226,6 +234,10 @@ class GltfFile:
         ValueError, LookupError, OSError
             If they are damaged, or not there.
         """
+        return bytes(self._viewed(number))
+
+    def _viewed(self, number: Any) -> bytes | memoryview:
+        """Return the bytes of a buffer view, unpacked if they are compressed, else no copy."""
         view = self.entry("bufferViews", number)
         extensions = object_of(view, "extensions")
         name = next((name for name in MESHOPT if name in extensions), None)
@@ -241,15 +253,15 @@ class GltfFile:
                     f"of buffer view {number}"
                 )
             self.budget.take(f"buffer view {number}", count * size)
-            stored = self._stored_bytes(packed)
+            stored = bytes(self._stored_bytes(packed))
             self._unpacked[number] = decode_meshopt(name, packed, stored, self.decoder)
         return self._unpacked[number]
 
-    def _stored_bytes(self, view: dict[str, Any]) -> bytes:
-        """Return the bytes of a buffer that an entry points at."""
+    def _stored_bytes(self, view: dict[str, Any]) -> memoryview:
+        """Return the bytes of a buffer that an entry points at, no copy."""
         start, length = whole_of(view, "byteOffset", 0), whole_of(view, "byteLength")
         number = needed(view, "buffer")
-        content = self._buffer(number)[start : start + length]
+        content = memoryview(self._buffer(number))[start : start + length]
         if len(content) < length:
             raise ValueError(f"buffer {number} is cut short")
         return content

@@ -75,11 +75,9 @@ class Package:
 
     def tree(self, name: str) -> ElementTree.Element:
         """Return the root element of a part that is XML, or raise ``ValueError``."""
-        content = self.content(name)
         try:
-            _refuse_definitions(content)
-            return ElementTree.fromstring(content)
-        except (ElementTree.ParseError, expat.ExpatError) as error:
+            return _parsed(self.content(name))
+        except expat.ExpatError as error:
             raise ValueError(f"its part {shown_name(name)}: {error}") from error
 
 
@@ -88,20 +86,43 @@ def _key(name: str) -> str:
     return unquote(name.replace("\\", "/")).lstrip("/").lower()
 
 
-def _refuse_definitions(content: bytes) -> None:
-    """Raise ``ValueError`` about a document type, which could define entities."""
+def _parsed(content: bytes) -> ElementTree.Element:
+    """
+    Return the root element of XML, all names with their prefixes, as they are written.
+
+    `ElementTree.fromstring` puts the address of its name space before each name, so that one long
+    address and many names take the memory of their product. Declarations of name spaces are left
+    out.
+
+    Raises
+    ------
+    ValueError
+        About a document type, which could define entities.
+    xml.parsers.expat.ExpatError
+        If it is not well formed.
+    """
 
     def refuse(*_: object) -> None:
         raise ValueError("it must have no document type definition")
 
-    parser = expat.ParserCreate()
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if "xmlns" in " ".join(attributes):
+            attributes = {
+                key: value for key, value in attributes.items() if key.partition(":")[0] != "xmlns"
+            }
+        builder.start(tag, attributes)
+
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
+    parser.CharacterDataHandler = builder.data
     parser.Parse(content, True)
+    return builder.close()
 
 
 def local_name(tag: object) -> str:
-    """Return the name of an element or attribute without its name space."""
-    return tag.rpartition("}")[2] if isinstance(tag, str) else ""
+    """Return the name of an element or attribute without its prefix."""
+    return tag.rpartition(":")[2] if isinstance(tag, str) else ""
 
 
 def children(element: ElementTree.Element, name: str) -> list[ElementTree.Element]:
@@ -110,5 +131,5 @@ def children(element: ElementTree.Element, name: str) -> list[ElementTree.Elemen
 
 
 def attribute(element: ElementTree.Element, name: str) -> str | None:
-    """Return an attribute by its name, whatever its name space."""
+    """Return an attribute by its name, whatever its prefix."""
     return next((value for key, value in element.items() if local_name(key) == name), None)
