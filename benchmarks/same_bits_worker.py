@@ -24,10 +24,24 @@ GENERATOR = Path(__file__).parents[1] / "tests" / "support"
 """Folder of ``random_scenes``: the same for all packages."""
 
 
+RENAMED = {"SectionPlane": "Plane", "PreviousView": "View"}
+"""What random scenes say, by what it was called before."""
+
+
+def use_new_names() -> None:
+    """Let a package from before the first release be asked by the names of now."""
+    import rasterjit as rj
+
+    for name, before in RENAMED.items():
+        if not hasattr(rj, name):
+            setattr(rj, name, getattr(rj, before))
+
+
 class Drawn:
     """One random scene, and the ways in which it is drawn."""
 
     def __init__(self, random: np.random.Generator) -> None:
+        use_new_names()
         import random_scenes
 
         self.quality = random_scenes.random_quality(random)
