@@ -103,8 +103,8 @@ class ShadingNeeds(NamedTuple):
     """
     What decides which passes shade a picture.
 
-    Of all objects of the scene, but for `points`, `coats`, `sheens`, `dielectrics`, which are of
-    those in view.
+    What arrays hold (`kinds`, `flat`, `vertex_colors` ...) is told of all objects of the scene;
+    what is read of them, of those in view: see `survey.shading_needs`.
     """
 
     lights: int | None
