@@ -20,7 +20,6 @@ from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.primitives import Primitives
-from rasterjit.rendering import layers
 from rasterjit.rendering import shade as shading
 from rasterjit.rendering.behind import look_behind
 from rasterjit.rendering.effects import prepare_effects
@@ -399,15 +398,14 @@ def _find_samples(
     """Yield the faces that are seen through each other, nearest first, and their share."""
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
-    shader = layers.Shader(
-        plan.shading, geometry, drawn.placement, surface, lit.lighting, plan.background, (),
-        None if alpha_tests is None else alpha_tests._replace(geometry=geometry),
-    )  # fmt: skip
+    if alpha_tests is not None:
+        alpha_tests = alpha_tests._replace(geometry=geometry)
+    finder = bands.Finder(geometry, alpha_tests)
     lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)
     first = y - y % TILE_SIZE
     rows = first, min(first + TILE_SIZE, geometry.viewport.height)
     if plan.layers.samples == "area":
-        shown, shares, rest = bands.find_areas(rows, lists, shader, workers.memory)
+        shown, shares, rest = bands.find_areas(rows, lists, finder, workers.memory)
         for face, share in zip(shown[:, y - first, x], shares[:, y - first, x], strict=False):
             if face >= 0:
                 yield [int(face)], float(share)
@@ -415,7 +413,7 @@ def _find_samples(
         return
     samples = int(plan.layers.samples)
     most = plan.layers.most
-    for band in bands.find_layers(rows, lists, samples, shader, workers.memory, most):
+    for band in bands.find_layers(rows, lists, samples, finder, workers.memory, most):
         row = y - band.first_row
         if not 0 <= row < band.opaque.shape[1]:
             continue

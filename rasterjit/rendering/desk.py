@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import fill
+from rasterjit.pipeline import encode
 from rasterjit.pipeline import views as drawing_views
-from rasterjit.pipeline.fragments import bands
+from rasterjit.pipeline.fragments import bands, fragments
 from rasterjit.pipeline.geometry import binning, clipping, projection, setup
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import (
     Faces,
@@ -30,16 +32,29 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import layering, mixing, notices, shade
-from rasterjit.rendering.bound_calls import BoundCalls
-from rasterjit.rendering.mixing import BoundLists
-from rasterjit.rendering.shading import BLOCK, Shading, vertex_steps
-from rasterjit.runtime.driver import StageList, block_memory
+from rasterjit.rendering import notices, shade
+from rasterjit.rendering.calls import BoundCalls, no_color
+from rasterjit.rendering.layers import (
+    ROWS_AT_ONCE,
+    ROWS_MIXED_AT_ONCE,
+    ColorRows,
+    Shader,
+    Tones,
+    at_samples,
+    before_tones,
+    is_direct,
+    lay_faces,
+    mix_samples,
+    parts_of,
+    show_rows,
+)
+from rasterjit.rendering.shading import vertex_steps
+from rasterjit.runtime.driver import StageList
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
-from rasterjit.runtime.threads import Memory
+from rasterjit.runtime.threads import Memory, ReusedMemory
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, PictureArrays, acting
+from rasterjit.survey.effect import Active, FrameContext, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.many_views import ManyViews
 from rasterjit.survey.placement import Places, Views, culled_turns
@@ -54,6 +69,9 @@ LIGHT_ROWS = "light_rows"
 MOST_CUT = 1024
 """Most faces of a view that are cut in machine code, besides one in 16."""
 
+MOST_LAYERS = 8
+"""Transparent surfaces behind each other that there is room for; few pixels show more."""
+
 
 FIRST_VIEW, NO_LOADS = np.zeros((1, 2), np.int64), np.zeros((0, 4), np.int64)
 
@@ -63,12 +81,15 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     arrays, (width, height) = cache.shapes.arrays, plan.size
     _, new_vertices = room_to_cut(len(arrays.faces))
     of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
-    of_layers = 0
-    if plan.layers is not None:
-        of_layers = (layering if plan.layers.samples == 1 else mixing).memory_of(plan)
+    of_column = 0
+    if plan.layers is not None and plan.layers.has_blended:
+        of_column = (8 * MOST_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
+    elif plan.layers is not None:
+        of_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
+        of_column = int(plan.layers.samples) * of_sample + 52 * ROWS_MIXED_AT_ONCE
     return (
         of_face * len(arrays.faces) + of_vertex * len(arrays.positions) + of_new * new_vertices
-        + of_pixel * width * height + of_layers
+        + of_pixel * width * height + of_column * width
     )  # fmt: skip
 
 
@@ -122,6 +143,26 @@ def view_fields(
         "distance_axis": np.concatenate((axis, length[..., np.newaxis]), axis=-1),
         "is_parallel": views.toward_viewer[..., 3:] == 0.0,
     }
+
+
+class BoundLists(NamedTuple):
+    """What the faces of each tile are listed from, and in."""
+
+    faces: Faces
+    screen: ScreenVertices
+    objects: Objects
+    triangles: NDArray[np.int32]
+    """(T,)."""
+    boxes: NDArray[np.uint8]
+    """(T, 4)."""
+    columns: int
+    """Of tiles."""
+    counts: NDArray[np.int32]
+    """(1, tiles + 1)."""
+    starts: NDArray[np.int64]
+    """(tiles + 1,)."""
+    binned: NDArray[np.int32]
+    """(M,)."""
 
 
 class Desk:
@@ -410,7 +451,6 @@ class Desk:
             if one.effect.places
         )
         placement = shade.placement_to_light(plan, self._placement)
-        block = block_memory(BLOCK)
 
         def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
             count = len(placement.positions)
@@ -418,41 +458,100 @@ class Desk:
             listed = (0, count), cache.shapes.arrays.vertex_starts
             own = placement, surface, lighting, effects
             steps = vertex_steps(plan.shading, listed, *own, lit, viewer)
-            self._calls.run(StageList(steps), block)
+            self._calls.run_stages(StageList(steps))
             return lit
 
         surface = shade.light_surface(plan, shade.find_surface(plan, cache.tables), lighting, light)
-        finder = bands.Finder(self._geometry, self._alpha_tests)
-        if plan.layers is not None:
-            finder = bands.at_samples(finder, plan.layers.samples)
-        shading = Shading(
-            plan.shading, finder.geometry, placement, surface, lighting, effects,
-            plan.facts.encoding, plan.background, viewer,
+        shader = Shader(
+            plan.shading, self._geometry, placement, surface, lighting, plan.background, effects,
+            self._alpha_tests, encoding=plan.facts.encoding,
         )  # fmt: skip
+        tones = None
+        if plan.layers is not None:
+            shader, tones = before_tones(at_samples(shader, plan.layers.samples))
+        shader = shader.ready(viewer=viewer)
         linear = np.empty((height, width * ("linear" in plan.outputs), 4), np.float32)
         color = self._face_id.view(np.uint32)
         if plan.keeps_faces:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
-        self._calls.kept.append(shading)
-        picture = PictureArrays(self._face_id, linear, color)
         # The faces may be written over.
         step, lit = self._look_at_lit()
+        picture = ColorRows(linear, color)
         if plan.layers is None:
-            self._calls.run(shading.listed(self._face_id, 0, height, None, linear, color), block)
+            own = self._face_id, 0, height, None, *picture
+            self._calls.run_stages(shader.shading.listed(*own))
+            shader.show_behind(self._calls, self._face_id, 0, *picture)
         else:
-            add = mixing.add_mixing if self._is_mixed else layering.add_layering
-            add(self._calls, self._lists, plan, finder, shading, effects, picture, block)
+            self._shade_layers(shader, tones, picture)
         if lit is not None:
-            self._calls.call(
-                self._calls.bound(drawing_views.count_white, lit, step, color, self._white)
-            )
-        for place in ("background", "overlay") if plan.layers is None else ("overlay",):
-            for one in acting(effects, place):
-                for kernel, arguments in one.effect.calls(one.record, plan, picture):
-                    self._calls.call(self._calls.bound(kernel, *arguments))
+            self._calls.call(drawing_views.count_white, lit, step, color, self._white)
+        context = FrameContext(plan, cache, None, placement, None, self._calls)
+        for one in acting(effects, "overlay"):
+            one.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
         for name, picture in (("linear", linear), ("color", color)):
             if name in plan.outputs:
                 self._keep(name, picture)
+
+    def _shade_layers(self, shader: Shader, tones: Tones | None, picture: ColorRows) -> None:
+        """
+        Add what writes the colours where pixels show several faces.
+
+        Opaque ones at some samples, or transparent ones over others at one. Rows of tiles follow
+        each other in the same memory. How many layers they have is known when they are found: what
+        is called for layers that there are not is left out, and a view that has more than there is
+        room for is drawn as any frame.
+        """
+        calls, lists, layers = self._calls, self._lists, self._plan.layers
+        viewport, samples = shader.geometry.viewport, int(layers.samples)
+        parted, middles, room = lists.binned, lists.starts[1:], MOST_LAYERS * layers.has_blended
+        if layers.has_blended:
+            parted = np.empty_like(lists.binned)
+            middles = np.empty(len(lists.starts) - 1, np.int64)
+            calls.call(
+                fragments.split_lists, lists.starts, lists.binned, lists.faces,
+                lists.objects.face_starts, layers.is_blended, parted, middles,
+            )  # fmt: skip
+        drawer, alone = fragments.layer_drawer(
+            nearest.tile_drawer(parted, lists.faces, lists.screen, np.float32, shader.alpha_tests)
+        )
+        points, shifts = (
+            bands.no_points(np.float32),
+            bands.sample_shifts(samples, viewport.grid_bits),
+        )
+        calls.kept += [drawer, alone, points, shader]
+        at_once, table = (
+            is_direct(layers, tones is not None),
+            encode.encoding_table(shader.encoding),
+        )
+        found, own = ReusedMemory(), ReusedMemory()
+        for top in range(0, viewport.height, TILE_SIZE):
+            rows = top, min(top + TILE_SIZE, viewport.height)
+            found.begin()
+            shape = samples, room, rows[1] - rows[0], viewport.width
+            stack = found.empty(shape, np.float32), found.empty(shape, np.int32)
+            opaque = found.empty((samples, *shape[2:]), np.int32)
+            used, deepest = np.empty((samples, lists.columns), np.int64), np.zeros(3, np.int64)
+            calls.call(
+                fragments.find_layers, rows, lists.starts, middles, points, viewport, shifts,
+                opaque, points[0], stack, used, deepest, *drawer[:3], alone,
+            )  # fmt: skip
+            if room:
+                calls.limit(deepest, room)
+            for part in parts_of(shape[2], ROWS_AT_ONCE if room else ROWS_MIXED_AT_ONCE):
+                own.begin()
+                last = min(part.stop, shape[2])
+                some, of_frame = slice(part.start, last), slice(top + part.start, top + last)
+                linear, color = (image[of_frame] for image in picture)
+                if not (at_once or linear.shape[1]):
+                    linear = own.empty((last - part.start, viewport.width, 4), np.float32)
+                if room:
+                    images = [*stack[1][0, :, some], opaque[0, some]]
+                    lay_faces(calls, shader, images, of_frame.start, deepest, linear, own)
+                else:
+                    target = ColorRows(linear, color if at_once else no_color(linear))
+                    mix_samples(calls, shader, opaque, (some.start, last), top, target, own)
+                if not at_once:
+                    show_rows(calls, tones, table, ColorRows(linear, color), of_frame.start, own)
 
     def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
         """Add what keeps which pixels are lit, if any may be burnt out; return every how many."""
@@ -461,9 +560,7 @@ class Desk:
         if lit_faces is None:
             return step, None
         lit = np.empty((1, *self._face_id[::step, ::step].shape), np.int32)
-        self._calls.call(
-            self._calls.bound(drawing_views.keep_numbers, 0, self._face_id, step, lit_faces, lit)
-        )
+        self._calls.call(drawing_views.keep_numbers, 0, self._face_id, step, lit_faces, lit)
         return step, lit
 
     def _fill(self) -> None:
@@ -490,7 +587,7 @@ class Desk:
         for name, one in fill.list_fills(plan, cache, placement, world).items():
             picture = np.empty((height, width, *one.channels), np.float32)
             own = self._face_id, (0, height), self._geometry, *one.arguments, picture
-            self._calls.call(self._calls.bound(one.kernel, *own))
+            self._calls.call(one.kernel, *own)
             if name != "distance":
                 self._keep(name, picture)
                 continue
@@ -504,7 +601,7 @@ class Desk:
     def _write(self, name: str, kernel: Any, *arguments: Any) -> None:
         """Call a kernel that takes the view's number first, and last where all views are."""
         bound = self._calls.bound(kernel, 0, *arguments)
-        self._calls.call(bound, bound.place_of(0))
+        self._calls.add(bound, bound.place_of(0))
         self._places.append((name, bound.place_of(len(arguments))))
 
     def _keep(self, name: str, picture: NDArray[Any]) -> None:

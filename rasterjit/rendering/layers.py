@@ -10,7 +10,6 @@ with fewer rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -38,8 +37,9 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.visibility.draw import Coverage
+from rasterjit.rendering.calls import AT_ONCE, AnyCalls, no_color
 from rasterjit.rendering.shading import Shading
-from rasterjit.runtime.threads import Kept, Memory, Workers
+from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
 from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -52,6 +52,8 @@ ROWS_MIXED_AT_ONCE = 32
 
 PIXELS_MIXED_AT_ONCE = 1 << 14
 """Pixels of them in pictures that are so narrow that these are more rows."""
+
+AnyMemory = Memory | ReusedMemory
 
 SEVERAL = "a pixel shows several faces"
 """When kernels that lay faces over each other are called."""
@@ -85,12 +87,16 @@ class Shader(NamedTuple):
         codes = red | green << 8 | blue << 16 | np.uint32(255 << 24)
         return self._replace(plain=(codes, encode.code_of(self.background, self.encoding)))
 
-    def ready(self, kept: Kept | None = None) -> Shader:
-        """Return this shader with its stages made, or with those of the picture before."""
+    def ready(self, kept: Kept | None = None, viewer: NDArray[np.float32] | None = None) -> Shader:
+        """
+        Return this shader with its stages made, or with those of the picture before.
+
+        ``viewer`` is what `Shading` takes.
+        """
         read = self.needs, self.geometry, self.placement, self.surface, self.lighting, self.effects
         encoding, background = self.encoding, self.background
         if kept is None or not kept.lasts:
-            return self._replace(shading=Shading(*read, encoding, background))
+            return self._replace(shading=Shading(*read, encoding, background, viewer))
         lighting, viewer = self.lighting, self.placement.toward_viewer
         if lighting is not None:
             # Lights lie relative to the eye.
@@ -106,64 +112,44 @@ class Shader(NamedTuple):
         )  # fmt: skip
         return self._replace(shading=shading)
 
-    def shade(self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32]) -> None:
-        """Write the linear colour of faces, (R, W) or (J, R, W), alone, as if in front of all."""
-        self.shading.shade(faces, first_row, linear, np.empty((*linear.shape[:-2], 0), np.uint32))
-
-    def shade_last(
-        self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32]
-    ) -> None:
-        """Write that of an image of faces, (R, W), and what is seen where no face is."""
-        self.shade(faces, first_row, linear)
-        self.show_behind(faces, first_row, linear, np.empty((len(linear), 0), np.uint32))
-
     @property
     def has_behind(self) -> bool:
         """Whether the background is more than one colour."""
         return bool(acting(self.effects, "background"))
 
     def show_behind(
-        self,
-        faces: NDArray[np.int32],
-        first_row: int,
-        linear: NDArray[np.float32],
-        color: NDArray[np.uint32],
-    ) -> None:
+        self, calls: AnyCalls, faces: NDArray[np.int32], first_row: int,
+        linear: NDArray[np.float32], color: NDArray[np.uint32],
+    ) -> None:  # fmt: skip
         """Write what is seen where no face is, if it is not a colour."""
         for one in acting(self.effects, "background"):
-            one.at("background", faces, first_row, linear, color)
+            one.at("background", calls, faces, first_row, linear, color)
 
     def backdrop(
-        self, shape: tuple[int, int], first_row: int, memory: Memory
+        self, calls: AnyCalls, shape: tuple[int, int], first_row: int, memory: AnyMemory
     ) -> NDArray[np.float32]:
-        """Return what is seen behind all faces of some rows, (R, 4, W), or (1, 4, W) if alike."""
-        height, width = shape
-        if self.has_codes:
-            return self._coded_backdrop(shape, first_row, memory)
-        if not self.has_behind:
-            return np.repeat(self.background, width).reshape(1, 4, width)
-        linear = memory.empty((*shape, 4), np.float32)
-        nothing = np.full((height, width), -1, np.int32)
-        no_color = np.empty((height, 0), np.uint32)
-        self.show_behind(nothing, first_row, linear, no_color)
-        return np.ascontiguousarray(linear.transpose(0, 2, 1))
+        """
+        Return what is seen behind all faces of some rows, (R, W, 4), or (1, 1, 4) if it is alike.
 
-    def _coded_backdrop(
-        self, shape: tuple[int, int], first_row: int, memory: Memory
-    ) -> NDArray[np.float32]:
-        """Return the same in codes, 0..255, as float32; alpha is divided by 255."""
-        color = memory.empty(shape if self.has_behind else (1, shape[1]), np.uint32)
-        self.code_backdrop(first_row, color)
-        codes = color.view(np.uint8).reshape(*color.shape, 4).transpose(0, 2, 1)
-        codes = np.ascontiguousarray(codes, np.float32)
-        codes[:, 3] /= np.float32(255.0)
-        return codes
+        Linear, or in codes, 0..255 with alpha of 0..1, where codes are mixed.
+        """
+        if self.has_codes:
+            color = memory.empty(shape if self.has_behind else (1, 1), np.uint32)
+            self.code_backdrop(first_row, color)
+            codes = color.view(np.uint8).reshape(*color.shape, 4).astype(np.float32)
+            codes[:, :, 3] /= np.float32(255.0)
+            return codes
+        if not self.has_behind:
+            return self.background.reshape(1, 1, 4)
+        linear = memory.empty((*shape, 4), np.float32)
+        self.show_behind(calls, np.full(shape, -1, np.int32), first_row, linear, no_color(linear))
+        return linear
 
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
         """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
         color[:] = encode.code_of(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
-        self.show_behind(nothing, first_row, _no_linear(color), color)
+        self.show_behind(AT_ONCE, nothing, first_row, _no_linear(color), color)
 
     def code(self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]) -> None:
         """Write faces, (R, W) or (J, R, W), alone, in RGBA codes; 0 where no face is."""
@@ -175,7 +161,45 @@ class Shader(NamedTuple):
     ) -> None:
         """Write an image of faces, (R, W), and what is seen behind all where no face is."""
         self.shading.shade(faces, first_row, _no_linear(color), color)
-        self.show_behind(faces, first_row, _no_linear(color), color)
+        self.show_behind(AT_ONCE, faces, first_row, _no_linear(color), color)
+
+
+class Tones(NamedTuple):
+    """How rows that are mixed are mapped to what is shown, where tones are mapped after mixing."""
+
+    effect: Active
+    background: NDArray[np.float32]
+    """(4,) linear: what is shown as given, behind what is mapped."""
+    given: Sequence[Active] = ()
+    """Effects that show something else there; see `shown_as_given`."""
+
+    def show(
+        self, calls: AnyCalls, linear: NDArray[np.float32], first_row: int, memory: AnyMemory
+    ) -> NDArray[np.float32]:
+        """Return what is shown of mixed rows, (R, W, 4) linear with straight alpha."""
+        behind, shown = self.background, memory.empty(linear.shape, np.float32)
+        if self.given:
+            behind = memory.empty(linear.shape, np.float32)
+            nothing = np.full(linear.shape[:2], -1, np.int32)
+            for one in self.given:
+                one.at("background", calls, nothing, first_row, behind, no_color(behind))
+        self.effect.at("mixed", calls, linear, behind, shown)
+        return shown
+
+
+def before_tones(shader: Shader) -> tuple[Shader, Tones | None]:
+    """
+    Return a shader of what is mixed before tones are mapped, and how they are.
+
+    The background, which is shown as given, comes behind at the end then.
+    """
+    mixed = acting(shader.effects, "mixed")
+    if not mixed:
+        return shader, None
+    given = [one for one in shader.effects if shown_as_given(one.effect)]
+    toned = tuple(one for one in shader.effects if not shown_as_given(one.effect))
+    tones = Tones(mixed[0], shader.background, given)
+    return shader._replace(background=np.zeros(4, np.float32), effects=toned), tones
 
 
 def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
@@ -219,28 +243,62 @@ def parts_of(height: int, most: int) -> list[slice]:
     return [slice(first, first + most) for first in range(0, height, most)]
 
 
+def lay_faces(
+    calls: AnyCalls, shader: Shader, images: Sequence[NDArray[np.int32]], first_row: int,
+    depths: NDArray[np.int64], target: NDArray[np.float32], memory: AnyMemory,
+) -> None:  # fmt: skip
+    """
+    Write the linear colour of some rows, one sample each: faces over each other.
+
+    Parameters
+    ----------
+    calls : AnyCalls
+    shader : Shader
+    images : sequence of (R, W) int32
+        The transparent faces, nearest first, then the opaque ones.
+    first_row : int
+    depths : (1+,) int64
+        The first says how many images of transparent faces there are, when this is called.
+    target : (R, W, 4) float32
+        Written.
+    memory : Memory
+    """
+    *transparent, opaque = images
+    most, has_any = len(transparent), (depths, 1, len(transparent))
+    if transparent:
+        colors, sums = (memory.empty(target.shape, np.float32) for _ in range(2))
+        calls.call(compositing.start_sums, sums, when=has_any)
+    for level, faces in enumerate(transparent):
+        calls.shade(shader.shading, faces, first_row, colors, (depths, level + 1, most))
+        for behind, when in (
+            (images[level + 1], (depths, level + 2, most)),
+            (opaque, (depths, level + 1, level + 1)),
+        ):
+            calls.call(compositing.lay_under, colors, faces, behind, sums, when=when)
+    calls.shade(shader.shading, opaque, first_row, target)
+    shader.show_behind(calls, opaque, first_row, target, no_color(target))
+    if transparent:
+        calls.call(compositing.finish_sums, sums, target, when=has_any)
+
+
 def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
     """Write the linear colour of some rows, (R, W, 4), one sample each: layers over each other."""
+    depths = np.array(band.transparent.shape[1:2])
     for part in parts_of(len(linear), ROWS_AT_ONCE):
-        first, target = band.first_row + part.start, linear[part]
         images = [*band.transparent[0, :, part], band.opaque[0, part]]
-        if len(images) == 1:
-            shader.shade_last(images[0], first, target)
-            continue
-        colors, sums = (memory.empty(target.shape, np.float32) for _ in range(2))
-        compositing.start_sums(sums)
-        for faces, behind in pairwise(images):
-            shader.shade(faces, first, colors)
-            compositing.lay_under(colors, faces, behind, sums)
-        shader.shade_last(images[-1], first, target)
-        compositing.finish_sums(sums, target)
+        first, target = band.first_row + part.start, linear[part]
+        lay_faces(AT_ONCE, shader, images, first, depths, target, memory)
 
 
 def mix_areas(
     rows: tuple[int, int], lists: Lists, shader: Shader, target: ColorRows, memory: Memory
 ) -> None:
     """Write the colour of one row of tiles by the areas of opaque faces."""
-    mix_faces(rows[0], find_areas(rows, lists, shader, memory), shader, target, memory)
+    faces, shares, rest = find_areas(rows, lists, shader, memory)
+    mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
+    mixed[:] = shader.backdrop(AT_ONCE, rest.shape, rows[0], memory).transpose(0, 2, 1)
+    shader.shading.mix(faces, rows[0], shares, rest, mixed, shader.has_codes)
+    finish_mixed(AT_ONCE, shader, shares[0], rest, mixed, target)
 
 
 def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) -> None:
@@ -249,38 +307,51 @@ def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) ->
     for part in parts_of(len(target.color), most):
         some = ColorRows(*(image[part] for image in target))
         rows = part.start, part.start + len(some.color)
-        found = share_faces(band.opaque, rows, memory)
-        mix_faces(band.first_row + part.start, found, shader, some, memory)
+        mix_samples(AT_ONCE, shader, band.opaque, rows, band.first_row, some, memory)
 
 
-def share_faces(
-    opaque: NDArray[np.int32], rows: tuple[int, int], memory: Memory
-) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the faces that the samples of some rows show, their shares, and that of no face."""
-    shape = len(opaque), rows[1] - rows[0], opaque.shape[2]
+def mix_samples(
+    calls: AnyCalls, shader: Shader, opaque: NDArray[np.int32], rows: tuple[int, int],
+    first_row: int, target: ColorRows, memory: AnyMemory,
+) -> None:  # fmt: skip
+    """
+    Write the colour of some rows whose samples show opaque faces.
+
+    Parameters
+    ----------
+    calls : AnyCalls
+    shader : Shader
+    opaque : (N, B, W) int32
+        The faces at each sample of some rows.
+    rows : (int, int)
+        The first of them that is mixed, and one past the last.
+    first_row : int
+        Row of the frame in which the first of ``opaque`` lies.
+    target : ColorRows
+        Written.
+    memory : Memory
+    """
+    (samples, _, width), height = opaque.shape, rows[1] - rows[0]
+    shape, first = (samples, height, width), first_row + rows[0]
     shown, shares = memory.empty(shape, np.int32), memory.empty(shape, np.float32)
-    rest = memory.empty(shape[1:], np.float32)
-    others = np.empty((2, weights.BLOCK_COLUMNS), np.int32)
-    count = int(weights.share_samples(opaque, rows, shown, shares, rest, others))
-    return shown[:count], shares, rest
+    rest, mixed = memory.empty(shape[1:], np.float32), memory.empty((height, 4, width), np.float32)
+    others = memory.empty((2, weights.BLOCK_COLUMNS), np.int32)
+    behind = shader.backdrop(calls, shape[1:], first, memory)
+    sharing = opaque, rows, shown, shares, rest, others
+    calls.mix(shader.shading, first, sharing, behind, mixed, shader.has_codes)
+    finish_mixed(calls, shader, shares[0], rest, mixed, target)
 
 
-def mix_faces(
-    first_row: int,
-    found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
-    shader: Shader,
-    target: ColorRows,
-    memory: Memory,
-) -> None:
-    """Write the colour of some rows whose pixels show shares of several opaque faces."""
-    faces, shares, rest = found
-    mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
-    mixed[:] = shader.backdrop(rest.shape, first_row, memory)
-    shader.shading.mix(faces, first_row, shares, rest, mixed, shader.has_codes)
+def finish_mixed(
+    calls: AnyCalls, shader: Shader, shares: NDArray[np.float32], rest: NDArray[np.float32],
+    mixed: NDArray[np.float32], target: ColorRows,
+) -> None:  # fmt: skip
+    """Write the colour of rows that are mixed; see ``weights.finish_mix``."""
     if shader.has_codes:
-        weights.finish_codes(shares[0], rest, mixed, target.color)
+        calls.call(weights.finish_codes, shares, rest, mixed, target.color)
     else:
-        weights.finish_mix(shares[0], rest, mixed, encode.encoding_table(shader.encoding), *target)
+        table = encode.encoding_table(shader.encoding)
+        calls.call(weights.finish_mix, shares, rest, mixed, table, *target)
 
 
 def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
@@ -298,8 +369,10 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
         colors = memory.empty((count, *target.shape), np.float32)
         behind = memory.empty(target.shape, np.float32)
         if count > 0:
-            shader.shade(shown[:count], first, colors)
-        shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, behind)
+            AT_ONCE.shade(shader.shading, shown[:count], first, colors)
+        nothing = np.full(target.shape[:2], -1, np.int32)
+        AT_ONCE.shade(shader.shading, nothing, first, behind)
+        shader.show_behind(AT_ONCE, nothing, first, behind, no_color(behind))
         compositing.mix_samples(opaque, transparent, colors, behind, target)
 
 
@@ -366,20 +439,13 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    behind, mixed = shader.background, acting(shader.effects, "mixed")
-    shader = at_samples(shader, plan.samples)
+    shader, tones = before_tones(at_samples(shader, plan.samples))
     viewport = shader.geometry.viewport
     lists = part_lists(coverage, viewport, plan.is_blended, workers)
-    given = [one for one in shader.effects if shown_as_given(one.effect)] if mixed else []
-    if mixed:
-        # Where tones are mapped the background, which is shown as given, comes behind at the end.
-        toned = tuple(one for one in shader.effects if not shown_as_given(one.effect))
-        shader = shader._replace(background=np.zeros(4, np.float32), effects=toned)
-    shader = shader.ready()
-
+    shader, table = shader.ready(), encode.encoding_table(shader.encoding)
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
-    at_once = is_direct(plan, bool(mixed))
+    at_once = is_direct(plan, tones is not None)
 
     def shade_tiles(first: int) -> None:
         last = min(first + TILE_SIZE, viewport.height)
@@ -387,48 +453,23 @@ def shade(
         rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
         target = ColorRows(rows, (packed if at_once else nothing)[first:last])
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
-        if mixed:
-            shown = workers.memory.empty(shape, np.float32)
-            given_rows = behind_rows(behind, given, first, rows.shape, workers.memory)
-            mixed[0].at("mixed", rows, given_rows, shown)
-            rows = shown
-        if color is not None and not at_once:
-            encode.encode_rows(rows, encode.encoding_table(shader.encoding), packed[first:last])
+        if not at_once:
+            shown = packed[first:last]
+            show_rows(AT_ONCE, tones, table, ColorRows(rows, shown), first, workers.memory)
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
 
 
-def behind_rows(
-    color: NDArray[np.float32],
-    given: Sequence[Active],
-    first_row: int,
-    shape: tuple[int, ...],
-    memory: Memory,
-) -> NDArray[np.float32]:
-    """
-    Return what is shown as given behind rows of mixed faces.
-
-    Parameters
-    ----------
-    color : (4,) float32, linear
-    given : sequence of Active
-        Effects that show something else there; see `shown_as_given`.
-    first_row : int
-    shape : (int, int, 4)
-        Of the rows.
-    memory : Memory
-
-    Returns
-    -------
-    (4,) or (R, W, 4) float32, linear
-    """
-    if not given:
-        return color
-    linear = memory.empty(shape, np.float32)
-    nothing = np.full(shape[:2], -1, np.int32)
-    for one in given:
-        one.at("background", nothing, first_row, linear, np.empty((shape[0], 0), np.uint32))
-    return linear
+def show_rows(
+    calls: AnyCalls, tones: Tones | None, table: NDArray[np.int32], rows: ColorRows, first_row: int,
+    memory: AnyMemory,
+) -> None:  # fmt: skip
+    """Write the codes of some rows, where they are wanted, of their linear colour."""
+    if rows.color.shape[1]:
+        linear = rows.linear
+        if tones is not None:
+            linear = tones.show(calls, linear, first_row, memory)
+        calls.call(encode.encode_rows, linear, table, rows.color)
 
 
 def shade_rows(

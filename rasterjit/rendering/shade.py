@@ -25,6 +25,7 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.rendering import layers, shading, srgb8
+from rasterjit.rendering.calls import AT_ONCE
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
@@ -280,7 +281,7 @@ def shade_in_bands(
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
         shader.shading.shade(face_id[band], first, linear[band], packed[band])
-        shader.show_behind(face_id[band], first, linear[band], packed[band])
+        shader.show_behind(AT_ONCE, face_id[band], first, linear[band], packed[band])
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
 

@@ -33,6 +33,7 @@ from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import behind, coverage, layers, shade
+from rasterjit.rendering.calls import AT_ONCE
 from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -457,12 +458,14 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
     """Return the colour outputs of the mean of all pictures."""
     plan, workers = context.plan, context.workers
     sums, behind = accumulation.sums, _background(plan)
-    mixed = next(iter(plan.at("mixed")), None)
     given = [
         Active(one.effect, one.effect.prepare(context, one.data, ()))
         for one in plan.at("background")
         if shown_as_given(one.effect)
     ]
+    tones = None
+    for one in plan.at("mixed"):
+        tones = layers.Tones(Active(one.effect, one.data), plan.background, given)
     height, width, _ = sums.shape
     table = encode.encoding_table(plan.facts.encoding)
     linear = workers.memory.empty((height, width, 4), np.float32)
@@ -471,15 +474,8 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
 
     def write_band(band: slice) -> None:
         weights.write_mean(sums[band], accumulation.count, behind, linear[band])
-        shown = linear[band]
-        if mixed is not None:
-            shown = workers.memory.empty(shown.shape, np.float32)
-            rows = layers.behind_rows(
-                plan.background, given, band.start, shown.shape, workers.memory
-            )
-            mixed.effect.places["mixed"](mixed.data, linear[band], rows, shown)
-        if color is not None:
-            encode.encode_rows(shown, table, packed[band])
+        rows = layers.ColorRows(linear[band], packed[band])
+        layers.show_rows(AT_ONCE, tones, table, rows, band.start, workers.memory)
 
     workers.run(write_band, _bands(sums.shape, workers))
     result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}

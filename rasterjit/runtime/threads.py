@@ -303,6 +303,29 @@ class Memory:
             self._shelves.clear()
 
 
+class ReusedMemory:
+    """Memory for what is bound: what one part of a picture takes, the next takes again."""
+
+    def __init__(self) -> None:
+        self._rooms: list[NDArray[Any]] = []
+        self._taken = 0
+
+    def begin(self) -> None:
+        """Begin the next part."""
+        self._taken = 0
+
+    def empty(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return an array, as ``Memory.empty`` does; bytes of the one before at this turn."""
+        number, kind = self._taken, np.dtype(dtype)
+        self._taken += 1
+        size = math.prod(shape) * kind.itemsize
+        if number == len(self._rooms):
+            self._rooms.append(np.empty(0, np.float64))
+        if self._rooms[number].nbytes < size:
+            self._rooms[number] = np.empty(-(-size // 8), np.float64)
+        return self._rooms[number].view(np.uint8)[:size].view(kind).reshape(shape)
+
+
 class Kept:
     """
     What one picture leaves for the next: arrays and other things, by name.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 
@@ -46,11 +46,14 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - sample: ``(record, needs) -> passes`` on the colours of lit samples, which have points.
 - pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
-- mixed: ``(record, linear, background, shown)``: the same on rows that are mixed of several faces,
-  linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes what
-  is shown. It goes with "pixel".
-- background: ``(record, face_id, first_row, linear, color)``: writes where no face is.
+- mixed: ``(record, calls, linear, background, shown)``: the same on rows that are mixed of several
+  faces, linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes
+  what is shown. It goes with "pixel".
+- background: ``(record, calls, face_id, first_row, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
+
+``calls`` are `Calls`: functions of `InGroups` call kernels by them, or by ``context.workers.run``,
+and by nothing else. Then batches bind what frames call.
 
 ``passes`` is a list of `rasterjit.pipeline.passes.Pass`, ``needs`` are `ShadingNeeds`. Passes are
 listed before a picture is prepared, too: ``record`` is then what the plan knows of the effect, and
@@ -128,19 +131,11 @@ class Absent(NamedTuple):
         return f"Absent({self.name}: {self.reason})"
 
 
-class PictureArrays(NamedTuple):
-    """A picture that is drawn, with what effects write of it."""
+class Calls(Protocol):
+    """Calls kernels at once, or binds them for machine code that calls them later."""
 
-    face_id: NDArray[Any]
-    """(H, W) int32: the visible faces, -1 where none is."""
-    linear: NDArray[Any]
-    """(H, W, 4) float32; or (H, 0, 4) if nobody asks for it."""
-    color: NDArray[Any]
-    """(H, W) uint32, RGBA bytes in sRGB codes from the lowest up; or (H, 0)."""
-
-
-KernelCall: TypeAlias = tuple[Any, tuple[Any, ...]]
-"""A kernel and its arguments."""
+    def call(self, kernel: Any, *arguments: Any) -> None:
+        """Call a kernel."""
 
 
 class Effect:
@@ -292,22 +287,6 @@ class InGroups(Effect):
     def differ(self, scene: Scene, group: Group) -> Mapping[str, NDArray[Any]]:
         """Return the arrays that `share` asks for, (N, ...), of the dtypes asked for."""
         return {}
-
-    def calls(
-        self, record: Any, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
-    ) -> list[KernelCall]:
-        """
-        Return how it acts at "background" or "overlay", in groups.
-
-        Overlays get whole pictures, backgrounds may get some rows, of which the first is given.
-        """
-        return []
-
-    def calls_mixed(
-        self, record: Any, linear: NDArray[Any], background: NDArray[Any], shown: NDArray[Any]
-    ) -> list[KernelCall]:
-        """Return how it acts on mixed rows, in groups: takes what its function at "mixed" does."""
-        return []
 
 
 class LooksAround(Effect):

@@ -537,8 +537,8 @@ def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
 
 def test_no_more_layers_are_held_or_shaded_than_are_seen(monkeypatch):
     shaded, rooms = [], []
-    shade, find = layers.Shader.shade, fragments.find_layers
-    monkeypatch.setattr(layers.Shader, "shade", lambda *a: shaded.append(1) or shade(*a))
+    shade, find = layers.Shading.shade, fragments.find_layers
+    monkeypatch.setattr(layers.Shading, "shade", lambda *a: shaded.append(1) or shade(*a))
     monkeypatch.setattr(
         fragments, "find_layers",
         lambda *a: rooms.append(a[8][1].shape[1]) or find(*a),

@@ -12,7 +12,7 @@ from batches import MODELS, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
-from rasterjit.rendering import batch, desk, layering, together
+from rasterjit.rendering import batch, desk, together
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
@@ -436,7 +436,7 @@ def test_more_layers_than_there_is_room_for_are_drawn_one_by_one(alone):
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
     glass = rj.Material("unlit", (0.9, 0.5, 0.2, 0.2), alpha_mode="blend")
     scene = rj.Scene()
-    for n in range(layering.MOST_LAYERS):
+    for n in range(desk.MOST_LAYERS):
         pane = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=glass)
         scene.add(pane, rj.transforms.translate((0.1 * n, 0.0, -0.1 * n)))
     camera = rj.PerspectiveCamera((0.4, 0.1, 4.0), (0.4, 0.0, 0.0))

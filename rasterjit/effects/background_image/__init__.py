@@ -19,7 +19,7 @@ from rasterjit.pipeline.fragments import encoded
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Absent, Backdrop, FrameContext, Planned, Planning
+from rasterjit.survey.effect import Absent, Backdrop, Calls, FrameContext, Planned, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -34,6 +34,7 @@ class Plate(NamedTuple):
 
     def show(
         self,
+        calls: Calls,
         face_id: NDArray[np.int32],
         first_row: int,
         linear: NDArray[np.float32],
@@ -44,6 +45,8 @@ class Plate(NamedTuple):
 
         Parameters
         ----------
+        calls : Calls
+            Always those that are made at once.
         face_id : (R, W) int32
         first_row : int
             Where they lie in what is drawn.

@@ -31,11 +31,10 @@ from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
+    Calls,
     Field,
     FrameContext,
     InGroups,
-    KernelCall,
-    PictureArrays,
     Planned,
     Planning,
     with_field,
@@ -62,6 +61,7 @@ class Sky(NamedTuple):
 
     def show(
         self,
+        calls: Calls,
         face_id: NDArray[np.int32],
         first_row: int,
         linear: NDArray[np.float32],
@@ -72,6 +72,7 @@ class Sky(NamedTuple):
 
         Parameters
         ----------
+        calls : Calls
         face_id : (R, W) int32
         first_row : int
             Where they lie in what is drawn.
@@ -80,16 +81,9 @@ class Sky(NamedTuple):
             Written.
         """
         left, top = self.corner
-        environment_stage.show_environment(
-            *self.arguments(PictureArrays(face_id, linear, color), (left, top + first_row))
-        )
-
-    def arguments(self, picture: PictureArrays, first: tuple[int, int]) -> tuple[Any, ...]:
-        """Return what the kernel takes, given the column and row of a picture's first pixel."""
-        face_id, linear, color = picture
-        return (
-            face_id, first, self.rays, self.size, self.environment, self.tone, encoding_table(),
-            linear, color,
+        calls.call(
+            environment_stage.show_environment, face_id, (left, top + first_row), self.rays,
+            self.size, self.environment, self.tone, encoding_table(), linear, color,
         )  # fmt: skip
 
 
@@ -250,14 +244,6 @@ class EnvironmentBackground(InGroups):
         if scene.environment is None or not scene.environment.background:
             return {}
         return {RAYS: np.array([rays_of(clip) for clip in group.views.clip_from_relative])}
-
-    def calls(
-        self, record: Sky, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
-    ) -> list[KernelCall]:
-        """Return how it is shown in some rows of a picture."""
-        left, top = record.corner
-        arguments = record.arguments(picture, (left, top + first_row))
-        return [(environment_stage.show_environment, arguments)]
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is not seen."""

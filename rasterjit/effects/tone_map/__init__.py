@@ -19,14 +19,7 @@ from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.survey.effect import (
-    Absent,
-    InGroups,
-    KernelCall,
-    Planned,
-    Planning,
-    add_to_field,
-)
+from rasterjit.survey.effect import Absent, Calls, InGroups, Planned, Planning, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -82,13 +75,6 @@ class ToneMapping(InGroups):
         own = tone_map_stage
         return {"mixed": rows_where("", own.show_over if is_colored else own.show_over_picture)}
 
-    def calls_mixed(
-        self, record: ToneRecord, linear: NDArray[np.float32], background: NDArray[np.float32],
-        shown: NDArray[np.float32],
-    ) -> list[KernelCall]:  # fmt: skip
-        """Return how mixed rows are mapped and laid over a background of one colour, (4,)."""
-        return [(tone_map_stage.show_over, (linear, background, record, shown))]
-
     @staticmethod
     def show(tone: ToneRecord, shown: int) -> tuple[list[Pass], int]:
         """Return the stages that map three rows of samples, and where the result goes."""
@@ -97,15 +83,15 @@ class ToneMapping(InGroups):
     @staticmethod
     def show_over(
         tone: ToneRecord,
+        calls: Calls,
         linear: NDArray[np.float32],
         background: NDArray[np.float32],
         shown: NDArray[np.float32],
     ) -> None:
         """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
-        if background.ndim == 1:
-            tone_map_stage.show_over(linear, background, tone, shown)
-        else:
-            tone_map_stage.show_over_picture(linear, background, tone, shown)
+        own = tone_map_stage
+        show = own.show_over if background.ndim == 1 else own.show_over_picture
+        calls.call(show, linear, background, tone, shown)
 
     places: ClassVar = {"pixel": show, "mixed": show_over}
 

@@ -7,7 +7,7 @@ a picture are darkened as the whole would be; it costs about a nanosecond a pixe
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,6 @@ from rasterjit.survey.effect import (
     Absent,
     FrameContext,
     InGroups,
-    KernelCall,
-    PictureArrays,
     Planned,
     Planning,
     add_to_field,
@@ -72,35 +70,17 @@ class Vignetting(InGroups):
         """Return the scene with the usual vignette."""
         return "on", add_to_field(scene, self.field, Vignette())
 
-    def calls(
-        self, record: Vignette, plan: RenderPlan, picture: PictureArrays, first_row: int = 0
-    ) -> list[KernelCall]:
-        """Return how a whole picture is darkened."""
-        return [(darken_rows, _arguments(record, plan, picture.color, (0, len(picture.color))))]
-
     @staticmethod
     def darken(vignette: Vignette, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Darken the colour, (H, W, 4)."""
         plan, workers = context.plan, context.workers
         target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
-        height = len(target)
-        workers.run(
-            darken_rows,
-            [
-                _arguments(vignette, plan, target, (n, min(n + step, height)))
-                for n in range(0, height, step)
-            ],
-        )
+        parts = [(n, min(n + step, len(target))) for n in range(0, len(target), step)]
+        own = plan.corner, plan.size, vignette.strength, vignette.start
+        tables = decoding_table().copy(), encoding_table()
+        workers.run(darken_rows, [(target, rows, *own, *tables) for rows in parts])
 
     places: ClassVar = {"overlay": darken}
-
-
-def _arguments(
-    vignette: Vignette, plan: RenderPlan, color: NDArray[np.uint32], rows: tuple[int, int]
-) -> tuple[Any, ...]:
-    """Return what `darken_rows` takes to darken some rows of a picture."""
-    own = vignette.strength, vignette.start, decoding_table().copy(), encoding_table()
-    return color, rows, plan.corner, plan.size, *own
 
 
 VIGNETTE = Vignetting()
