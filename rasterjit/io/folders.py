@@ -11,12 +11,16 @@ from rasterjit.scene.validation import in_short
 WITH_EXTRAS = (".3dxml", ".dae", ".xaml", ".zae")
 """Mesh files that trimesh reads with ``rasterjit[formats]``: without it they fail, and say why."""
 
+MOSTLY_OTHER = (".xml", ".dat", ".node")
+"""Extensions of meshes that, in a folder, mostly end the names of something else."""
+
 
 def mesh_files(folder: str | Path) -> list[Path]:
     """
     Return all mesh files below a folder that trimesh reads, in the order of their names.
 
-    Hidden files and folders are left out.
+    Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
+    many files that are no meshes, or are a part of one.
 
     Raises
     ------
@@ -35,13 +39,13 @@ def mesh_files(folder: str | Path) -> list[Path]:
 
 
 def mesh_suffixes() -> frozenset[str]:
-    """Return the extensions of mesh files, with a dot."""
+    """Return the extensions of files that are meshes wherever they lie, with a dot."""
     from trimesh.exchange.load import mesh_formats
 
     from rasterjit.io.gltf.scene import GLTF_FORMATS
 
     known = (*mesh_formats(), *GLTF_FORMATS, "3mf")
-    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS))
+    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS)).difference(MOSTLY_OTHER)
 
 
 def existing_folder(name: str, value: Any) -> Path:

@@ -55,6 +55,13 @@ def test_mesh_files_are_found_in_order(meshes):
     assert found == sorted((*GOOD, *BROKEN))
 
 
+def test_files_that_are_mostly_no_meshes_are_not_looked_for_in_folders(tmp_path):
+    for name in ("package.xml", "values.dat", "a.node", "a.ele", "a.stl"):
+        (tmp_path / name).touch()
+    suffixes = {file.suffix for file in folders.mesh_files(tmp_path)}
+    assert suffixes in ({".stl"}, {".stl", ".ele"})
+
+
 def test_every_mesh_is_done_or_listed_with_the_reason(made, meshes):
     place, summary, reports = made
     assert (summary.made, summary.present) == (len(GOOD), 0)

@@ -197,8 +197,17 @@ def test_cells_of_every_kind_become_faces_lines_and_points():
     assert len(only(cells())) == 8
     with pytest.warns(rj.LoadWarning, match=r"left out VTK_LAGRANGE_CURVE cell \(1\)"):
         rj.load(cells(("VTK_LAGRANGE_CURVE", [[0, 1, 2]]), ("vertex", [[7]])))
-    with pytest.raises(rj.MeshFileError, match="must have cells of points below 8, got 9"):
-        rj.load(cells(("triangle", [[0, 1, 9]])))
+    for wrong in (9, -1):
+        with pytest.raises(rj.MeshFileError, match=f"cells of points from 0 to 7, got {wrong}"):
+            rj.load(cells(("triangle", [[0, 1, wrong]])))
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [("triangle", 4), ("tetra", 3), ("line3", 2), ("quad8", 4), ("vertex", 2)]
+)
+def test_cells_have_the_points_of_their_kind(kind, count):
+    with pytest.raises(rj.MeshFileError, match=rf"\d points in each {kind} cell, got {count}"):
+        rj.load(cells((kind, [list(range(count))])))
 
 
 def test_vertex_cells_at_corners_of_others_are_not_drawn_again():
@@ -389,3 +398,41 @@ def test_files_of_vtk_that_meshio_does_not_read_go_through_pyvista(tmp_path, nam
     ball = pv.Sphere()
     (pv.MultiBlock([ball]) if name == "a.vtm" else ball).save(tmp_path / name)
     assert len(only(tmp_path / name).faces) == ball.n_cells
+
+
+GRID = """# vtk DataFile Version 3.0
+a grid
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 5 double
+0 0 0 1 0 0 1 1 0 0 1 0 0 0 1
+CELLS 2 {size}
+{cells}
+CELL_TYPES 2
+{types}
+"""
+
+
+@pytest.mark.parametrize(
+    ("cells", "types", "said"),
+    [
+        ("3 0 1 2 2 0 4", "5 14", "5 points in each Pyramid cell, got 2"),
+        ("4 0 1 2 3 3 0 1 4", "5 7", "3 points in each Triangle cell, got 4"),
+        ("3 0 1 2 3 0 1 7", "5 7", "points from 0 to 4, got 7"),
+        ("3 0 1 2 3 0 1 -1", "7 5", "points from 0 to 4, got -1"),
+    ],
+)
+def test_cells_that_vtk_would_read_beyond_are_refused(tmp_path, cells, types, said):
+    pytest.importorskip("pyvista")
+    (tmp_path / "a.vtk").write_text(GRID.format(size=len(cells.split()), cells=cells, types=types))
+    with pytest.raises(rj.MeshFileError, match=f"(?i){said}"):
+        rj.load(tmp_path / "a.vtk")
+
+
+def test_what_vtk_says_of_a_file_that_it_reads_in_part_is_told(tmp_path):
+    pytest.importorskip("pyvista")
+    text = GRID.format(size=9, cells="3 0 1 2 4 0 1 2 3", types="5 7")
+    (tmp_path / "a.vtk").write_text(text + "ODD 1\nPOINT_DATA 5\nSCALARS heat float\n")
+    with pytest.warns(rj.LoadWarning, match=r"left out what VTK says: .*odd.* \(1\)"):
+        scene = rj.load(tmp_path / "a.vtk")
+    assert len(scene.nodes[0].mesh.faces) == 3

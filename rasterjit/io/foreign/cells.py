@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.foreign.tables import NONE, is_scalar, kept_by_name, rows_of
+from rasterjit.io.foreign.tables import (
+    NONE,
+    check_corners,
+    check_count,
+    is_scalar,
+    kept_by_name,
+    rows_of,
+)
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
@@ -36,6 +43,12 @@ _SIDES = {
 
 _STRIPS = {"line": (0, 1), "line3": (0, 2, 1), "line4": (0, 2, 3, 1)}
 """Cells that are lines, and in which order they pass their points."""
+
+_POINTS = {
+    "vertex": 1, "line": 2, "triangle": 3, "quad": 4, "tetra": 4, "pyramid": 5, "wedge": 6,
+    "hexahedron": 8,
+}  # fmt: skip
+"""Points of a cell, where the name of its kind does not end in their number."""
 
 _BESIDE = ("point_sets", "cell_sets", "field_data", "gmsh_periodic")
 """What a ``meshio.Mesh`` has besides points, cells and their values."""
@@ -72,6 +85,9 @@ def things_of_cells(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
     for (kind, data), begin in zip(blocks, begins, strict=False):
         numbers = np.arange(begin, begin + len(data))
         stem = kind.rstrip("0123456789")
+        if stem in _POINTS:
+            wanted = int(kind.removeprefix(stem) or _POINTS[stem])
+            check_count(kind, np.full(len(data), data.shape[-1]), wanted, source)
         if kind in _FLAT or kind.startswith("polygon"):
             polygons.add(data[:, : _FLAT.get(kind, data.shape[1])], numbers)
         elif stem in _SIDES and data.ndim == 2:
@@ -190,7 +206,7 @@ def _things(
         )
         corners = polygons.corners()
         places, which = triangles(counts, by_size=False)
-        _check(corners, len(points), source)
+        check_corners(corners, len(points), source)
         cells, used = polygons.numbers()[which], None
         if is_solid:
             # Most points of a solid lie inside.
@@ -206,7 +222,7 @@ def _things(
         )  # fmt: skip
     if strips.blocks:
         segments, cells = np.concatenate([one for one, _ in strips.blocks]), strips.numbers()
-        _check(segments, len(points), source)
+        check_corners(segments, len(points), source)
         found.append(
             LineDrawing(
                 "", points, segments, None, False, of_points, rows_of(cell_own, cells), None,
@@ -214,7 +230,7 @@ def _things(
             )
         )  # fmt: skip
     places = lone.corners()
-    _check(places, len(points), source)
+    check_corners(places, len(points), source)
     if found:
         # The others are corners of what is shown.
         places = np.setdiff1d(places, np.concatenate([polygons.corners(), strips.corners()]))
@@ -226,14 +242,6 @@ def _things(
                   None if scalars is None else scalars[places])
         )  # fmt: skip
     return found
-
-
-def _check(corners: NDArray[np.int64], count: int, source: str) -> None:
-    """Raise `MeshFileError` if cells refer to points that are not there."""
-    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
-        raise MeshFileError(
-            f"{source} must have cells of points below {count}, got {int(corners.max())}"
-        )
 
 
 def _first_scalar(values: dict[str, NDArray[Any]], count: int | None) -> str | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.io.foreign.cells import things_of_cells
-from rasterjit.io.foreign.pyvista import things_of_pyvista
+from rasterjit.io.foreign.pyvista import noting_what_vtk_says, things_of_pyvista
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LONGEST_REASON, LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.parts import Thing
@@ -64,8 +64,7 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
             mesh: Any = meshio.read(path)
     except (Exception, SystemExit) as error:
         if is_vtk and find_spec("pyvista") is not None:
-            with contextlib.suppress(MeshFileError):
-                return _by_pyvista(path, left_out)
+            return _by_pyvista(path, left_out)
         if isinstance(error, ImportError):
             raise MeshFileError(
                 f"{path}: reading {form} needs a package that is not installed ({error}); "
@@ -98,17 +97,22 @@ def _by_pyvista(path: Path, left_out: LeftOut) -> list[Thing]:
     """Return what a file holds that PyVista reads, or raise `MeshFileError`."""
     import pyvista
 
+    said = LeftOut()
     try:
-        # VTK and PyVista print what is wrong with a file, each in its own way.
-        with (
-            warnings.catch_warnings(),
-            pyvista.vtk_verbosity("off"),
-            contextlib.redirect_stderr(io.StringIO()),
-        ):
-            warnings.simplefilter("ignore")
+        # PyVista prints, too, what is wrong with a file.
+        with noting_what_vtk_says(said), contextlib.redirect_stderr(io.StringIO()):
             found = pyvista.read(path)
     except Exception as error:
         raise MeshFileError(
             f"{path} could not be read as {path.suffix.lower()}: {reason_of(error)}"
         ) from error
-    return things_of_pyvista(found, str(path), left_out)
+    left_out.add_all(said.all())
+    try:
+        return things_of_pyvista(found, str(path), left_out)
+    except MeshFileError as error:
+        if not str(said):
+            raise
+        lack = str(error).removeprefix(f"{path} ")
+        raise MeshFileError(
+            f"{path} could not be read as {path.suffix.lower()}: it {lack}; {said}"
+        ) from error

@@ -7,7 +7,10 @@ PyVista shows them; colours in bytes as they are.
 
 from __future__ import annotations
 
+import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +19,8 @@ from numpy.typing import NDArray
 
 from rasterjit.io.drawings import LineDrawing
 from rasterjit.io.foreign.tables import (
+    check_corners,
+    check_count,
     is_colors,
     is_scalar,
     kept_by_name,
@@ -26,7 +31,7 @@ from rasterjit.io.foreign.tables import (
 )
 from rasterjit.io.point_clouds.cloud import Cloud
 from rasterjit.io.resources import LONGEST_NAME
-from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.skipped import LONGEST_REASON, LeftOut, MeshFileError
 from rasterjit.io.text.parts import Part, Thing, strip_triangles, triangles
 from rasterjit.scene.lines import strip_segments
 
@@ -34,15 +39,40 @@ _INTERNAL = "vtk"
 """What names of values begin with that VTK keeps for itself."""
 
 
+_LAST_OF_ONE_SIZE = 37
+"""The last type of cells, by VTK's numbers, of which each has as many points as all others."""
+
+_ADDRESS = re.compile(r" ?\(0x[0-9a-fA-F]+\)")
+"""What VTK writes behind the name of an object."""
+
+_FOLLOWS = "returned failure for request"
+"""In what VTK says once more after another error."""
+
+
+@contextmanager
+def noting_what_vtk_says(left_out: LeftOut) -> Iterator[None]:
+    """Note the errors and warnings of VTK, which goes on with what it has, in place of printing."""
+    import pyvista
+
+    catcher = pyvista.VtkErrorCatcher(send_to_logging=False)
+    with warnings.catch_warnings(), pyvista.vtk_verbosity("off"), catcher:
+        warnings.simplefilter("ignore")
+        yield
+    for event in catcher.events:
+        line = _ADDRESS.sub("", event.alert.strip().partition("\n")[0])[:LONGEST_REASON]
+        if _FOLLOWS not in line:
+            left_out.note(f"what VTK says: {line}")
+
+
 def things_of_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
     """Return what a data set of PyVista's, or blocks of them, hold, or raise `MeshFileError`."""
-    things = _things(what, "", left_out)
+    things = _things(what, "", source, left_out)
     if not things:
         raise MeshFileError(f"{source} holds no faces, lines or points")
     return things
 
 
-def _things(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
+def _things(what: Any, name: str, source: str, left_out: LeftOut) -> list[Thing]:
     """Return what a data set holds, or all blocks of one."""
     for key in getattr(what, "field_data", {}).keys():  # noqa: SIM118 - it is no mapping
         left_out.note(f"field data {str(key)[:LONGEST_NAME]!r}")
@@ -51,13 +81,30 @@ def _things(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
         for key in what.keys():  # noqa: SIM118 - it is no mapping
             block = what[key]
             if block is not None:
-                found += _things(block, str(key), left_out)
+                found += _things(block, str(key), source, left_out)
         return found
     if not hasattr(what, "faces") and what.n_cells:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        _check_cells(what, source, left_out)
+        with noting_what_vtk_says(left_out):
             what = what.extract_surface(pass_pointid=False, pass_cellid=False)
-    return _of_surface(what, name, left_out) if what.n_points else []
+    return _of_surface(what, name, source, left_out) if what.n_points else []
+
+
+def _check_cells(what: Any, source: str, left_out: LeftOut) -> None:
+    """Raise `MeshFileError` if cells do not have the points of their type: VTK reads on behind."""
+    if not hasattr(what, "celltypes"):
+        return
+    from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+    check_corners(np.asarray(what.cell_connectivity), what.n_points, source)
+    types, counts = np.asarray(what.celltypes), np.diff(what.offset)
+    for number in np.unique(types).tolist():
+        cell, of_type = vtkGenericCell.InstantiateCell(number), types == number
+        if cell is None:
+            left_out.note(f"cell of type {number}", int(np.count_nonzero(of_type)))
+        elif number <= _LAST_OF_ONE_SIZE and cell.GetNumberOfPoints():
+            name = cell.GetClassName().removeprefix("vtk")
+            check_count(name, counts[of_type], cell.GetNumberOfPoints(), source)
 
 
 @dataclass
@@ -84,7 +131,7 @@ def _values(data: Any, active: str | None, known: set[str]) -> _Values:
     return found
 
 
-def _of_surface(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
+def _of_surface(what: Any, name: str, source: str, left_out: LeftOut) -> list[Thing]:
     """Return the faces, lines and points of a ``PolyData``, or a ``PointSet``."""
     points = np.asarray(what.points)
     active, is_of_cells = what.active_scalars_name, False
@@ -103,7 +150,8 @@ def _of_surface(what: Any, name: str, left_out: LeftOut) -> list[Thing]:
         for kind in ("verts", "lines", "faces", "strips")
     }
     begins, first = {}, 0
-    for kind, (_, counts) in cells.items():
+    for kind, (corners, counts) in cells.items():
+        check_corners(corners, len(points), source)
         begins[kind] = first
         first += len(counts)
     found: list[Thing] = []

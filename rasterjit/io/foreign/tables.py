@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.skipped import MeshFileError
 from rasterjit.io.text.parts import linear_rgba, srgb_bytes
 from rasterjit.scene.normals import is_creased, safe_scale
 
@@ -38,6 +39,24 @@ def padded_cells(padded: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     inner = np.ones(len(cells), bool)
     inner[begins] = False
     return cells[inner], cells[begins]
+
+
+def check_corners(corners: NDArray[Any], count: int, source: str) -> None:
+    """Raise `MeshFileError` if cells refer to points that are not there."""
+    if len(corners) and not 0 <= corners.min() <= corners.max() < count:
+        wrong = corners[(corners < 0) | (corners >= count)]
+        raise MeshFileError(
+            f"{source} must have cells of points from 0 to {count - 1}, got {int(wrong[0])}"
+        )
+
+
+def check_count(cells: str, counts: NDArray[Any], wanted: int, source: str) -> None:
+    """Raise `MeshFileError` if cells of a kind have more or fewer points than all of it have."""
+    wrong = counts[counts != wanted]
+    if len(wrong):
+        raise MeshFileError(
+            f"{source} must have {wanted} points in each {cells} cell, got {int(wrong[0])}"
+        )
 
 
 def is_colors(values: NDArray[Any]) -> bool:
