@@ -38,7 +38,7 @@ from rasterjit.accuracy.sentences import (
 )
 from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.together import FolderStudy, study_folder
-from rasterjit.cli.options import CameraOptions, Effects, SceneOptions
+from rasterjit.cli.options import Described
 from rasterjit.cli.program import load_scene
 from rasterjit.io.folders import mesh_files
 
@@ -57,13 +57,7 @@ FILE_WIDTH = 140
 """Columns where nobody's terminal sets the width."""
 
 
-def study_scene(
-    what: str | Path,
-    view: CameraOptions,
-    look: SceneOptions,
-    effects: Effects,
-    options: dict[str, Any],
-) -> Study:
+def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> Study:
     """
     Study a scene, print what was found and write the report.
 
@@ -71,11 +65,12 @@ def study_scene(
     ----------
     what : str or Path
         Name of a made scene, or a file.
-    view, look, effects : CameraOptions, SceneOptions, Effects
+    shown : Described
     options : dict
         Those of the command.
     """
     quiet, output = options["quiet"], options["output"]
+    view, look, effects, _ = shown
     try:
         prepare_folder(output)
     except ValueError as error:
@@ -99,9 +94,7 @@ def study_scene(
     return found
 
 
-def study_files(
-    folder: Path, view: CameraOptions, look: SceneOptions, effects: Effects, options: dict[str, Any]
-) -> FolderStudy:
+def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> FolderStudy:
     """Study the scenes of a folder, print the quality for all of them, and write the reports."""
     quiet, output, size = options["quiet"], options["output"], options["size"] or SIZE
     if Path(output).resolve() == folder.resolve():
@@ -112,8 +105,8 @@ def study_files(
 
     def loader(file: Path) -> Callable[[], Any]:
         def loaded() -> Any:
-            scene = load_scene(file, look.of_folder(), effects, quiet)
-            return scene, view.camera(scene, size)
+            scene = load_scene(file, shown.look.of_folder(), shown.effects, quiet)
+            return scene, shown.view.camera(scene, size)
 
         return loaded
 

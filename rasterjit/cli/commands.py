@@ -8,48 +8,45 @@ them.
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rasterjit.cli.dataset import dataset_options
-from rasterjit.cli.moments import ANIMATION_HELP, TimeOptions, chosen_animation, moment_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
     READING,
-    CameraOptions,
-    Effects,
-    FiniteNumberType,
-    FiniteType,
-    FormatType,
-    KnobsType,
-    LensType,
-    MadeSceneType,
-    OutputsType,
-    PixelType,
-    PlaceType,
-    SceneOptions,
-    SizeType,
-    add_options,
-    check_style,
+    chosen_animation,
+    described,
     effect_options,
+    flag,
     gather,
     in_style,
     look_options,
+    moment_options,
+    option,
+    options_of,
+    orbit_options,
     reading_options,
     refuse_idle,
     refuse_picture,
     style_option,
+    unsettled_options,
     view_options,
 )
+from rasterjit.cli.pictures import (
+    PictureOptions,
+    places_of,
+    render_file,
+    render_files,
+    to_standard_output,
+)
 from rasterjit.cli.program import (
-    DEPTH_SCALE,
-    FEWEST_CODES,
     INTERRUPTED,
-    MASKS,
     OWN_PROCESS,
     Program,
     background_option,
@@ -71,6 +68,18 @@ from rasterjit.cli.report import (
     progress_notice,
     status,
     with_progress,
+)
+from rasterjit.cli.values import (
+    FiniteNumberType,
+    FiniteType,
+    file_type,
+    format_type,
+    knobs_type,
+    lens_type,
+    made_scene_type,
+    outputs_type,
+    pixel_type,
+    size_type,
 )
 from rasterjit.scene.quality import LEVELS
 
@@ -123,7 +132,7 @@ def program(context: click.Context, version: bool) -> None:
 @click.option("--force", is_flag=True,
               help="Replace files that exist; one that OUT names is replaced anyway. Of a folder, "
               "draw pictures anew that are there.")  # fmt: skip
-@click.option("--format", "suffix", type=FormatType(), default="png", show_default=True,
+@click.option("--format", "suffix", type=format_type, default="png", show_default=True,
               help="Of pictures whose names are not given: png, webp, jpg, tif ...")  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -133,46 +142,7 @@ def program(context: click.Context, version: bool) -> None:
 @look_options
 @effect_options
 @cull_option
-@click.option(
-    "--lens", type=LensType(), metavar="LENS",
-    help="opencv:K1,K2,P1,P2,K3,... or fisheye:K1,K2,K3,K4, OpenCV's coefficients of a calibrated "
-    "camera's lens; or panorama, of a --size twice as wide as high.",
-)  # fmt: skip
-@click.option(
-    "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
-    help=OUTPUTS_HELP + " Beside a picture, other outputs go to OUT with the suffix .npz. A single "
-    "one that is not the colour becomes a 16-bit .png if OUT is a .png.",
-)  # fmt: skip
-@click.option(
-    "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",
-    help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
-)  # fmt: skip
-@click.option(
-    "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
-    help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. "
-    f"Default: for --depth, {DEPTH_SCALE} if that fits and keeps {FEWEST_CODES} codes, else the "
-    "smallest power of ten that fits; for other outputs, what fits the values best.",
-)  # fmt: skip
-@click.option(
-    "--mask", "mask_file", type=PlaceType("mask"), metavar="FILE",
-    help="Write a mask of the objects as .png: 255 where they cover the whole pixel, less where "
-    "they cover a part of its --samples.",
-)  # fmt: skip
-@click.option(
-    "--mask-of", type=click.Choice(MASKS), default="coverage", show_default=True,
-    help="What --mask holds; numbers are stored plus one, in 16 bits, and 0 is nothing.",
-)  # fmt: skip
-@click.option(
-    "--colorbar",
-    is_flag=True,
-    help="Put a colour bar of --scalars to the right of the picture.",
-)
-@click.option(
-    "--diagnose", is_flag=True,
-    help="Print exactly what happened to every face, and how precise the numbers are.",
-)  # fmt: skip
-@click.option("--stats", is_flag=True,
-              help="Print what happened to the triangles, and where the time went.")  # fmt: skip
+@options_of(PictureOptions)
 @threads_option
 @quiet_option
 @debug_option
@@ -199,12 +169,7 @@ def render(
 
     Exit status: 0 if all is done, 1 if something failed, 2 for wrong usage, 130 after Ctrl-C.
     """
-    view, look, effects, moment = (
-        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
-    )
-    view.check()
-    look.check()
-    check_style(rest["style"])
+    shown = described(rest)
     if len(files) == 1 and files[0].is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
@@ -213,60 +178,56 @@ def render(
         refuse_picture(f"the folder {files[0]}", output)
         refuse_idle(["colorbar"], "FILE is a folder, whose pictures have none")
         refuse_idle(["time", "animation"], "FILE is a folder, each file as it poses itself")
-        options = {name: rest[name] for name in ("style", "background", "cull")}
+        options = {name: rest[name] for name in ("background", "cull")}
         options |= {"size": size, "threads": threads, "quiet": quiet}
-        render_folder(files[0], output, suffix, force, (view, look, effects), **options)
+        render_folder(files[0], output, suffix, force, shown, **options)
         return
-    from rasterjit.cli.pictures import (
-        PictureOptions,
-        places_of,
-        render_file,
-        render_files,
-        to_standard_output,
-    )
-
     asked = gather(PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet})
-    described = view, look, effects, moment
     if output is not None and str(output) == STANDARD_OUTPUT:
-        to_standard_output(files, asked, *described)
+        to_standard_output(files, asked, shown)
         return
     places = places_of(files, output, suffix, force)
     if len(places) == 1:
-        render_file(files[0], places[files[0]], asked, *described)
+        render_file(files[0], places[files[0]], asked, shown)
         return
-    render_files(places, asked, *described)
+    render_files(places, asked, shown)
 
 
-class Turn(NamedTuple):
-    """How a turntable moves: its options."""
+@dataclasses.dataclass(frozen=True)
+class Turn:
+    """
+    How a turntable moves, and what is written.
 
-    frames: int | None
-    fps: int
-    turns: float
-    animate: bool
-    animation: str | None
+    Parameters
+    ----------
+    output : Path
+        Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).
+    frames : int, optional
+        Number of frames; default: 36, or with --animate the length of the animation.
+    fps : int
+        Frames a second.
+    turns : float
+        How often the camera goes around; negative for the other way, 0 to keep it still.
+    animate : bool
+        Play the file's animation while the camera turns.
+    animation : str, optional
+        Name or number of one of the file's animations; default: 0, the first. rasterjit info lists
+        them. Implies --animate.
+    """
+
+    output: Path = option(file_type("animation"), "-o", "--output", required=True, metavar="OUT")
+    frames: int | None = option(click.IntRange(1, 3600), metavar="COUNT")
+    fps: int = option(click.IntRange(1, 120), default=24)
+    turns: float = option(FiniteNumberType(), default=1.0, metavar="NUMBER")
+    animate: bool = flag()
+    animation: str | None = option(None, metavar="NAME|NUMBER")
 
 
 @program.command(short_help="Render an animation that goes once around FILE.")
 @file_argument
-@click.option(
-    "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
-    help="Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).",
-)  # fmt: skip
-@click.option(
-    "--frames", type=click.IntRange(1, 3600), metavar="COUNT",
-    help="Number of frames; default: 36, or with --animate the length of the animation.",
-)  # fmt: skip
-@click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
-              help="Frames a second.")  # fmt: skip
-@click.option("--turns", type=FiniteNumberType(), default=1.0, show_default=True, metavar="NUMBER",
-              help="How often the camera goes around; negative for the other way, 0 to "
-                   "keep it still.")  # fmt: skip
-@click.option("--animate", is_flag=True,
-              help="Play the file's animation while the camera turns.")  # fmt: skip
-@click.option("--animation", metavar="NAME|NUMBER", help=f"{ANIMATION_HELP} Implies --animate.")
+@options_of(Turn)
 @size_option("640x480")
-@view_options(orbit=True)
+@orbit_options
 @background_option
 @look_options
 @effect_options
@@ -276,7 +237,6 @@ class Turn(NamedTuple):
 @debug_option
 def turntable(
     file: Path,
-    output: Path,
     size: tuple[int, int],
     background: str | BackgroundImage | None,
     cull: str,
@@ -295,11 +255,8 @@ def turntable(
     from rasterjit.rendering.renderer import Renderer
 
     # What is asked for.
-    view, look, effects, turn = (
-        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, Turn)
-    )
-    view.check()
-    look.check()
+    turn, (view, look, effects, _) = gather(Turn, rest), described(rest)
+    output = turn.output
     is_played = turn.animate or turn.animation is not None
     if turn.turns == 0.0 and not is_played:
         raise click.BadOptionUsage("--turns", "--turns: nothing moves without --animate")
@@ -346,51 +303,73 @@ def dataset(**options: Any) -> None:
     make_dataset(**options)
 
 
-def show_options(command: Any) -> Any:
-    """Add the options of where and how it is shown."""
-    return add_options(
-        [
-            click.option("--backend", type=click.Choice(BACKENDS), default="auto",
-                         show_default=True,
-                         help="Where to show it; auto: a window if one opens, else a page for the "
-                         "browser, else the terminal."),
-            click.option("--host", default="127.0.0.1", show_default=True,
-                         help="Network address of the page; by default only this machine reaches "
-                         "it. 0.0.0.0 serves all networks, unencrypted, whoever has the page's "
-                         "address."),
-            click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
-                         help="Port of the page; 0 takes any that is free."),
-            click.option("--token", envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT",
-                         help="Token in the page's address, 16 to 128 letters, digits, - and _; "
-                         "default: a random one. With the same token and port, open pages come "
-                         "back when the viewer is started again. Others on this machine can read "
-                         "command lines, but not the variable."),
-            click.option("--size", type=SizeType(), default="960x720", show_default=True,
-                         metavar="WxH", help="Size of the window, pixels."),
-            click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.012,
-                         show_default=True, metavar="SECONDS",
-                         help="Time for a picture while something moves; the best quality that "
-                         "fits is chosen, and a draft until that is known."),
-        ],
-        command,
-    )  # fmt: skip
+@dataclasses.dataclass(frozen=True)
+class ShowOptions:
+    """
+    Where and how a scene is shown.
+
+    Parameters
+    ----------
+    backend : str
+        Where to show it; auto: a window if one opens, else a page for the browser, else the
+        terminal.
+    host : str
+        Network address of the page; by default only this machine reaches it. 0.0.0.0 serves all
+        networks, unencrypted, whoever has the page's address.
+    port : int
+        Port of the page; 0 takes any that is free.
+    token : str, optional
+        Token in the page's address, 16 to 128 letters, digits, - and _; default: a random one. With
+        the same token and port, open pages come back when the viewer is started again. Others on
+        this machine can read command lines, but not the variable.
+    size : (int, int)
+        Size of the window, pixels.
+    time_budget : float
+        Time for a picture while something moves; the best quality that fits is chosen, and a draft
+        until that is known.
+    """
+
+    backend: str = option(click.Choice(BACKENDS), default="auto")
+    host: str = option(None, default="127.0.0.1")
+    port: int = option(click.IntRange(0, 65535), default=8765)
+    token: str | None = option(None, envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT")
+    size: tuple[int, int] = option(size_type, default="960x720", metavar="WxH")
+    time_budget: float = option(FiniteType(0.0, min_open=True), default=0.012, metavar="SECONDS")
 
 
 @program.command(short_help="Show FILE, and move the camera by hand.")
 @file_argument
-@show_options
+@options_of(ShowOptions)
 @view_options
 @moment_options
 @color_behind_option
 @look_options
-@effect_options(quality=False)
+@unsettled_options
 @cull_option
 @threads_option
 @quiet_option
 @debug_option
 def view(file: Path, **options: Any) -> None:
     """Show FILE, and move the camera with mouse and keys; H lists the keys."""
-    view_file(file, options)
+    from rasterjit.viewer.show import choose_backend, show
+
+    (seen_from, look, effects, moment), quiet = described(options), options["quiet"]
+    shown = gather(ShowOptions, options)
+    if shown.backend != "auto":
+        _refuse_idle_of(shown.backend)
+    backend = choose_backend(shown.backend)
+    _refuse_idle_of(backend)
+    scene = moment.apply(load_scene(file, look, effects, quiet), file)
+    camera = seen_from.camera(scene, shown.size)
+    options = {name: options[name] for name in ("background", "cull", "threads")}
+    options |= vars(shown) | {"backend": backend, "up": scene.up, "title": file.name}
+    try:
+        with progress_notice(quiet):
+            show(scene, camera, **options)
+    except ImportError as error:
+        raise click.ClickException(str(error)) from error
+    if backend == "browser":
+        leave()
 
 
 @program.command(short_help="Say what FILE holds.")
@@ -422,9 +401,9 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @look_options
 @effect_options
 @cull_option
-@click.option("--outputs", type=OutputsType(), default="color", show_default=True,
+@click.option("--outputs", type=outputs_type, default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
-@click.option("--pixel", type=PixelType(),
+@click.option("--pixel", type=pixel_type,
               help="Explain the pixel at this column and row instead, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
               help="Render it, too, and say what each stage and each effect costs. All that is "
@@ -444,12 +423,7 @@ def explain(
 ) -> None:
     """Say what rendering FILE would do, and why; or explain one pixel."""
     # What is asked for, before anything is read.
-    view, look, effects, moment = (
-        gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
-    )
-    view.check()
-    look.check()
-    check_style(rest["style"])
+    view, look, effects, moment = described(rest)
     size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
@@ -466,7 +440,7 @@ def explain(
     # The scene, as it would be drawn.
     effects.quality()
     scene = moment.apply(load_scene(file, look, effects, quiet=False), file)
-    styled = in_style(rest["style"], scene, view.camera(scene, size), look, effects)
+    styled = in_style(scene, view.camera(scene, size), look, effects)
     # One pixel alone.
     if pixel is not None:
         with progress_notice(quiet=False):
@@ -492,11 +466,11 @@ def explain(
 
 @program.command(short_help="Measure what accuracy costs and buys.")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
-@click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
+@click.option("--scene", "made", type=made_scene_type, metavar="NAME",
               help="A scene made for some of the settings, in place of FILE: floor, wires, "
                    "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
                    "wireframe, gradients.")  # fmt: skip
-@click.option("--knobs", type=KnobsType(), metavar="NAMES",
+@click.option("--knobs", type=knobs_type, metavar="NAMES",
               help="Settings to try, separated by commas; default: all: "
                    f"{', '.join(LEVELS)}.")  # fmt: skip
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
@@ -506,18 +480,18 @@ def explain(
               help="The error that is wanted, root mean square of linear light: the fastest "
                    "quality that holds it is recommended. Default: what buys most error for its "
                    "time.")  # fmt: skip
-@click.option("--lens", type=LensType(), metavar="LENS",
+@click.option("--lens", type=lens_type, metavar="LENS",
               help="As render takes it.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
               help="Measure this machine once, for time_budget; takes a minute, or three if "
                    "kernels have to be compiled.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Folder of the report; made if it does not exist.")  # fmt: skip
-@click.option("--size", type=SizeType(), metavar="WxH",
+@click.option("--size", type=size_type, metavar="WxH",
               help="Size of the picture, pixels; default 640x480.")  # fmt: skip
 @view_options
 @look_options
-@effect_options(quality=False)
+@unsettled_options
 @threads_option
 @quiet_option
 @debug_option
@@ -551,11 +525,9 @@ def accuracy(
         raise click.UsageError("Missing option '-o' / '--output'.")
     if made is not None:
         refuse_idle(READING, "--scene reads no file")
-    view, look, effects = (gather(kind, rest) for kind in (CameraOptions, SceneOptions, Effects))
-    view.check()
-    look.check()
+    shown = described(rest)
     if file is not None and file.is_dir():
-        together = study_files(file, view, look, effects, rest)
+        together = study_files(file, shown, rest)
         if any(one.interrupted for one in together.studies.values()):
             context.exit(INTERRUPTED)
         if together.failures:
@@ -564,7 +536,7 @@ def accuracy(
                 f"{len(together.failures)} of {count} mesh files could not be studied"
             )
         return
-    found = study_scene(made or file, view, look, effects, rest)
+    found = study_scene(made or file, shown, rest)
     if found.interrupted:
         context.exit(INTERRUPTED)
 
@@ -628,45 +600,6 @@ def completion(shell: str) -> None:
     if script is None:
         raise click.ClickException(f"click completes nothing in {shell}")
     click.echo(script(program, {}, "rasterjit", "_RASTERJIT_COMPLETE").source())
-
-
-def view_file(file: Path, options: dict[str, Any]) -> None:
-    """
-    Show a file until the window is closed.
-
-    Parameters
-    ----------
-    file : Path
-    options : dict
-        Of the command line.
-    """
-    from rasterjit.viewer.show import choose_backend, show
-
-    view, look, effects, moment = (
-        gather(kind, options) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions)
-    )
-    view.check()
-    look.check()
-    backend = options["backend"]
-    if backend != "auto":
-        _refuse_idle_of(backend)
-    backend = choose_backend(backend)
-    _refuse_idle_of(backend)
-    scene = moment.apply(load_scene(file, look, effects, options["quiet"]), file)
-    camera = view.camera(scene, options["size"])
-    try:
-        with progress_notice(options["quiet"]):
-            show(
-                scene, camera, backend=backend, size=options["size"],
-                background=options["background"], cull=options["cull"],
-                up=scene.up, time_budget=options["time_budget"], title=file.name,
-                host=options["host"], port=options["port"], token=options["token"],
-                threads=options["threads"],
-            )  # fmt: skip
-    except ImportError as error:
-        raise click.ClickException(str(error)) from error
-    if backend == "browser":
-        leave()
 
 
 def _refuse_idle_of(backend: str) -> None:

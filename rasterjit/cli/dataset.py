@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -12,21 +13,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli.options import (
-    ColorType,
     Effects,
-    FiniteType,
-    NamesType,
-    SizeType,
-    UpType,
-    add_options,
-    isolate_option,
-    max_bytes_option,
-    on_damage_option,
+    SceneOptions,
+    option,
+    options_of,
     quality_options,
     refuse_idle,
 )
 from rasterjit.cli.program import in_options
 from rasterjit.cli.report import progress_notice, warn
+from rasterjit.cli.values import (
+    FiniteType,
+    color_type,
+    names_in,
+    size_type,
+    text_type,
+    up_type,
+)
 
 if TYPE_CHECKING:
     from rasterjit.dataset.making import Outcome
@@ -36,96 +39,92 @@ MOST_NAMED = 20
 """Failures that are printed; all are in the file."""
 
 
-class SquareType(SizeType):
-    """Width and height, or one number for both: ``512`` or ``640x480``."""
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[int, int]:
-        """Return (width, height), or raise click's usage error."""
-        if isinstance(value, str) and re.fullmatch(r"[0-9]+", value.strip()):
-            value = f"{value.strip()}x{value.strip()}"
-        return super().convert(value, parameter, context)
+@text_type("size")
+def square_type(text: str) -> tuple[int, int]:
+    """Return width and height, or one number for both: ``512`` or ``640x480``."""
+    side = text.strip()
+    return size_type.read(f"{side}x{side}" if re.fullmatch(r"[0-9]+", side) else text)
 
 
-class KeptType(NamesType):
-    """Names of what is kept of each view, ``color,depth``."""
+@text_type("names")
+def kept_type(text: str) -> tuple[str, ...]:
+    """Return names of what is kept of each view, ``color,depth``."""
+    from rasterjit.dataset.recipe import Recipe
 
-    def check(self, names: list[str]) -> tuple[str, ...]:
-        """Return the names, or raise ``ValueError``."""
-        from rasterjit.dataset.recipe import Recipe
-
-        return Recipe(outputs=names).outputs
+    return Recipe(outputs=names_in(text)).outputs
 
 
-class WorkersType(click.ParamType):
-    """A number of processes, or the address of a scheduler, ``tcp://host:8786``."""
+@text_type("N|ADDRESS")
+def workers_type(text: str) -> int | str:
+    """Return a number of processes, or the address of a scheduler, ``tcp://host:8786``."""
+    if "://" in text:
+        return text
+    if not re.fullmatch(r"[0-9]{1,3}", text) or not 1 <= int(text) <= 256:
+        raise ValueError(
+            f"{text!r} is neither a number in 1..256 nor an address such as tcp://host:8786"
+        )
+    return int(text)
 
-    name = "N|ADDRESS"
 
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> int | str:
-        """Return the number or the address, or raise click's usage error."""
-        if isinstance(value, int) or "://" in value:
-            return value
-        if not re.fullmatch(r"[0-9]{1,3}", value) or not 1 <= int(value) <= 256:
-            self.fail(
-                f"{value!r} is neither a number in 1..256 nor an address such as tcp://host:8786",
-                parameter,
-                context,
-            )
-        return int(value)
+@dataclasses.dataclass(frozen=True)
+class DatasetOptions:
+    """
+    Options of the command, by the names of a `Recipe`'s fields.
+
+    Parameters
+    ----------
+    output : Path
+        Folder to write: a new one, or one to continue.
+    views : int
+        Pictures of each mesh.
+    outputs : tuple of str
+        What to write, separated by commas: color, depth, normal, mask (PNG), coco (JSON, of color),
+        and any other output of a frame but motion (.npz).
+    size : (int, int)
+        Size of the pictures, pixels.
+    layout : {"sphere", "random", "ring"}
+        Where cameras stand: evenly all around, at random all around, or on a circle.
+    seed : int
+        Seed of --cameras random.
+    elevation : float
+        Elevation of --cameras ring, degrees.
+    fov_y : float
+        Vertical field of view, degrees.
+    up : (float, float, float)
+        Which way is up in the meshes.
+    background : str
+        A CSS colour name, #rrggbb or #rrggbbaa.
+    """
+
+    output: Path = option(
+        click.Path(path_type=Path), "-o", "--output", required=True, metavar="OUT"
+    )
+    views: int = option(click.IntRange(1, 10_000), default=24)
+    outputs: str = option(kept_type, default="color,depth,normal,mask", metavar="NAMES")
+    size: str = option(square_type, default="512", metavar="N|WxH")
+    layout: str = option(click.Choice(["sphere", "random", "ring"]), "--cameras", default="sphere")
+    seed: int = option(click.IntRange(0), default=0)
+    elevation: float = option(FiniteType(-90.0, 90.0), default=20.0, metavar="DEG")
+    fov_y: float = option(
+        FiniteType(0.0, 180.0, min_open=True, max_open=True), "--fov", default=45.0, metavar="DEG"
+    )
+    up: str = option(up_type, default="y")
+    background: str = option(color_type, default="transparent")
 
 
 def dataset_options(command: Callable) -> Callable:
     """Add the argument and the options of the command."""
-    return add_options(
-        [
-            # What is read and written.
-            click.argument("folder", type=click.Path(path_type=Path)),
-            click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
-                         metavar="OUT", help="Folder to write: a new one, or one to continue."),
-            click.option("--views", type=click.IntRange(1, 10_000), default=24, show_default=True,
-                         help="Pictures of each mesh."),
-            click.option("--outputs", type=KeptType(), default="color,depth,normal,mask",
-                         show_default=True, metavar="NAMES",
-                         help="What to write, separated by commas: color, depth, normal, mask "
-                              "(PNG), coco (JSON, of color), and any other output of a frame but "
-                              "motion (.npz)."),
-            click.option("--size", type=SquareType(), default="512", show_default=True,
-                         metavar="N|WxH", help="Size of the pictures, pixels."),
-            # Where the cameras stand.
-            click.option("--cameras", "layout", default="sphere", show_default=True,
-                         type=click.Choice(["sphere", "random", "ring"]),
-                         help="Where cameras stand: evenly all around, at random all around, or "
-                              "on a circle."),
-            click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
-                         help="Seed of --cameras random."),
-            click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0), default=20.0,
-                         show_default=True, help="Elevation of --cameras ring, degrees."),
-            click.option("--fov", "fov_y", metavar="DEG", default=45.0, show_default=True,
-                         type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
-                         help="Vertical field of view, degrees."),
-            click.option("--up", type=UpType(), default="y", show_default=True,
-                         help="Which way is up in the meshes."),
-            # How meshes are drawn.
-            click.option("--background", type=ColorType(), default="transparent",
-                         show_default=True, help="A CSS colour name, #rrggbb or #rrggbbaa."),
-            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
-                         show_default=True,
-                         help="Leave out a mesh with NaN or infinite vertices, or draw the rest."),
-            on_damage_option,
-            max_bytes_option,
-            isolate_option,
-            quality_options,
-            # Who draws them.
-            click.option("--workers", type=WorkersType(), default="1", show_default=True,
-                         help="Processes that share the work, or a Dask scheduler's address (needs "
-                              "rasterjit[distributed]). Any number writes the same files."),
-        ],
-        command,
+    workers = click.option(
+        "--workers", type=workers_type, default="1", show_default=True,
+        help="Processes that share the work, or a Dask scheduler's address (needs "
+        "rasterjit[distributed]). Any number writes the same files.",
     )  # fmt: skip
+    reading = options_of(
+        SceneOptions, ("on_invalid", "on_damage", "max_bytes", "isolate"),
+        on_invalid="Leave out a mesh with NaN or infinite vertices, or draw the rest.",
+    )  # fmt: skip
+    folder = click.argument("folder", type=click.Path(path_type=Path))
+    return folder(options_of(DatasetOptions)(reading(quality_options(workers(command)))))
 
 
 def make_dataset(
@@ -140,7 +139,7 @@ def make_dataset(
     if options["layout"] != "ring":
         refuse_idle(["elevation"], "it is for --cameras ring")
     chosen = {name: options.pop(name) for name in ("preset", "changes", "samples")}
-    quality = Effects(False, None, False, None, None, None, **chosen).quality()
+    quality = Effects(**chosen).quality()
     recipe = Recipe(**options, quality=quality)
     start = time.perf_counter()
     with progress_notice(quiet), _progress(recipe, quiet) as report:

@@ -1,12 +1,11 @@
-"""Options that commands share: read them, check them, make camera, look and effects of them."""
+"""Options that commands share: classes whose fields they set, and what is made of these."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
-import os
 import re
-from abc import abstractmethod
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -16,25 +15,41 @@ import numpy as np
 from click.core import ParameterSource
 from numpy.typing import NDArray
 
-from rasterjit.cli.advice import CHOICES_MEANT, question
-from rasterjit.cli.pinhole import CONVENTIONS, IntrinsicsType, PoseType
+from rasterjit.cli.advice import question
+from rasterjit.cli.pinhole import CONVENTIONS, intrinsics_type, pose_type
 from rasterjit.cli.report import warn
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.cli.values import (
+    FiniteNumberType,
+    FiniteType,
+    Vector,
+    color_type,
+    colormap_type,
+    contours_type,
+    file_type,
+    formats_of,
+    light_type,
+    opaque_color_type,
+    plane_type,
+    range_type,
+    setting_type,
+    up_type,
+    vector_type,
+)
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
 from rasterjit.scene.eye_dome import STRONGEST, EyeDome
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES, MOST_STOPS
+from rasterjit.scene.validation import question as question_of_names
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Isolation
-    from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.contours import Contours
     from rasterjit.scene.framing import AnyCamera
     from rasterjit.scene.keyframes import Animation
-    from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
     from rasterjit.scene.section import SectionPlane
@@ -42,8 +57,7 @@ if TYPE_CHECKING:
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
 
-Vector = tuple[float, float, float]
-Options = TypeVar("Options", bound=tuple)
+Options = TypeVar("Options")
 
 OUTPUTS_HELP = (
     "What to write, separated by commas: "
@@ -70,10 +84,6 @@ FILL_INTENSITY = 0.15
 
 AMBIENT_INTENSITY = 1.0
 """Of the ambient light that is asked for by name: alone, it shows colours as they are."""
-
-LIGHTS = ("headlight", "sun", "ambient")
-"""Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
-
 
 STYLES = ("studio", "plain", "clay", "technical", "xray", "depth", "normals", "wireframe")
 """Names of ``rasterjit.styles``, the default first."""
@@ -116,518 +126,144 @@ OF_CODES = (
 """Options that act on 8-bit colour alone."""
 
 
-class SizeType(click.ParamType):
-    """Width and height, ``640x480``."""
-
-    name = "size"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[int, int]:
-        """Return (width, height), or raise click's usage error."""
-        from rasterjit.scene.validation import image_size
-
-        if isinstance(value, tuple):
-            return value
-        sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", value.strip().lower())
-        if sides is None:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720", parameter, context)
-        try:
-            return image_size("size", (int(sides[1]), int(sides[2])))
-        except ValueError:
-            self.fail(f"{value!r}: both sides must be in 1..16384 pixels", parameter, context)
-
-
-class FormatType(click.ParamType):
-    """A format of pictures, ``png``."""
-
-    name = "format"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> str:
-        """Return the suffix, ``".png"``, or raise click's usage error."""
-        from rasterjit.io.images import IMAGE_FORMATS
-
-        suffix = f".{value.strip().lower().removeprefix('.')}"
-        if suffix not in IMAGE_FORMATS:
-            known = ", ".join(one[1:] for one in IMAGE_FORMATS)
-            self.fail(f"{value!r} is none of {known}", parameter, context)
-        return suffix
-
-
-class PixelType(click.ParamType):
-    """Column and row of a pixel, ``320,240``."""
-
-    name = "X,Y"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[int, int]:
-        """Return (column, row), or raise click's usage error."""
-        if isinstance(value, tuple):
-            return value
-        place = re.fullmatch(r"([0-9]{1,9}),([0-9]{1,9})", value.replace(" ", ""))
-        if place is None:
-            self.fail(
-                f"{value!r} is not X,Y, a column and a row such as 320,240", parameter, context
-            )
-        return int(place[1]), int(place[2])
-
-
-class LensType(click.ParamType):
-    """A lens by its model, and OpenCV's coefficients: ``fisheye:-0.02,0.003``."""
-
-    name = "lens"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Lens:
-        """Return the lens, or raise click's usage error."""
-        from rasterjit.scene import lens
-
-        if not isinstance(value, str):
-            return value
-        models = {
-            "opencv": (lens.PinholeDistortion, 14),
-            "fisheye": (lens.FisheyeLens, 4),
-            "panorama": (lens.Equirectangular, 0),
-        }
-        model, _, rest = value.partition(":")
-        try:
-            kind, most = models[model]
-            numbers = [float(part) for part in rest.split(",")] if rest else []
-        except (KeyError, ValueError):
-            self.fail(
-                f"{value!r} is not opencv:K1,K2,P1,P2,..., fisheye:K1,K2,K3,K4 or panorama",
-                parameter, context,
-            )  # fmt: skip
-        if len(numbers) > most:
-            self.fail(
-                f"{value!r}: {model} has at most {most} coefficients, got {len(numbers)}",
-                parameter, context,
-            )  # fmt: skip
-        try:
-            return kind(*numbers)
-        except ValueError as error:
-            self.fail(f"{value!r}: {error}", parameter, context)
-
-
-class VectorType(click.ParamType):
-    """Three numbers, ``1,2.5,-3``."""
-
-    name = "X,Y,Z"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Vector:
-        """Return the three numbers, or raise click's usage error."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            x, y, z = (float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not X,Y,Z, such as 1,2.5,-3", parameter, context)
-        if not all(map(math.isfinite, (x, y, z))):
-            self.fail(f"{value!r} must be finite", parameter, context)
-        return x, y, z
-
-
-class UpType(VectorType):
-    """A direction as three numbers, or an axis: ``0,0,1``, ``z``, ``-x``."""
-
-    name = "X,Y,Z|AXIS"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Vector:
-        """Return the three numbers, or raise click's usage error."""
-        text = value.replace(" ", "").lower() if isinstance(value, str) else ""
-        axis = re.fullmatch(r"([+-]?)([xyz])", text)
-        if axis is not None:
-            length = -1.0 if axis[1] == "-" else 1.0
-            x, y, z = (length if axis[2] == name else 0.0 for name in "xyz")
-            return x, y, z
-        if isinstance(value, str) and "," not in value:
-            self.fail(f"{value!r} is neither an axis, such as z or -y, nor X,Y,Z", parameter,
-                      context)  # fmt: skip
-        return super().convert(value, parameter, context)
-
-
-class PlaneType(click.ParamType):
-    """A plane that cuts: ``x=0.5``, ``-x=0.5``, or a point and a normal, ``X,Y,Z,NX,NY,NZ``."""
-
-    name = "plane"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the point and the normal, six numbers, or raise click's usage error."""
-        if isinstance(value, tuple):
-            return value
-        text = value.replace(" ", "").lower()
-        axis = re.fullmatch(r"(-?)([xyz])=(.+)", text)
-        try:
-            if axis is not None:
-                place, number = "xyz".index(axis[2]), float(axis[3])
-                numbers = [0.0] * 6
-                numbers[place], numbers[3 + place] = number, -1.0 if axis[1] else 1.0
-            else:
-                numbers = [float(part) for part in text.split(",")]
-                if len(numbers) != 6:
-                    raise ValueError
-        except ValueError:
-            self.fail(
-                f"{value!r} is neither AXIS=PLACE, such as x=0.5 or -z=0, nor X,Y,Z,NX,NY,NZ",
-                parameter, context,
-            )  # fmt: skip
-        if not all(map(math.isfinite, numbers)):
-            self.fail(f"{value!r} must be finite", parameter, context)
-        if not any(numbers[3:]):
-            self.fail(f"{value!r} must have a normal that is not zero", parameter, context)
-        return tuple(numbers)
-
-
-class RangeType(click.ParamType):
-    """Two numbers, the lower one first, ``0,1.5``."""
-
-    name = "LOW,HIGH"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[float, float]:
-        """Return the two numbers, or raise click's usage error."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            low, high = (float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not LOW,HIGH, such as 0,1.5", parameter, context)
-        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            self.fail(f"{value!r} must be finite, the lower one first", parameter, context)
-        return low, high
-
-
-class ColormapType(click.ParamType):
-    """The name of a colour map."""
-
-    name = "NAME"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Colormap:
-        """Return the map, or raise click's usage error."""
-        if isinstance(value, Colormap):
-            return value
-        try:
-            return Colormap(value)
-        except ValueError as error:
-            self.fail(str(error).removeprefix("colormap "), parameter, context)
-
-
-class ContoursType(click.ParamType):
-    """How many lines, ``10``, or their values, ``0.5,1.5``; of one line ``0.5,``."""
-
-    name = "N|VALUES"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Contours:
-        """Return the contours, or raise click's usage error."""
-        from rasterjit.scene.contours import Contours
-
-        if isinstance(value, Contours):
-            return value
-        try:
-            if re.fullmatch(r"\s*[+-]?[0-9]+\s*", value):
-                return Contours(int(value))
-            return Contours([float(part) for part in value.removesuffix(",").split(",")])
-        except ValueError as error:
-            said = str(error).removeprefix("contours.")
-            if not said.startswith("levels"):
-                said = "expected a number of lines, 10, or their values, 0.5,1.5"
-            self.fail(f"{value!r}: {said}", parameter, context)
-
-
-class LightType(VectorType):
-    """The direction in which a light shines, ``1,-2,0.5``, or a name of `LIGHTS`."""
-
-    name = "X,Y,Z|NAME"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Vector | str:
-        """Return the direction or the name, or raise click's usage error."""
-        if value in LIGHTS:
-            return value
-        if isinstance(value, str) and not set(value) & set("0123456789"):
-            names = ", ".join(LIGHTS)
-            self.fail(
-                f"{value!r} is neither X,Y,Z nor one of {names}"
-                + question(value, list(LIGHTS), CHOICES_MEANT),
-                parameter,
-                context,
-            )
-        direction = super().convert(value, parameter, context)
-        if direction == (0.0, 0.0, 0.0):
-            self.fail(f"{value!r} must not be 0,0,0", parameter, context)
-        return direction
-
-
-class FiniteNumberType(click.types.FloatParamType):
-    """A number that is not infinite nor NaN."""
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> float:
-        """Return the number, or raise click's usage error."""
-        number = super().convert(value, parameter, context)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} must be finite", parameter, context)
-        return number
-
-
-class FiniteType(FiniteNumberType, click.FloatRange):
-    """Such a number, in a range."""
-
-
-class ColorType(click.ParamType):
+def option(
+    kind: Any, *spelled: str, default: Any = None, help: str | None = None, **settings: Any
+) -> Any:
     """
-    A colour, checked but kept as it was written.
+    Return a field that an option sets; `options_of` makes the option.
 
     Parameters
     ----------
-    is_opaque : bool
-        Whether it has to be one that nothing is seen through.
+    kind : type of click's
+    *spelled : str
+        As on the command line; as the field, if not given.
+    default
+    help : str, optional
+        What the class's docstring says of the field, if not given.
+    **settings
+        Others of `click.option`.
     """
-
-    name = "color"
-
-    def __init__(self, is_opaque: bool = False) -> None:
-        self.is_opaque = is_opaque
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> str:
-        """Return the text, or raise click's usage error."""
-        from rasterjit.scene.color import linear_color
-
-        try:
-            alpha = linear_color("it", value)[3]
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
-        if self.is_opaque and alpha < 1.0:
-            self.fail(f"{value!r} must be opaque", parameter, context)
-        return value
+    settings |= {"spelled": spelled, "type": kind, "help": help}
+    return dataclasses.field(default=default, metadata=settings)
 
 
-class BackgroundType(ColorType):
-    """A colour, kept as it was written, or the picture that a file holds."""
-
-    name = "color|file"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> str | BackgroundImage:
-        """Return the text or the picture, or raise click's usage error."""
-        from rasterjit.scene.background import BackgroundImage, is_file_name
-
-        if not is_file_name(value):
-            return (
-                value
-                if isinstance(value, BackgroundImage)
-                else super().convert(value, parameter, context)
-            )
-        try:
-            return BackgroundImage.from_file(value)
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
+def flag(*spelled: str) -> Any:
+    """Return a field that an option sets to ``True``."""
+    return option(None, *spelled, default=False, is_flag=True)
 
 
-class NamesType(click.ParamType):
-    """Names between commas, each kind with a check of its own."""
+def options_of(
+    kind: type, names: Iterable[str] | None = None, **words: str
+) -> Callable[[Callable], Callable]:
+    """
+    Return a decorator that adds the options of a class's fields to a command, in their order.
 
-    name = "names"
+    Parameters
+    ----------
+    kind : dataclass
+        Its fields are an `option` or `flag` each, or set by other means.
+    names : iterable of str, optional
+        Of the fields; default: all.
+    **words : str
+        Help in place of that of fields.
+    """
+    listed = inspect.cleandoc(kind.__doc__ or "")
+    said = dict(re.findall(r"^(\w+) : .*\n((?:    .*\n?)+)", listed, re.MULTILINE)) | words
 
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[str, ...]:
-        """Return the names, or raise click's usage error."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            return self.check([name.strip() for name in value.split(",")])
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
-
-    @abstractmethod
-    def check(self, names: list[str]) -> tuple[str, ...]:
-        """Return the names, or raise ``ValueError``."""
-
-
-class OutputsType(NamesType):
-    """Names of outputs, ``color,depth``."""
-
-    def check(self, names: list[str]) -> tuple[str, ...]:
-        """Return the names, or raise ``ValueError``."""
-        from rasterjit.scene.validation import question as asked_of_names
-
-        unknown = next((name for name in names if name and name not in OUTPUTS), None)
-        try:
-            outputs = check_outputs(names)
-        except ValueError as error:
-            if unknown is None:
-                raise
-            # The command line's question knows the names of other programs as well.
-            meant = question(unknown, list(OUTPUTS), CHOICES_MEANT)
-            said = str(error).removesuffix(asked_of_names(unknown, OUTPUTS)) if meant else error
-            raise ValueError(f"{said}{meant}") from None
-        for name in MOTION_OUTPUTS:
-            if name in outputs:
-                raise ValueError(
-                    f"{name} is found against an earlier view, which rasterjit.render takes"
+    def decorate(command: Callable) -> Callable:
+        for field in reversed(dataclasses.fields(kind)):
+            if field.metadata and (names is None or field.name in names):
+                settings = {"default": field.default, **field.metadata}
+                spelled = settings.pop("spelled") or (f"--{field.name.replace('_', '-')}",)
+                settings["help"] = settings["help"] or " ".join(said.get(field.name, "").split())
+                is_told = field.default is not False and isinstance(
+                    field.default, (str, float, int)
                 )
-        return outputs
+                settings.setdefault("show_default", is_told)
+                command = click.option(*spelled, field.name, **settings)(command)
+        return command
+
+    return decorate
 
 
-class SettingType(click.ParamType):
-    """An accuracy setting and its level, ``samples=8``."""
-
-    name = "NAME=LEVEL"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> dict[str, Any]:
-        """Return ``{name: level}``, or raise click's usage error."""
-        from rasterjit.scene.quality import parse_setting
-
-        if isinstance(value, dict):
-            return value
-        try:
-            return parse_setting(value)
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
+def check_lights(
+    context: click.Context, parameter: click.Parameter, chosen: tuple[Vector | str, ...]
+) -> tuple[Vector | str, ...]:
+    """Return what ``--light`` is given, or raise click's usage error."""
+    for number, one in enumerate(chosen):
+        if one in chosen[:number]:
+            said = one if isinstance(one, str) else ",".join(f"{part:g}" for part in one)
+            raise click.BadOptionUsage("--light", f"--light: {said} is given twice")
+    if "headlight" in chosen and len(chosen) > 1:
+        raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
+    return chosen
 
 
-class KnobsType(NamesType):
-    """Names of accuracy settings, ``samples,shading``."""
-
-    def check(self, names: list[str]) -> tuple[str, ...]:
-        """Return the names, or raise ``ValueError``."""
-        from rasterjit.accuracy.knobs import check_knobs
-
-        return check_knobs(names)
-
-
-class MadeSceneType(click.ParamType):
-    """The name of a scene that is made, not read."""
-
-    name = "name"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> str:
-        """Return the name, or raise click's usage error."""
-        from rasterjit.accuracy.scenes import SCENES
-
-        if value not in SCENES:
-            self.fail(f"{value!r} is none of {', '.join(SCENES)}", parameter, context)
-        return value
-
-
-class PlaceType(click.ParamType):
+@dataclasses.dataclass(frozen=True)
+class SceneOptions:
     """
-    A file to write: its format is known and its folder can be written to.
+    Options that change the scene, and say how its file is read.
 
     Parameters
     ----------
-    kind : {"image", "depth", "mask", "animation"}
+    color : str, optional
+        Draw all objects in this colour; replaces their own colours and textures. Spelt as for
+        --background.
+    scalars : str, optional
+        Show an attribute of the file in colours, such as the property quality of a PLY; rasterjit
+        info lists attributes.
+    colormap : Colormap, optional
+    scalar_range : (float, float), optional
+        Values of the first and the last colour; default: the least and the greatest value.
+    contours : Contours, optional
+        Draw lines of equal --scalars: how many, 10, or at which values, 0.5,1.5.
+    variant : str, optional
+        Show this variant of a glTF file's materials; rasterjit info lists them.
+    light : tuple
+        Light from far away that shines along X,Y,Z (0,-1,0: down), or headlight, sun or ambient;
+        replaces the scene's lights. There is dim light from all around as well, bright with
+        ambient. May be repeated, each light once.
+    shading : str, optional
+        Shade all objects this way.
+    wireframe : {"overlay", "only"}, optional
+        Draw edges over the faces, or edges alone.
+    wireframe_color : str, optional
+        Colour of the edges, opaque; default: black. Without --wireframe they are drawn over the
+        faces.
+    on_invalid : {"raise", "drop"}
+        Refuse a mesh with NaN or infinite vertices, or draw the rest.
+    on_damage : {"error", "warn"}
+        Refuse a file that is cut short or damaged (OBJ, PLY, STL, OFF, PCD, LAS or rows of points),
+        or draw what there is.
+    resource_root : str, optional
+        Folder that textures and other files may be read from; default: the folder of the mesh.
+    max_bytes : int
+        Most memory that a mesh file and all that it names may take; default: 8 GiB.
+    isolate : bool or str
+        Have other packages read files, and of a folder decode pictures, in a process with limits.
     """
 
-    name = "file"
-
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Path:
-        """Return the path, or raise click's usage error."""
-        place, formats = Path(value), _formats(self.kind)
-        if place.suffix.lower() not in formats:
-            self.fail(f"{value!r} must end in one of {', '.join(formats)}", parameter, context)
-        if not place.parent.is_dir():
-            self.fail(f"the folder {str(place.parent)!r} does not exist", parameter, context)
-        if not os.access(place.parent, os.W_OK):
-            self.fail(f"the folder {str(place.parent)!r} is not writable", parameter, context)
-        if place.is_dir():
-            self.fail(f"{value!r} is a folder", parameter, context)
-        if place.suffix.lower() == ".exr" and not _has_openexr():
-            self.fail('.exr needs OpenEXR; pip install "rasterjit[exr]"', parameter, context)
-        return place
-
-
-def checked_place(name: str, place: Path, kind: str) -> Path:
-    """Return the value of an option as `PlaceType` does, or raise click's usage error."""
-    context = click.get_current_context()
-    option = next(one for one in context.command.params if one.name == name)
-    return PlaceType(kind).convert(str(place), option, context)
-
-
-def is_picture(file: Path) -> bool:
-    """Tell whether a name is one of pictures, or of buffers."""
-    return file.suffix.lower() in _formats("image")
-
-
-def refuse_picture(what: str, output: Path) -> None:
-    """Raise click's usage error if several pictures are to go where a file's name is."""
-    if is_picture(output) and not output.is_dir():
-        raise click.BadOptionUsage(
-            "--output",
-            f"--output: {output} is the name of a file, and the pictures of {what} go into a "
-            f"folder, such as {output.with_suffix('')}",
-        )
-
-
-def _formats(kind: str) -> tuple[str, ...]:
-    """Return the extensions of a kind of file."""
-    from rasterjit.animation import video
-    from rasterjit.io import images
-    from rasterjit.outputs import save
-
-    return {
-        "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
-        "depth": save.FORMATS,
-        "mask": (".png",),
-        "animation": video.ANIMATION_FORMATS,
-    }[kind]
-
-
-def _has_openexr() -> bool:
-    """Tell whether the extra for EXR files is installed."""
-    import importlib.util
-
-    return importlib.util.find_spec("OpenEXR") is not None
-
-
-class SceneOptions(NamedTuple):
-    """Options that change the scene."""
-
-    on_invalid: str
-    on_damage: str
-    shading: str | None
-    wireframe: str | None
-    wireframe_color: str | None
-    resource_root: str | None
-    max_bytes: int = DEFAULT_MAX_BYTES
-    isolate: Isolation = True
-    color: str | None = None
-    light: tuple[Vector | str, ...] = ()
-    scalars: str | None = None
-    colormap: Colormap | None = None
-    scalar_range: tuple[float, float] | None = None
-    contours: Contours | None = None
-    variant: str | None = None
+    color: str | None = option(color_type)
+    scalars: str | None = option(None, metavar="NAME")
+    colormap: Colormap | None = option(
+        colormap_type, metavar="NAME",
+        help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with {REVERSED} "
+        "behind it; default: viridis.",
+    )  # fmt: skip
+    scalar_range: tuple[float, float] | None = option(range_type, "--range")
+    contours: Contours | None = option(contours_type)
+    variant: str | None = option(None, metavar="NAME")
+    light: tuple[Vector | str, ...] = option(
+        light_type, default=(), multiple=True, metavar="X,Y,Z|NAME", callback=check_lights
+    )
+    shading: str | None = option(click.Choice(SHADINGS))
+    wireframe: str | None = option(click.Choice(["overlay", "only"]))
+    wireframe_color: str | None = option(opaque_color_type)
+    on_invalid: str = option(click.Choice(["raise", "drop"]), default="raise")
+    on_damage: str = option(click.Choice(["error", "warn"]), default="error")
+    resource_root: str | None = option(None, metavar="FOLDER")
+    max_bytes: int = option(int, default=DEFAULT_MAX_BYTES, show_default=False)
+    isolate: Isolation = option(None, "--isolate/--no-isolate", default=True)
 
     def check(self) -> None:
         """Raise click's usage error for options that say nothing without others, or of others."""
@@ -638,7 +274,7 @@ class SceneOptions(NamedTuple):
 
     def of_folder(self) -> SceneOptions:
         """Return the options for files of a folder, which may come from strangers."""
-        return self._replace(isolate="all" if self.isolate else False)
+        return dataclasses.replace(self, isolate="all" if self.isolate else False)
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's colours, materials, lights and wireframe."""
@@ -722,19 +358,6 @@ def _changed(material: Material, **changes: Any) -> Material:
     return Material(**{**said, **changes})
 
 
-def check_lights(
-    context: click.Context, parameter: click.Parameter, chosen: tuple[Vector | str, ...]
-) -> tuple[Vector | str, ...]:
-    """Return what ``--light`` is given, or raise click's usage error."""
-    for number, one in enumerate(chosen):
-        if one in chosen[:number]:
-            said = one if isinstance(one, str) else ",".join(f"{part:g}" for part in one)
-            raise click.BadOptionUsage("--light", f"--light: {said} is given twice")
-    if "headlight" in chosen and len(chosen) > 1:
-        raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
-    return chosen
-
-
 def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; none for the headlight, which is the default."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
@@ -750,20 +373,54 @@ def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
     return lights
 
 
-class CameraOptions(NamedTuple):
-    """Options that place the camera."""
+@dataclasses.dataclass(frozen=True)
+class CameraOptions:
+    """
+    Options that place the camera.
 
-    azimuth: float | None
-    elevation: float | None
-    zoom: float | None
-    fov: float | None
-    projection: str | None
-    up: Vector | None
-    position: Vector | None = None
-    target: Vector | None = None
-    pose: NDArray[np.float64] | None = None
-    convention: str | None = None
-    intrinsics: NDArray[np.float64] | None = None
+    Parameters
+    ----------
+    position : (float, float, float), optional
+        Where the camera stands.
+    target : (float, float, float), optional
+        Point that it looks at; default: the middle of the scene.
+    pose : (4, 4) float64, optional
+        Position and rotation of the camera: a 4x4 or 3x4 matrix in a .npy, .json or text file, or
+        its numbers, row by row.
+    convention : str, optional
+    intrinsics : (3, 3) float64, optional
+        Focal lengths and principal point in pixels of --size, or a file with the matrix K; as in
+        OpenCV, the first pixel's centre is 0,0.
+    azimuth : float, optional
+        Degrees around the scene: 0 is +z, 90 is +x (z up: -y, +x).
+    elevation : float, optional
+        Degrees above the scene.
+    zoom : float, optional
+        How many times larger to show the scene; without other options of the camera, the file's
+        own is used.
+    fov : float, optional
+        Vertical field of view, degrees; default 28, with --position or --pose 45.
+    projection : {"perspective", "orthographic"}, optional
+        With perspective, or parallel; default: perspective.
+    up : (float, float, float), optional
+        Which way is up, such as z, where the file does not say so; glTF does.
+    """
+
+    position: Vector | None = option(vector_type)
+    target: Vector | None = option(vector_type)
+    pose: NDArray[np.float64] | None = option(pose_type, metavar="FILE|NUMBERS")
+    convention: str | None = option(
+        click.Choice(tuple(CONVENTIONS)),
+        help="What --pose means. "
+        f"{'. '.join(f'{name}: {text}' for name, text in CONVENTIONS.items())}.",
+    )
+    intrinsics: NDArray[np.float64] | None = option(intrinsics_type, metavar="FX,FY,CX,CY|FILE")
+    azimuth: float | None = option(FiniteNumberType(), metavar="DEG")
+    elevation: float | None = option(FiniteType(-90.0, 90.0), metavar="DEG")
+    zoom: float | None = option(FiniteType(0.0, min_open=True), metavar="FACTOR")
+    fov: float | None = option(FiniteType(0.0, 180.0, min_open=True, max_open=True), metavar="DEG")
+    projection: str | None = option(click.Choice(["perspective", "orthographic"]))
+    up: Vector | None = option(up_type)
 
     def check(self) -> None:
         """Raise click's usage error if options contradict each other."""
@@ -791,8 +448,8 @@ class CameraOptions(NamedTuple):
             x, y, z = (f"{part:g}" for part in scene.up)
             quiet = click.get_current_context().params.get("quiet", False)
             warn(f"--up is for files that do not say which way is up; this says {x},{y},{z}", quiet)
-            return self._replace(up=None).camera(scene, size)
-        if all(option is None for option in self):
+            return dataclasses.replace(self, up=None).camera(scene, size)
+        if all(value is None for value in vars(self).values()):
             return None
         if self.up is not None and any(self.up) and scene.up is None:
             from rasterjit.scene.transforms import unit_vector
@@ -809,7 +466,8 @@ class CameraOptions(NamedTuple):
 
     def _is_placed(self) -> bool:
         """Tell whether an option says where the camera is, or of which kind."""
-        return any(one is not None for one in self._replace(zoom=None, fov=None, intrinsics=None))
+        placing = vars(self).keys() - {"zoom", "fov", "intrinsics"}
+        return any(vars(self)[name] is not None for name in placing)
 
     def _magnified(self, camera: AnyCamera) -> AnyCamera:
         """Return the file's camera with another field of view, and zoomed."""
@@ -863,7 +521,7 @@ class CameraOptions(NamedTuple):
         else:
             focal = float(intrinsics[1, 1])
             fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, focal)
-            alike = self._replace(intrinsics=None, fov=fov_y)
+            alike = dataclasses.replace(self, intrinsics=None, fov=fov_y)
             try:
                 # The axis need not go through the middle of the picture: there is room around.
                 placed = (
@@ -962,179 +620,112 @@ class CameraOptions(NamedTuple):
         return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
 
 
-def gather(kind: type[Options], options: dict[str, Any]) -> Options:
-    """Return the options of a kind out of all those of a command."""
-    return kind(**{name: options[name] for name in kind._fields if name in options})
+@dataclasses.dataclass(frozen=True)
+class TimeOptions:
+    """
+    Options that choose a time of an animation.
+
+    Parameters
+    ----------
+    time : float, optional
+        Time of the animation that is shown; after its end, as at the end. Default: as the file
+        poses itself, or 0 with --animation.
+    animation : str, optional
+        Name or number of one of the file's animations; default: 0, the first. rasterjit info lists
+        them.
+    """
+
+    time: float | None = option(FiniteType(0.0), metavar="SECONDS")
+    animation: str | None = option(None, metavar="NAME|NUMBER")
+
+    def apply(self, scene: Scene, file: Path) -> Scene:
+        """Return the scene as it is then; itself if no option was given."""
+        if self.time is None and self.animation is None:
+            return scene
+        option = "--animation" if self.time is None else "--time"
+        chosen = chosen_animation(scene, file, self.animation, option)
+        return scene.at(0.0 if self.time is None else self.time, chosen)
 
 
-def is_given(name: str) -> bool:
-    """Tell whether the command line gives an option of the command that runs."""
-    source = click.get_current_context().get_parameter_source(name)
-    defaults = ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, ParameterSource.ENVIRONMENT
-    return source not in (None, *defaults)
+def chosen_animation(scene: Scene, file: Path, asked: str | None, option: str) -> Animation:
+    """
+    Return an animation by its name or, if none has that name, its number.
+
+    Raises
+    ------
+    click.BadOptionUsage
+        If there is none, or not this one.
+    """
+    names = [one.name for one in scene.animations]
+    if not names:
+        raise click.BadOptionUsage(option, f"{option}: {file.name} has no animation")
+    if asked is None:
+        return scene.animations[0]
+    if asked in names:
+        return scene.animations[names.index(asked)]
+    if asked.isdecimal() and int(asked) < len(names):
+        return scene.animations[int(asked)]
+    listed = ", ".join(f"{number}: {name!r}" for number, name in enumerate(names))
+    raise click.BadOptionUsage(
+        "--animation",
+        f"--animation: {file.name} has no {asked!r}, but {listed}{question_of_names(asked, names)}",
+    )
 
 
-def refuse_idle(names: Iterable[str], why: str) -> None:
-    """Raise click's usage error for the first of some options that is given, in vain."""
-    options = {one.name: one for one in click.get_current_context().command.params}
-    for name in names:
-        if is_given(name):
-            spelled = max(options[name].opts, key=len)
-            raise click.BadOptionUsage(spelled, f"{spelled} has no effect here: {why}")
+@dataclasses.dataclass(frozen=True)
+class Effects:
+    """
+    Options that add effects, and say how accurately to render.
 
+    Parameters
+    ----------
+    shadows : bool
+        Let the lights cast shadows; a scene without lights gets a sun.
+    environment : str, optional
+        Light from all around: an equirectangular picture, or a sky.
+    ambient_occlusion : bool
+        Dim ambient light in corners.
+    eye_dome : float, optional
+        Darken what lies behind its neighbours, which shows depth without light; 1 is usual.
+    outline : str, optional
+        Draw outlines in this colour.
+    tone_map : str, optional
+        Tone curve: from light to what a screen can show.
+    exposure : float, optional
+        Stops of exposure, doublings of the light before the curve.
+    vignette : float, optional
+        Darken the corners by this share of their light.
+    section : tuple
+        Cut away what lies in front of a plane: x=0.5 cuts away all x above 0.5, -x=0.5 all below;
+        or a point and a normal, X,Y,Z,NX,NY,NZ. May be repeated.
+    section_lines : str, optional
+        Draw the outline of the cut in this colour.
+    preset : str
+        How accurately to render.
+    changes : tuple of dict
+        Change an accuracy setting, such as shadow_size=2048; may be repeated.
+    samples : str, optional
+        Samples of each pixel, for smooth edges; area is exact and slow. Short for --set
+        samples=...
+    style : str
+        Of a command that has the option ``--style``.
+    """
 
-def refuse_without_color(outputs: tuple[str, ...]) -> None:
-    """Raise click's usage error for options of what no output shows."""
-    shown = f"the outputs are {', '.join(outputs)}"
-    if "color" not in outputs:
-        refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
-    if not {"color", "linear"} & set(outputs):
-        refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
-        if "scalar" not in outputs:
-            refuse_idle(["scalars"], f"no output shows colour or scalar: {shown}")
-        if "coverage" not in outputs:
-            refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
-
-
-def add_options(options: list[Callable], command: Callable) -> Callable:
-    """Decorate a command with options, in their order in the help."""
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-on_damage_option = click.option(
-    "--on-damage", type=click.Choice(["error", "warn"]), default="error", show_default=True,
-    help="Refuse a file that is cut short or damaged (OBJ, PLY, STL, OFF, PCD, LAS or rows of "
-    "points), or draw what there is.",
-)  # fmt: skip
-
-max_bytes_option = click.option(
-    "--max-bytes", type=int, default=DEFAULT_MAX_BYTES,
-    help="Most memory that a mesh file and all that it names may take; default: 8 GiB.",
-)  # fmt: skip
-
-
-isolate_option = click.option(
-    "--isolate/--no-isolate", default=True, show_default=True,
-    help="Have other packages read files, and of a folder decode pictures, in a process with "
-    "limits.",
-)  # fmt: skip
-
-
-def reading_options(command: Callable) -> Callable:
-    """Add the options of how files are read to a command."""
-    return add_options(
-        [
-            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
-                         show_default=True,
-                         help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
-            on_damage_option,
-            click.option("--resource-root", metavar="FOLDER",
-                         help="Folder that textures and other files may be read from; default: "
-                              "the folder of the mesh."),
-            max_bytes_option,
-            isolate_option,
-        ],
-        command,
-    )  # fmt: skip
-
-
-def look_options(command: Callable) -> Callable:
-    """Add `SceneOptions` to a command."""
-    modes = click.Choice(SHADINGS)
-    return add_options(
-        [
-            click.option("--color", type=ColorType(),
-                         help="Draw all objects in this colour; replaces their own colours and "
-                              "textures. Spelt as for --background."),
-            click.option("--scalars", metavar="NAME",
-                         help="Show an attribute of the file in colours, such as the property "
-                              "quality of a PLY; rasterjit info lists attributes."),
-            click.option("--colormap", type=ColormapType(), metavar="NAME",
-                         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed "
-                              f"with {REVERSED} behind it; default: viridis."),
-            click.option("--range", "scalar_range", type=RangeType(),
-                         help="Values of the first and the last colour; default: the least and the "
-                              "greatest value."),
-            click.option("--contours", type=ContoursType(),
-                         help="Draw lines of equal --scalars: how many, 10, or at which values, "
-                              "0.5,1.5."),
-            click.option("--variant", metavar="NAME",
-                         help="Show this variant of a glTF file's materials; rasterjit info lists "
-                              "them."),
-            click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
-                         callback=check_lights,
-                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), or "
-                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}; replaces the scene's "
-                              "lights. There is dim light from all around as well, bright with "
-                              "ambient. May be repeated, each light once."),
-            click.option("--shading", type=modes, help="Shade all objects this way."),
-            click.option("--wireframe", type=click.Choice(["overlay", "only"]),
-                         help="Draw edges over the faces, or edges alone."),
-            click.option("--wireframe-color", type=ColorType(is_opaque=True),
-                         help="Colour of the edges, opaque; default: black. Without --wireframe "
-                              "they are drawn over the faces."),
-        ],
-        reading_options(command),
-    )  # fmt: skip
-
-
-def view_options(command: Callable | None = None, *, orbit: bool = False) -> Callable:
-    """Add `CameraOptions` to a command; with ``orbit`` those of a fitted camera only."""
-    if command is None:
-        return lambda command: view_options(command, orbit=orbit)
-    start = " of the first frame" if orbit else ""
-    placing = [] if orbit else [
-        click.option("--position", type=VectorType(), help="Where the camera stands."),
-        click.option("--target", type=VectorType(),
-                     help="Point that it looks at; default: the middle of the scene."),
-        click.option("--pose", type=PoseType(), metavar="FILE|NUMBERS",
-                     help="Position and rotation of the camera: a 4x4 or 3x4 matrix in a .npy, "
-                          ".json or text file, or its numbers, row by row."),
-        click.option("--convention", type=click.Choice(tuple(CONVENTIONS)),
-                     help="What --pose means. "
-                          f"{'. '.join(f'{name}: {text}' for name, text in CONVENTIONS.items())}."),
-        click.option("--intrinsics", type=IntrinsicsType(), metavar="FX,FY,CX,CY|FILE",
-                     help="Focal lengths and principal point in pixels of --size, or a file with "
-                          "the matrix K; as in OpenCV, the first pixel's centre is 0,0."),
-    ]  # fmt: skip
-    fitting = [
-        click.option("--azimuth", metavar="DEG", type=FiniteNumberType(),
-                     help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
-        click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
-                     help="Degrees above the scene."),
-        click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
-                     help="How many times larger to show the scene" + ("." if orbit else
-                          "; without other options of the camera, the file's own is used.")),
-        click.option("--fov", metavar="DEG",
-                     type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
-                     help="Vertical field of view, degrees; default 28, "
-                          "with --position or --pose 45."),
-        click.option("--projection", type=click.Choice(["perspective", "orthographic"]),
-                     help="With perspective, or parallel; default: perspective."),
-        click.option("--up", type=UpType(),
-                     help="Which way is up, such as z, where the file does not say so; glTF does."),
-    ]  # fmt: skip
-    return add_options(placing + fitting, command)
-
-
-class Effects(NamedTuple):
-    """Options that add effects."""
-
-    shadows: bool
-    environment: str | None
-    ambient_occlusion: bool
-    outline: str | None
-    tone_map: str | None
-    exposure: float | None
-    vignette: float | None = None
-    eye_dome: float | None = None
-    section: tuple[tuple[float, ...], ...] = ()
-    section_lines: str | None = None
-    samples: str | None = None
-    preset: str = "standard"
-    changes: tuple[dict[str, Any], ...] = ()
+    shadows: bool = flag()
+    environment: str | None = option(None, metavar="FILE|sky")
+    ambient_occlusion: bool = flag()
+    eye_dome: float | None = option(FiniteType(0.0, STRONGEST), metavar="STRENGTH")
+    outline: str | None = option(opaque_color_type)
+    tone_map: str | None = option(click.Choice(CURVES))
+    exposure: float | None = option(FiniteType(-MOST_STOPS, MOST_STOPS), metavar="STOPS")
+    vignette: float | None = option(FiniteType(0.0, 1.0), metavar="SHARE")
+    section: tuple[tuple[float, ...], ...] = option(
+        plane_type, default=(), multiple=True, metavar="PLANE"
+    )
+    section_lines: str | None = option(opaque_color_type)
+    preset: str = option(click.Choice(tuple(PRESETS)), "--quality", default="standard")
+    changes: tuple[dict[str, Any], ...] = option(setting_type, "--set", default=(), multiple=True)
+    samples: str | None = option(click.Choice(SAMPLES))
     style: str = "plain"
 
     def quality(self) -> Quality:
@@ -1225,27 +816,8 @@ def style_option(command: Callable) -> Callable:
     )(command)  # fmt: skip
 
 
-def check_style(name: str) -> None:
-    """Raise click's usage error for options of colours that a style replaces."""
-    if name in PAINTED:
-        refuse_idle(OF_PAINT, f"--style {name} has colours of its own")
-
-
-def in_style(
-    name: str, scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects
-) -> Style:
-    """
-    Return a scene in a style, but for what options say.
-
-    Parameters
-    ----------
-    name : str
-        Of `STYLES`.
-    scene : Scene
-        With what options ask for.
-    camera : Camera or None
-    look, effects : SceneOptions, Effects
-    """
+def in_style(scene: Scene, camera: AnyCamera | None, look: SceneOptions, effects: Effects) -> Style:
+    """Return a scene, which has what options ask for, in its style, but for what options say."""
     from rasterjit import styles
     from rasterjit.scene.framing import fit_upright
     from rasterjit.survey.lights import headlight
@@ -1253,55 +825,101 @@ def in_style(
     if "headlight" in look.light and scene.nodes:
         seen_from = camera or scene.camera or fit_upright(scene, (1, 1))
         scene.lights = headlight(seen_from)
-    style = styles.STYLES[name](scene, camera)
+    style = styles.STYLES[effects.style](scene, camera)
     if any(map(is_given, OF_QUALITY)):
         style = style.with_quality(effects.quality())
     return style
 
 
-def quality_options(command: Callable) -> Callable:
-    """Add the options of `Effects` to a command that say how accurately to render."""
-    settings = [
-        click.option("--quality", "preset", type=click.Choice(tuple(PRESETS)), default="standard",
-                     show_default=True, help="How accurately to render."),
-        click.option("--set", "changes", type=SettingType(), multiple=True,
-                     help="Change an accuracy setting, such as shadow_size=2048; may be repeated."),
-        click.option("--samples", type=click.Choice(SAMPLES),
-                     help="Samples of each pixel, for smooth edges; area is exact and slow. "
-                          "Short for --set samples=..."),
-    ]  # fmt: skip
-    return add_options(settings, command)
+def gather(kind: type[Options], options: dict[str, Any]) -> Options:
+    """Return the options of a kind out of all those of a command."""
+    names = [field.name for field in dataclasses.fields(kind) if field.name in options]
+    return kind(**{name: options[name] for name in names})
 
 
-def effect_options(command: Callable | None = None, *, quality: bool = True) -> Callable:
-    """Add the options of `Effects` to a command, perhaps without those of quality."""
-    if command is None:
-        return lambda command: effect_options(command, quality=quality)
-    command = add_options(
-        [
-            click.option("--shadows", is_flag=True,
-                         help="Let the lights cast shadows; a scene without lights gets a sun."),
-            click.option("--environment", metavar="FILE|sky",
-                         help="Light from all around: an equirectangular picture, or a sky."),
-            click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
-            click.option("--eye-dome", metavar="STRENGTH", type=FiniteType(0.0, STRONGEST),
-                         help="Darken what lies behind its neighbours, which shows depth without "
-                              "light; 1 is usual."),
-            click.option("--outline", type=ColorType(is_opaque=True),
-                         help="Draw outlines in this colour."),
-            click.option("--tone-map", type=click.Choice(CURVES),
-                         help="Tone curve: from light to what a screen can show."),
-            click.option("--exposure", metavar="STOPS", type=FiniteType(-MOST_STOPS, MOST_STOPS),
-                         help="Stops of exposure, doublings of the light before the curve."),
-            click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
-                         help="Darken the corners by this share of their light."),
-            click.option("--section", metavar="PLANE", type=PlaneType(), multiple=True,
-                         help="Cut away what lies in front of a plane: x=0.5 cuts away all x above "
-                              "0.5, -x=0.5 all below; or a point and a normal, X,Y,Z,NX,NY,NZ. "
-                              "May be repeated."),
-            click.option("--section-lines", type=ColorType(is_opaque=True),
-                         help="Draw the outline of the cut in this colour."),
-        ],
-        command,
-    )  # fmt: skip
-    return quality_options(command) if quality else command
+class Described(NamedTuple):
+    """What options say of a picture: its camera, its scene, the effects and the time."""
+
+    view: CameraOptions
+    look: SceneOptions
+    effects: Effects
+    moment: TimeOptions
+
+
+def described(options: dict[str, Any]) -> Described:
+    """Return what the options of a command describe, or raise click's usage error."""
+    made = Described(
+        *(gather(kind, options) for kind in (CameraOptions, SceneOptions, Effects, TimeOptions))
+    )
+    made.view.check()
+    made.look.check()
+    if made.effects.style in PAINTED:
+        refuse_idle(OF_PAINT, f"--style {made.effects.style} has colours of its own")
+    return made
+
+
+def is_given(name: str) -> bool:
+    """Tell whether the command line gives an option of the command that runs."""
+    source = click.get_current_context().get_parameter_source(name)
+    defaults = ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP, ParameterSource.ENVIRONMENT
+    return source not in (None, *defaults)
+
+
+def refuse_idle(names: Iterable[str], why: str) -> None:
+    """Raise click's usage error for the first of some options that is given, in vain."""
+    options = {one.name: one for one in click.get_current_context().command.params}
+    for name in names:
+        if is_given(name):
+            spelled = max(options[name].opts, key=len)
+            raise click.BadOptionUsage(spelled, f"{spelled} has no effect here: {why}")
+
+
+def refuse_without_color(outputs: tuple[str, ...]) -> None:
+    """Raise click's usage error for options of what no output shows."""
+    shown = f"the outputs are {', '.join(outputs)}"
+    if "color" not in outputs:
+        refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
+    if not {"color", "linear"} & set(outputs):
+        refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
+        if "scalar" not in outputs:
+            refuse_idle(["scalars"], f"no output shows colour or scalar: {shown}")
+        if "coverage" not in outputs:
+            refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
+
+
+def checked_place(name: str, place: Path, kind: str) -> Path:
+    """Return the value of an option that names a file to write, or raise click's usage error."""
+    context = click.get_current_context()
+    option = next(one for one in context.command.params if one.name == name)
+    return file_type(kind).convert(str(place), option, context)
+
+
+def is_picture(file: Path) -> bool:
+    """Tell whether a name is one of pictures, or of buffers."""
+    return file.suffix.lower() in formats_of("image")
+
+
+def refuse_picture(what: str, output: Path) -> None:
+    """Raise click's usage error if several pictures are to go where a file's name is."""
+    if is_picture(output) and not output.is_dir():
+        raise click.BadOptionUsage(
+            "--output",
+            f"--output: {output} is the name of a file, and the pictures of {what} go into a "
+            f"folder, such as {output.with_suffix('')}",
+        )
+
+
+look_options = options_of(SceneOptions)
+reading_options = options_of(SceneOptions, READING)
+view_options = options_of(CameraOptions)
+orbit_options = options_of(
+    CameraOptions, ("azimuth", "elevation", "zoom", "fov", "projection", "up"),
+    azimuth="Degrees around the scene of the first frame: 0 is +z, 90 is +x (z up: -y, +x).",
+    zoom="How many times larger to show the scene.",
+)  # fmt: skip
+moment_options = options_of(TimeOptions)
+effect_options = options_of(Effects)
+quality_options = options_of(Effects, OF_QUALITY)
+unsettled_options = options_of(
+    Effects, {one.name for one in dataclasses.fields(Effects)} - set(OF_QUALITY)
+)

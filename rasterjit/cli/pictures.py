@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import sys
 import tempfile
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli.moments import TimeOptions
 from rasterjit.cli.options import (
-    CameraOptions,
-    Effects,
-    SceneOptions,
+    OUTPUTS_HELP,
+    Described,
     checked_place,
+    flag,
     in_style,
     is_picture,
+    option,
     refuse_idle,
     refuse_picture,
     refuse_without_color,
 )
 from rasterjit.cli.program import (
+    DEPTH_SCALE,
+    FEWEST_CODES,
+    MASKS,
     is_opaque,
     load_scene,
     plan_files,
@@ -43,6 +47,7 @@ from rasterjit.cli.report import (
     told_frame,
     warn,
 )
+from rasterjit.cli.values import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
@@ -52,24 +57,58 @@ if TYPE_CHECKING:
 PNG = ".png"
 
 
-class PictureOptions(NamedTuple):
-    """What is asked for of a file, by the names of the options."""
+@dataclasses.dataclass(frozen=True)
+class PictureOptions:
+    """
+    What is asked for of the picture of a file, by the names of the options.
+
+    Parameters
+    ----------
+    lens : Lens, optional
+        opencv:K1,K2,P1,P2,K3,... or fisheye:K1,K2,K3,K4, OpenCV's coefficients of a calibrated
+        camera's lens; or panorama, of a --size twice as wide as high.
+    outputs : tuple of str
+    depth_file : Path, optional
+        Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.
+    scale : float, optional
+    mask_file : Path, optional
+        Write a mask of the objects as .png: 255 where they cover the whole pixel, less where they
+        cover a part of its --samples.
+    mask_of : str
+        What --mask holds; numbers are stored plus one, in 16 bits, and 0 is nothing.
+    colorbar : bool
+        Put a colour bar of --scalars to the right of the picture.
+    diagnose : bool
+        Print exactly what happened to every face, and how precise the numbers are.
+    stats : bool
+        Print what happened to the triangles, and where the time went.
+    size, background, cull, threads, quiet
+        As all commands have them.
+    """
 
     size: tuple[int, int]
     background: str | BackgroundImage | None
-    style: str
     cull: str
-    lens: Lens | None
-    outputs: tuple[str, ...]
-    depth_file: Path | None
-    scale: float | None
-    mask_file: Path | None
-    mask_of: str
-    colorbar: bool
-    diagnose: bool
-    stats: bool
     threads: int | None
     quiet: bool
+    lens: Lens | None = option(lens_type, metavar="LENS")
+    outputs: tuple[str, ...] = option(
+        outputs_type, default="color", metavar="NAMES",
+        help=f"{OUTPUTS_HELP} Beside a picture, other outputs go to OUT with the suffix .npz. A "
+        "single one that is not the colour becomes a 16-bit .png if OUT is a .png.",
+    )  # fmt: skip
+    depth_file: Path | None = option(file_type("depth"), "--depth", metavar="FILE")
+    scale: float | None = option(
+        FiniteType(0.0, min_open=True), metavar="UNITS",
+        help="Scene units that a code of a 16-bit .png stands for, as in Frame.save. Default: for "
+        f"--depth, {DEPTH_SCALE} if that fits and keeps {FEWEST_CODES} codes, else the smallest "
+        "power of ten that fits; for other outputs, what fits the values best.",
+    )  # fmt: skip
+    mask_file: Path | None = option(file_type("mask"), "--mask", metavar="FILE")
+    mask_of: str = option(click.Choice(MASKS), default="coverage")
+    colorbar: bool = flag()
+    diagnose: bool = flag()
+    stats: bool = flag()
 
 
 def places_of(
@@ -151,10 +190,7 @@ def names_of(files: tuple[Path, ...], suffix: str) -> dict[Path, Path]:
 def to_standard_output(
     files: tuple[Path, ...],
     asked: PictureOptions,
-    view: CameraOptions,
-    look: SceneOptions,
-    effects: Effects,
-    moment: TimeOptions,
+    shown: Described,
 ) -> None:
     """Write the picture of a file to standard output, and nothing else."""
     if len(files) > 1:
@@ -165,7 +201,7 @@ def to_standard_output(
         place = Path(folder) / f"picture{PNG}"
         if len(plan_files(place, asked.outputs, {})[1]) > 1:
             raise click.UsageError("--output - is one picture: name one of --outputs")
-        render_file(files[0], place, asked._replace(quiet=True), view, look, effects, moment)
+        render_file(files[0], place, dataclasses.replace(asked, quiet=True), shown)
         content = place.read_bytes()
     sys.stdout.buffer.write(content)
     sys.stdout.buffer.flush()
@@ -174,17 +210,14 @@ def to_standard_output(
 def render_files(
     places: dict[Path, Path],
     asked: PictureOptions,
-    view: CameraOptions,
-    look: SceneOptions,
-    effects: Effects,
-    moment: TimeOptions,
+    shown: Described,
 ) -> None:
     """Draw several files; those that fail are named, and at the end the command."""
     failed = 0
     for file, place in places.items():
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
-            render_file(file, place, asked, view, look, effects, moment)
+            render_file(file, place, asked, shown)
         except (click.UsageError, click.Abort, BrokenPipeError):
             raise
         except Exception as error:
@@ -195,13 +228,11 @@ def render_files(
         raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
 
 
-def render_file(
-    file: Path, output: Path, asked: PictureOptions, view: CameraOptions, look: SceneOptions,
-    effects: Effects, moment: TimeOptions,
-) -> None:  # fmt: skip
+def render_file(file: Path, output: Path, asked: PictureOptions, shown: Described) -> None:
     """Draw a file, write what is asked for, and say so."""
     from rasterjit.io.images import OPAQUE_FORMATS
 
+    view, look, effects, moment = shown
     size, background = size_behind(asked.background, asked.size), asked.background
     if output.suffix.lower() in OPAQUE_FORMATS and not is_opaque(background):
         raise click.BadOptionUsage(
@@ -226,8 +257,8 @@ def render_file(
     }  # fmt: skip
     effects.quality()
     with (
-        status(f"Rendering {file.name}", quiet) as shown,
-        progress_notice(quiet, shown),
+        status(f"Rendering {file.name}", quiet) as line,
+        progress_notice(quiet, line),
         beside(first_tasks, asked.threads, at_once=True),
         warnings.catch_warnings(),
     ):
@@ -236,7 +267,7 @@ def render_file(
         scene = moment.apply(load_scene(file, look, effects, quiet), file)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
-        style = in_style(asked.style, scene, camera, look, effects)
+        style = in_style(scene, camera, look, effects)
         exposure = told_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()

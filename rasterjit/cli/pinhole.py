@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
-import click
 import numpy as np
 from numpy.typing import NDArray
+
+from rasterjit.cli.values import text_type
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera
@@ -36,68 +36,43 @@ MOST_BYTES = 1 << 20
 """A file of a matrix is smaller."""
 
 
-class MatrixType(click.ParamType):
-    """Numbers of a matrix, between commas or blanks, or a file of them."""
-
-    shapes: Mapping[int, tuple[int, ...]] = {}
-    wanted = ""
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> Float64:
-        """Return the matrix, or raise click's usage error."""
-        if isinstance(value, np.ndarray):
-            return value
-        try:
-            numbers = _numbers(value)
-            if numbers is None:
-                numbers = _numbers_of_file(Path(value), self.name)
-        except (ValueError, OSError) as error:
-            said = f"{value!r} must be {self.wanted}, or a file of them: {error}"
-            self.fail(said, parameter, context)
-        shape = self.shapes.get(numbers.size)
-        if shape is None:
-            said = f"{value!r} must be {self.wanted}, got {numbers.size} numbers"
-            self.fail(said, parameter, context)
-        if not np.isfinite(numbers).all():
-            self.fail(f"{value!r} must be finite", parameter, context)
-        try:
-            return self.checked(numbers.reshape(shape))
-        except ValueError as error:
-            self.fail(f"{value!r}: {error}", parameter, context)
-
-    def checked(self, matrix: Float64) -> Float64:
-        """Return the matrix in its one shape, or raise ``ValueError``."""
-        return matrix
-
-
-class PoseType(MatrixType):
-    """The pose of a camera: rows of a 4x4 or 3x4 matrix."""
-
-    name = "pose"
-    shapes: ClassVar = {16: (4, 4), 12: (3, 4)}
+@text_type("pose")
+def pose_type(text: str) -> Float64:
+    """Return the pose of a camera, (4, 4): rows of a 4x4 or 3x4 matrix, or a file of them."""
     wanted = "the 16 or 12 numbers of a 4x4 or 3x4 matrix, row by row"
-
-    def checked(self, matrix: Float64) -> Float64:
-        """Return the matrix with its last row."""
-        return np.concatenate([matrix, np.eye(4)[len(matrix) :]])
+    numbers = _matrix_numbers(text, "pose", (16, 12), wanted)
+    return np.vstack([numbers.reshape(-1, 4), np.eye(4)[len(numbers) // 4 :]])
 
 
-class IntrinsicsType(MatrixType):
-    """The intrinsic matrix K, or FX,FY,CX,CY."""
+@text_type("intrinsics")
+def intrinsics_type(text: str) -> Float64:
+    """Return the matrix K, (3, 3), of its numbers, of FX,FY,CX,CY, or of a file of either."""
+    from rasterjit.io.cameras import intrinsic_matrix
 
-    name = "intrinsics"
-    shapes: ClassVar = {9: (3, 3), 4: (4,)}
     wanted = "FX,FY,CX,CY or the 9 numbers of a 3x3 matrix K"
+    numbers = _matrix_numbers(text, "intrinsics", (9, 4), wanted)
+    if numbers.size == 4:
+        fx, fy, cx, cy = numbers.tolist()
+        numbers = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+    try:
+        return intrinsic_matrix("it", numbers.reshape(3, 3))
+    except ValueError as error:
+        raise ValueError(f"{text!r}: {error}") from None
 
-    def checked(self, matrix: Float64) -> Float64:
-        """Return K, checked."""
-        from rasterjit.io.cameras import intrinsic_matrix
 
-        if matrix.ndim == 1:
-            fx, fy, cx, cy = matrix.tolist()
-            matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        return intrinsic_matrix("it", matrix)
+def _matrix_numbers(text: str, key: str, counts: tuple[int, ...], wanted: str) -> Float64:
+    """Return the finite numbers of a text or a file, as many as one of some counts."""
+    try:
+        numbers = _numbers(text)
+        if numbers is None:
+            numbers = _numbers_of_file(Path(text), key)
+    except (ValueError, OSError) as error:
+        raise ValueError(f"{text!r} must be {wanted}, or a file of them: {error}") from None
+    if numbers.size not in counts:
+        raise ValueError(f"{text!r} must be {wanted}, got {numbers.size} numbers")
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{text!r} must be finite")
+    return numbers
 
 
 def pose_from_world(pose: Float64, convention: str) -> Float64:

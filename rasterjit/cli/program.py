@@ -24,16 +24,9 @@ from numpy.typing import NDArray
 
 from rasterjit.cli.advice import with_advice
 from rasterjit.cli.help import Command
-from rasterjit.cli.options import (
-    BackgroundType,
-    ColorType,
-    Effects,
-    SceneOptions,
-    SizeType,
-    is_given,
-    refuse_idle,
-)
+from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
 from rasterjit.cli.report import warn
+from rasterjit.cli.values import background_type, color_type, size_type
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.table import row_of
 from rasterjit.rendering.plan import CULL_MODES
@@ -207,12 +200,12 @@ threads_option = click.option(
     help="Number of threads; default: all processors. Any number draws the same picture.",
 )  # fmt: skip
 color_behind_option = click.option(
-    "--background", type=ColorType(),
+    "--background", type=color_type,
     help="A CSS colour name, #rrggbb, #rrggbbaa or transparent; default: the environment if there "
     "is one, else white.",
 )  # fmt: skip
 background_option = click.option(
-    "--background", type=BackgroundType(), metavar="COLOR|FILE",
+    "--background", type=background_type, metavar="COLOR|FILE",
     help="A CSS colour name, #rrggbb, #rrggbbaa or transparent; or a picture file (a name with a "
     "dot or slash), which sets the size. Default: the environment if there is one, else that of "
     "the style, else white.",
@@ -227,7 +220,7 @@ file_argument = click.argument("file", type=click.Path(path_type=Path))
 def size_option(default: str) -> Callable:
     """Return the option ``--size``."""
     return click.option(
-        "--size", type=SizeType(), default=default, show_default=True, metavar="WxH",
+        "--size", type=size_type, default=default, show_default=True, metavar="WxH",
         help="Size of the picture, pixels.",
     )  # fmt: skip
 

@@ -7,27 +7,17 @@ import pickle
 import time
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.cli.options import (
-    CameraOptions,
-    Effects,
-    SceneOptions,
-    in_style,
-    is_given,
-    refuse_idle,
-)
+from rasterjit.cli.options import Described, in_style, is_given, refuse_idle
 from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind
 from rasterjit.cli.report import progress_bar, progress_notice, warn
 from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
-
-Described: TypeAlias = tuple[CameraOptions, SceneOptions, Effects]
-"""The camera, the scene and its effects, as the options of a command describe them."""
 
 SIZE = (256, 256)
 """Of a picture, pixels, if no size is given."""
@@ -42,7 +32,7 @@ ALONE = (
 
 
 def render_folder(
-    folder: Path, output: Path, suffix: str, force: bool, described: Described, *,
+    folder: Path, output: Path, suffix: str, force: bool, shown: Described, *,
     size: tuple[int, int], threads: int | None, quiet: bool, **options: Any,
 ) -> None:  # fmt: skip
     """
@@ -57,11 +47,11 @@ def render_folder(
     force : bool
         Whether pictures are drawn anew that are there, drawn with the same settings and version
         after their mesh was written.
-    described : Described
+    shown : Described
     size, threads, quiet
         Of the command.
     **options
-        ``style``, the name of one; ``background`` and ``cull``, as `rasterjit.render` takes them.
+        ``background`` and ``cull``, as `rasterjit.render` takes them.
 
     Raises
     ------
@@ -86,14 +76,14 @@ def render_folder(
         )
     # Which pictures are there already, drawn with these settings.
     _make_folder(output)
-    settings = pickle.dumps((__version__, size, suffix, described, options))
+    settings = pickle.dumps((__version__, size, suffix, shown, options))
     since = _begun(output / SETTINGS, hashlib.sha256(settings).hexdigest(), force)
     # One renderer draws all that are not.
     start, failed, present = time.perf_counter(), 0, 0
     with (
         progress_bar("Rendering", quiet) as show,
         progress_notice(quiet),
-        Renderer(size, quality=described[-1].quality(), threads=threads) as renderer,
+        Renderer(size, quality=shown.effects.quality(), threads=threads) as renderer,
     ):
         show(0, len(names))
         for done, name in enumerate(names, 1):
@@ -103,7 +93,7 @@ def render_folder(
                 show(done, len(names))
                 continue
             try:
-                for notice in _draw(file, place, renderer, described, quiet, **options):
+                for notice in _draw(file, place, renderer, shown, quiet, **options):
                     warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
                 raise
@@ -154,19 +144,18 @@ def _make_folder(output: Path) -> None:
 
 
 def _draw(
-    file: Path, place: Path, renderer: Renderer, described: Described, quiet: bool, style: str,
-    **options: Any,
-) -> list[str]:  # fmt: skip
+    file: Path, place: Path, renderer: Renderer, shown: Described, quiet: bool, **options: Any
+) -> list[str]:
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
     from rasterjit.rendering.notices import ViewWarning, notices_of_frame
 
-    view, look, effects = described
+    view, look, effects, _ = shown
     scene = load_scene(file, look.of_folder(), effects, quiet)
     with warnings.catch_warnings():
         # Said of each file, as lines.
         warnings.simplefilter("ignore", ViewWarning)
-        made = in_style(style, scene, view.camera(scene, renderer.size), look, effects)
+        made = in_style(scene, view.camera(scene, renderer.size), look, effects)
         drawn = made.options(renderer.size, **options)
         renderer.quality = drawn.pop("quality")
         frame = renderer.render(made.scene, **drawn)

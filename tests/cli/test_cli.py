@@ -19,7 +19,8 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import advice, commands, report, warmup
-from rasterjit.cli.options import DEFAULT_DIRECTION, LIGHTS, OUTPUTS_HELP, CameraOptions
+from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, CameraOptions
+from rasterjit.cli.values import LIGHTS
 from rasterjit.inspect import profile
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
@@ -212,14 +213,14 @@ def points_on_screen(camera, points, size):
 
 def test_default_direction_is_that_of_fit_camera():
     scene = rj.load(CUBE)
-    fitted = CameraOptions(None, None, 2.0, None, None, None).camera(scene, (10, 10))
+    fitted = CameraOptions(zoom=2.0).camera(scene, (10, 10))
     assert fitted == rj.fit_camera(scene, DEFAULT_DIRECTION, zoom=2.0)
     assert fitted == rj.fit_camera(scene, zoom=2.0)
 
 
 def test_z_up_orbits_around_z_with_minus_y_in_front():
     scene = rj.load(CUBE)
-    view = CameraOptions(0.0, 0.0, None, None, None, (0.0, 0.0, 1.0))
+    view = CameraOptions(azimuth=0.0, elevation=0.0, up=(0.0, 0.0, 1.0))
     camera = view.camera(scene, (10, 10))
     towards = np.subtract(camera.eye, camera.target)
     np.testing.assert_allclose(towards / np.linalg.norm(towards), (0, -1, 0), atol=1e-12)
@@ -230,7 +231,7 @@ def test_z_up_orbits_around_z_with_minus_y_in_front():
 @pytest.mark.parametrize("elevation", [-90.0, 20.0, 90.0])
 def test_a_turn_keeps_its_distance_and_never_repeats(up, elevation):
     scene = rj.load(CUBE)
-    view = CameraOptions(None, elevation, None, None, None, tuple(map(float, up)))
+    view = CameraOptions(elevation=elevation, up=tuple(map(float, up)))
     turn = view.turn(scene, (10, 10))
     cameras = [turn(number / 7) for number in range(7)]
     eyes = np.array([camera.eye for camera in cameras])
@@ -1495,7 +1496,7 @@ def test_explain_pixel_prints_what_the_library_says():
     assert result.stdout.startswith("pixel (20, 18) of 48 x 36")
     assert "shows face" in result.stdout
     scene = rj.load(CUBE)
-    camera = CameraOptions(20.0, None, None, None, None, None).camera(scene, SIZE)
+    camera = CameraOptions(azimuth=20.0).camera(scene, SIZE)
     told = rj.explain_pixel(scene, camera, SIZE, 20, 18, cull="back", background="#123456")
     assert result.stdout == f"{told}\n"
 

@@ -17,6 +17,7 @@ from PIL import Image
 import rasterjit as rj
 from rasterjit.cli import commands
 from rasterjit.cli import help as helping
+from rasterjit.cli.options import CameraOptions
 
 CUBE = Path(__file__).parents[2] / "models" / "cube.ply"
 SIZE = ("--size", "32x24")
@@ -147,9 +148,8 @@ def test_up_is_an_axis_or_a_vector(tmp_path, axis, vector):
 
 def test_the_ground_of_a_style_follows_up(tmp_path):
     y, z = (rj.load(CUBE) for _ in range(2))
-    view = commands.CameraOptions(*(None for _ in commands.CameraOptions._fields))
-    view._replace(up=(0.0, 0.0, 2.0)).camera(z, (32, 24))
-    view.camera(y, (32, 24))
+    CameraOptions(up=(0.0, 0.0, 2.0)).camera(z, (32, 24))
+    CameraOptions().camera(y, (32, 24))
     assert (z.up, y.up) == ((0.0, 0.0, 1.0), None)
 
 

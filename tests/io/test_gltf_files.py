@@ -253,7 +253,7 @@ def test_a_material_that_somebody_changed_stays_with_an_environment(bare):
 
 
 def test_a_shading_asked_for_stays_with_an_environment(bare):
-    SceneOptions("raise", "error", "phong", None, None, None).apply(bare)
+    SceneOptions(shading="phong").apply(bare)
     bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
     found = color_of(bare)
     bare.nodes[0].mesh.material = rj.Material()
