@@ -16,7 +16,7 @@ from rasterjit.accuracy.report.plots import (
     draw_points,
     front_points,
     new_figure,
-    require_matplotlib,
+    require_extra,
 )
 from rasterjit.accuracy.report.scales import number
 from rasterjit.accuracy.results import Study, front_trials
@@ -66,7 +66,7 @@ def save_front(study: Study, path: str | Path) -> Path:
     OSError
         If the file cannot be written.
     """
-    require_matplotlib()
+    require_extra("matplotlib")
     place = checked_path(path, (".png",))
     points = front_points(study)
     lines = _key_lines(study)

@@ -203,7 +203,9 @@ def _print(found: Study, folder: Path) -> None:
     for name in names:
         click.echo(f"wrote {folder / name}")
     if not can_make_page():
-        click.echo(f'no {PAGE_NAME}: its plots need matplotlib; pip install "rasterjit[accuracy]"')
+        click.echo(
+            f'no {PAGE_NAME}: it needs matplotlib and jinja2; pip install "rasterjit[accuracy]"'
+        )
 
 
 def _print_table(found: Study, console: Console) -> None:

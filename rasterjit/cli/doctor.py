@@ -35,7 +35,7 @@ EXTRAS = {
     "video": ("imageio_ffmpeg",),
     "animation": ("scipy",),
     "exr": ("OpenEXR",),
-    "accuracy": ("matplotlib", "flip_evaluator"),
+    "accuracy": ("matplotlib", "jinja2", "flip_evaluator"),
     "viewer": ("rendercanvas", "glfw", "wgpu"),
     "viewer-qt": ("rendercanvas", "PySide6"),
     "browser": ("uvicorn", "websockets", "simplejpeg"),

@@ -167,7 +167,7 @@ def test_contract_of_names_is_kept():
 def test_the_core_install_has_every_name():
     extras = (
         "matplotlib", "scipy", "dask", "distributed", "rendercanvas", "anywidget", "glfw",
-        "OpenEXR", "tifffile", "zarr", "flip_evaluator", "embreex", "pytest",
+        "OpenEXR", "tifffile", "zarr", "jinja2", "flip_evaluator", "embreex", "pytest",
     )  # fmt: skip
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({extras})); import pydoc, rasterjit\n"

@@ -14,6 +14,7 @@ from typing import Any
 
 from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.ranking import is_measured
+from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
 from rasterjit.accuracy.sentences import answer, options_of, sentences
 from rasterjit.io.whole import replacing
@@ -83,8 +84,8 @@ def write_files(study: Study, output: str | Path) -> list[Path]:
 
 
 def can_make_page() -> bool:
-    """Tell whether matplotlib is installed, which draws the plots of the page."""
-    return importlib.util.find_spec("matplotlib") is not None
+    """Tell whether matplotlib and Jinja are installed, which the page is made with."""
+    return all(importlib.util.find_spec(module) for module in PAGE_MODULES)
 
 
 def write_report(study: Study, output: str | Path) -> list[Path]:

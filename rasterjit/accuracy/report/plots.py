@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PAGE_MODULES = ("matplotlib", "jinja2")
+"""What the extra ``accuracy`` brings for the page: plots, and its template."""
+
 LIGHT = {
     "page": "#ffffff", "ink": "#1b1f24", "muted": "#6b7280", "grid": "#d9dde2",
     "level": "#0072b2", "standard": "#d55e00",
@@ -122,12 +125,13 @@ MARKS = {
 """The kinds of points, from the one at the back on."""
 
 
-def require_matplotlib() -> None:
-    """Raise ``ValueError`` saying what to install where matplotlib is missing."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise ValueError(
-            'the report of an accuracy study needs matplotlib; pip install "rasterjit[accuracy]"'
-        )
+def require_extra(*modules: str) -> None:
+    """Raise ``ValueError`` saying what to install where a module of the extra is missing."""
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise ValueError(
+                f'the report of an accuracy study needs {module}; pip install "rasterjit[accuracy]"'
+            )
 
 
 def plot_front(study: Study, prefix: str) -> Plot:
@@ -186,7 +190,7 @@ def _front_of(points: Sequence[Point]) -> list[Point]:
 @contextmanager
 def new_figure(points: tuple[float, float]) -> Iterator[Figure]:
     """Give an empty figure of so many points, drawn with matplotlib's own defaults."""
-    require_matplotlib()
+    require_extra("matplotlib")
     import matplotlib
     import matplotlib.style
     from matplotlib.figure import Figure
