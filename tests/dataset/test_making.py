@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from batches import in_groups
 from click.testing import CliRunner
 from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
 from own_threads import own_threads
 from PIL import Image
+from ways import in_groups
 
 import rasterjit as rj
 from rasterjit.cli import commands

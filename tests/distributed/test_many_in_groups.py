@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from batches import ALL, around, in_groups, mixed_scene
+from ways import ALL, around, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.rendering import batch, pool, together

@@ -271,19 +271,6 @@ def test_the_brighter_side_faces_the_light(sphere):
     assert right > 2.0 * left
 
 
-def test_any_number_of_threads_gives_the_same_bits(sphere, camera):
-    scene = scene_of(
-        sphere, environment=rj.Environment(SKY, rotation=20.0), tone_map=rj.ToneMap("aces"),
-        fog=rj.Fog(density=0.1),
-    )  # fmt: skip
-    frames = [
-        rj.render(scene, camera, size=(300, 200), outputs=("color", "linear"), threads=n)
-        for n in (1, 2, 5)
-    ]
-    assert same(frames[0], frames[1])
-    assert same(frames[0], frames[2])
-
-
 # Fog.
 
 

@@ -1,15 +1,13 @@
-"""Every two effects together: the same bits for any threads, sane numbers, and each is seen."""
+"""Every two effects together: sane numbers, and each is seen."""
 
 from __future__ import annotations
 
 import combined
 import numpy as np
 import pytest
-from combined import ROWS, SIZE, SWITCHES, all_pairs, pairs_of, scene_of, settings_of
+from combined import ROWS, SIZE, SWITCHES, all_pairs, named, pairs_of, scene_of, settings_of
 
 import rasterjit as rj
-from rasterjit.pipeline.visibility import draw
-from rasterjit.runtime import threads as sharing
 from rasterjit.scene.scene import EFFECT_FIELDS
 
 pytestmark = pytest.mark.needs_jit
@@ -25,10 +23,6 @@ CODED = {"outline", "wireframe", "vignette", "tone", "label"}
 
 SUMMED = 2e-5
 """Rounding of sums of terms in another order, of the largest of them."""
-
-
-def named(row):
-    return "+".join([*(n for n, on in zip(SWITCHES, row, strict=False) if on), row[-1]])
 
 
 rows = pytest.mark.parametrize("row", [settings_of(*row) for row in ROWS], ids=named)
@@ -68,16 +62,6 @@ def test_every_effect_that_a_scene_asks_for_is_switched():
         told = repr(getattr(whole, field))
         assert repr(getattr(again, field)) == told
         assert any(repr(getattr(one, field)) != told for one in scenes), field
-
-
-@rows
-def test_two_threads_draw_the_same_bits(row, monkeypatch):
-    # Small frames are one task otherwise.
-    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
-    monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
-    one, two = drawn(row), drawn(row, threads=2)
-    for name, array in one.items():
-        assert array.tobytes() == two[name].tobytes(), name
 
 
 @rows

@@ -262,13 +262,6 @@ def test_large_pictures_show_it(cube, tmp_path):
     assert np.array_equal(tifffile.imread(tmp_path / "a.tif"), whole)
 
 
-def test_batches_show_it(cube):
-    scene = scene_of(cube, rj.EyeDome(0.2))
-    batch = rj.render_batch(scene, list(CAMERAS.values()), size=SIZE, outputs="color", threads=1)
-    for n, camera in enumerate(CAMERAS.values()):
-        assert np.array_equal(batch.color[n], rj.render(scene, camera, size=SIZE).color)
-
-
 @pytest.mark.parametrize("mesh", ["lit", "unlit"])
 def test_a_pixel_tells_what_it_takes_away(cube, mesh):
     mesh = unlit(cube) if mesh == "unlit" else cube

@@ -601,22 +601,6 @@ def test_parts_need_no_survey_where_nothing_hides_labels(cube, camera):
     assert np.array_equal(part, whole[64:150, 64:200])
 
 
-def test_any_number_of_threads_has_the_same_bits(cube, camera):
-    scene = busy(cube)
-    frames = [rj.render(scene, camera, size=(200, 150), threads=n).color for n in (1, 2, 3)]
-    assert all(np.array_equal(frame, frames[0]) for frame in frames)
-
-
-def test_batches_and_streams_have_the_bits_of_single_frames(cube, camera):
-    scene, cameras = busy(cube), [camera, FRONT, camera]
-    alone = [shown(scene, one).color for one in cameras]
-    batch = rj.render_batch(scene, cameras, size=SIZE, threads=2)
-    streamed = [frame.color for frame in rj.render_many(scene, cameras, size=SIZE, threads=2)]
-    for n, color in enumerate(alone):
-        assert np.array_equal(batch.color[n], color)
-        assert np.array_equal(streamed[n], color)
-
-
 @pytest.mark.parametrize(
     "lens", [rj.PinholeDistortion(k1=-0.1), rj.Equirectangular()], ids=["pinhole", "panorama"]
 )

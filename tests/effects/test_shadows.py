@@ -200,18 +200,6 @@ def test_what_nothing_shades_has_the_bits_of_light_without_shadows(kind, kernel,
     assert shown.linear.tobytes() == plain.linear.tobytes()
 
 
-@pytest.mark.parametrize("kernel", ["hard", "pcf", "soft"])
-@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
-def test_any_number_of_threads_gives_the_same_bits(kind, kernel):
-    soft = {"light_size": 0.5} if kernel == "soft" else {}
-    scene, camera = box_on_ground(light_of(kind, 30.0, filter=kernel, size=300, **soft))
-    pictures = [
-        rj.render(scene, camera, size=(300, 260), outputs=("linear",), threads=threads).linear
-        for threads in (1, 2, 5)
-    ]
-    assert pictures[0].tobytes() == pictures[1].tobytes() == pictures[2].tobytes()
-
-
 def wall_and_ground(light):
     """Return a half-plane of shadow: a wall that ends nowhere in sight, seen from above."""
     scene = rj.Scene()

@@ -353,18 +353,6 @@ def busy_scene():
     return scene
 
 
-@pytest.mark.parametrize("samples", [1, 4, 64])
-def test_frames_have_the_same_bits_for_any_threads(samples):
-    scene, quality = busy_scene(), rj.Quality(samples=samples)
-    outputs = ("color", "linear", "depth", "object_id")
-    frames = [
-        rj.render(scene, CAMERA, size=(160, 130), quality=quality, outputs=outputs, threads=n)
-        for n in (1, 3)
-    ]
-    for name in outputs:
-        assert getattr(frames[0], name).tobytes() == getattr(frames[1], name).tobytes(), name
-
-
 @pytest.mark.parametrize("quality", [
     rj.Quality(samples="area"), rj.Quality(samples=4, blending="srgb8"),
     rj.Quality(blending="srgb8"),
@@ -384,22 +372,6 @@ def test_all_that_lies_over_a_picture_lies_over_glass(quality):
     solid = rj.render(scene, CAMERA, size=(160, 130), quality=quality, threads=1).color
     beside = rj.render(scene, CAMERA, size=(160, 130), outputs=("object_id",)).object_id == -1
     assert (solid[~beside] != frames[0][~beside]).any()
-
-
-def test_views_of_a_batch_are_those_drawn_alone():
-    scene = busy_scene()
-    cameras = [replace(CAMERA, eye=(0.3 * n, 0.4, 4.0)) for n in range(3)]
-    batch = rj.render_batch(scene, cameras, size=SIZE, outputs=("linear",), threads=2)
-    for number, camera in enumerate(cameras):
-        alone = drawn(scene, camera).linear
-        assert np.asarray(batch.linear)[number].tobytes() == alone.tobytes()
-
-
-def test_a_renderer_draws_again_what_it_drew():
-    scene = busy_scene()
-    with rj.Renderer(SIZE, threads=2) as renderer:
-        frames = [renderer.render(scene, CAMERA, outputs=("linear",)) for _ in range(3)]
-    assert {frame.linear.tobytes() for frame in frames} == {drawn(scene).linear.tobytes()}
 
 
 def test_regions_show_what_the_whole_does():

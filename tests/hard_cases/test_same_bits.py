@@ -27,7 +27,6 @@ import rasterjit as rj
 
 PACKAGE = Path(rj.__file__).parent
 NAMES = list(frames.FRAMES)
-SHOTS = [name for name in NAMES if isinstance(frames.FRAMES[name](), frames.Shot)]
 PARALLEL = [name for name in NAMES if not isinstance(frames.FRAMES[name](), frames.Canvas)]
 OTHER_TILE_BITS = (4, 5)
 """Tiles of 16 and 32 pixels. Larger ones than the 64 of everyday do not fit a thread's scratch."""
@@ -69,15 +68,9 @@ def test_frame_has_its_recorded_bits(name):
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("name", NAMES)
-def test_drawing_again_gives_the_same_bits(name):
-    assert frames.digests(frames.FRAMES[name]().draw()) == first_digests(name)
-
-
-@pytest.mark.needs_jit
-@pytest.mark.parametrize("threads", [2, 3, 5])
-@pytest.mark.parametrize("name", PARALLEL)
-def test_any_number_of_threads_gives_the_same_bits(name, threads):
-    assert frames.digests(frames.FRAMES[name]().draw(threads)) == first_digests(name)
+def test_drawing_again_with_any_number_of_threads_gives_the_same_bits(name):
+    for threads in (2, 5) if name in PARALLEL else (1,):
+        assert frames.digests(frames.FRAMES[name]().draw(threads)) == first_digests(name)
 
 
 @pytest.mark.needs_jit
@@ -89,27 +82,16 @@ def test_large_frame_of_many_tasks_has_the_same_bits_for_any_number_of_threads(t
 
 
 @pytest.mark.needs_jit
-@pytest.mark.parametrize("turn", [1, 2])
 @pytest.mark.parametrize("name", NAMES)
-def test_spelling_a_face_from_another_vertex_changes_no_bit(name, turn):
-    drawn = dict(frames.FRAMES[name]().rotated(turn).draw())
+def test_spelling_a_face_from_another_vertex_changes_no_bit(name):
     # A new mesh normalizes its normals again, so the one to compare with is new as well.
-    want = frames.FRAMES[name]().rotated(0).draw()
-    if "barycentric" in drawn:
-        # The weights are named by corner, and the corners were renamed.
-        drawn["barycentric"] = np.roll(drawn["barycentric"], turn, axis=2)
-    assert differing(frames.digests(want), frames.digests(drawn)) == []
-
-
-@pytest.mark.needs_jit
-@pytest.mark.parametrize("name", SHOTS)
-def test_renderer_that_drew_something_else_draws_the_same_bits(name):
-    shot = frames.FRAMES[name]()
-    other = replace(frames.inside_a_ball(), size=shot.size)
-    with rj.Renderer(shot.size, quality=shot.quality, threads=2) as renderer:
-        for _ in range(2):
-            other.draw_with(renderer)
-            assert frames.digests(shot.draw_with(renderer)) == first_digests(name)
+    want = frames.digests(frames.FRAMES[name]().rotated(0).draw())
+    for turn in (1, 2):
+        drawn = dict(frames.FRAMES[name]().rotated(turn).draw())
+        if "barycentric" in drawn:
+            # The weights are named by corner, and the corners were renamed.
+            drawn["barycentric"] = np.roll(drawn["barycentric"], turn, axis=2)
+        assert differing(want, frames.digests(drawn)) == []
 
 
 def test_order_of_faces_changes_nothing_but_their_numbers():
@@ -131,16 +113,10 @@ def test_order_of_faces_changes_nothing_but_their_numbers():
 
 
 @pytest.mark.needs_jit
-@pytest.mark.parametrize("environment", [{"PYTHONHASHSEED": "1"}, {"PYTHONHASHSEED": "20240229"}])
-def test_fresh_process_gives_the_same_bits(environment):
-    assert run_frames(**environment) == frames.recorded()
-
-
-@pytest.mark.needs_jit
-@pytest.mark.parametrize("core", ["Prescott", "Haswell"])
-def test_linear_algebra_library_has_no_say(core):
+@pytest.mark.parametrize(("core", "seed"), [("Prescott", "1"), ("Haswell", "20240229")])
+def test_fresh_process_gives_the_same_bits_with_any_linear_algebra_library(core, seed):
     # OpenBLAS sums in another order on each of these; other libraries ignore the wish.
-    assert run_frames(OPENBLAS_CORETYPE=core) == frames.recorded()
+    assert run_frames(OPENBLAS_CORETYPE=core, PYTHONHASHSEED=seed) == frames.recorded()
 
 
 @pytest.mark.takes_long

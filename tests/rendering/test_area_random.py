@@ -260,26 +260,3 @@ def test_what_is_covered_does_not_depend_on_depths_that_are_nearly_tied(seed):
     steps = rng.integers(0, 5, (len(points), FACES, 1)) + rng.integers(0, 2, depths.shape)
     tied = draw(scene_of(points, 0.4 + steps * 2.0**-25, 4)).coverage
     np.testing.assert_allclose(tied, apart, rtol=0, atol=NEAR)
-
-
-def test_batch_of_areas_has_the_bits_of_single_pictures(seed):
-    print(f"seed {seed}")
-    points, depths, _ = random_scenes(np.random.default_rng(seed), 8)
-    scene = scene_of(points, depths, 8)
-    turns = np.deg2rad([0.0, 1.0, 30.0])
-    cameras = []
-    for turn in turns:
-        view = np.eye(4)
-        view[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        cameras.append(rj.MatrixCamera(view, np.eye(4)))
-    options = {
-        "size": (64, 48),
-        "quality": rj.Quality(samples="area"),
-        "background": (0.2, 0.4, 0.6, 0.5),
-        "outputs": ("linear", "color", "coverage"),
-    }
-    batch = rj.render_batch(scene, cameras, **options)
-    for n, camera in enumerate(cameras):
-        single = rj.render(scene, camera, **options)
-        for name in options["outputs"]:
-            assert getattr(batch, name)[n].tobytes() == getattr(single, name).tobytes(), name

@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 import pytest
-from batches import ALL, CAMERA, MODELS, SIZE, around, check, in_groups, mixed_scene
 from own_threads import own_threads
+from ways import ALL, CAMERA, MODELS, SIZE, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.rendering.batch import _new_array, in_threads, views_per_group

@@ -1,4 +1,4 @@
-"""What one frame of a renderer leaves for the next: it is found again, and never out of date."""
+"""What one frame of a renderer leaves for the next is found again, and frames are their own."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import threading
 
 import numpy as np
 import pytest
+import ways
+from changes import SIZE, changing_scene, material, placed, walk
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility import draw, nearest
@@ -16,190 +18,22 @@ from rasterjit.runtime.threads import Kept, Memory, are_same
 from rasterjit.scene.camera import planes_of
 from rasterjit.survey import clip_planes, placement
 
-SIZE = (80, 72)
-"""Two rows and columns of tiles."""
-
-FAR_OFF = (0.0, 0.0, 500.0)
-
-
-def made(cube, sphere):
-    """A cube, a ball in colours, a cube with holes, lit by a lamp and the sun."""
-    scene = rj.Scene()
-    scene.add(cube, name="box")
-    colors = np.linspace(0.0, 1.0, 3 * len(sphere.vertices)).reshape(-1, 3)
-    scene.add(
-        rj.Mesh(sphere.vertices, sphere.faces, colors=colors),
-        rj.transforms.translate((-0.6, 0.8, 1.4)),
-    )
-    holed = rj.Mesh(cube.vertices, cube.faces, colors=np.linspace(0, 1, 32).reshape(8, 4))
-    holed.material = rj.Material("gouraud", alpha_mode="mask")
-    scene.add(holed, rj.transforms.translate((0.5, -1.0, -2.0)), "holed")
-    scene.lights = [
-        rj.PointLight((4.0, 5.0, 6.0), intensity=30.0),
-        rj.DirectionalLight((-0.2, -1.0, -0.3)),
-    ]
-    return scene
-
 
 @pytest.fixture
-def scene(cube, sphere):
-    return made(cube, sphere)
-
-
-def around(number):
-    """Return a camera of a walk around the scene, which comes near and goes away."""
-    angle = 0.7 * number
-    eye = 4.0 + 2.0 * np.sin(1.3 * number)
-    return rj.PerspectiveCamera((eye * np.sin(angle), 1.0, eye * np.cos(angle)), (0.0, 0.2, 0.0))
-
-
-def bits(frame):
-    return {name: array.tobytes() for name, array in frame.arrays().items()}
-
-
-def told(frame):
-    return bits(frame), str(frame.plan), dataclasses.replace(frame.stats, seconds={}, face_id=0)
+def scene():
+    return changing_scene()
 
 
 def alone(renderer, scene, camera, **options):
-    return rj.render(
-        scene, camera, size=renderer.size, quality=renderer.quality, threads=1, **options
-    )
+    return ways.lone(scene, camera, size=renderer.size, quality=renderer.quality, **options)
 
 
-class Asked:
-    """What is asked of frames, beside the scene and the camera."""
-
-    def __init__(self, renderer):
-        self.renderer, self.options = renderer, {"outputs": ("color", "object_id")}
-
-    def quality(self, **changes):
-        self.renderer.quality = dataclasses.replace(self.renderer.quality, **changes)
-
-
-def material(scene, number, **changes):
-    mesh = scene.nodes[number].mesh
-    mesh.material = dataclasses.replace(mesh.material, **changes)
-
-
-def placed(node, matrix):
-    node.world_from_model = matrix
-
-
-CHANGES = {
-    "move": lambda s, a: placed(s.nodes[1], rj.transforms.translate((0.3, 0.1, 0.9))),
-    "mirror": lambda s, a: placed(s.nodes[0], rj.transforms.scale((-1.0, 1.0, 1.0))),
-    "flatten": lambda s, a: placed(s.nodes[0], np.diag((1.0, 0.0, 1.0, 1.0))),
-    "out of view": lambda s, a: placed(s.nodes[1], rj.transforms.translate(FAR_OFF)),
-    "all out of view": lambda s, a: [
-        placed(node, rj.transforms.translate(FAR_OFF)) for node in s.nodes
-    ],
-    "mesh": lambda s, a: setattr(s.nodes[1], "mesh", s.nodes[0].mesh),
-    "add": lambda s, a: s.add(s.nodes[1].mesh, rj.transforms.translate((0.0, 1.2, 0.0))),
-    "remove": lambda s, a: s.remove(s.nodes[0]),
-    "reverse": lambda s, a: s.nodes.reverse(),
-    "no holes": lambda s, a: material(s, 2, alpha_mode="opaque"),
-    "other holes": lambda s, a: material(s, 2, alpha_cutoff=0.9),
-    "glass": lambda s, a: material(s, 0, alpha_mode="blend", base_color=(1.0, 1.0, 1.0, 0.3)),
-    "colour": lambda s, a: material(s, 1, base_color=(1.0, 0.0, 0.5)),
-    "unlit": lambda s, a: [material(s, n, shading="unlit") for n in range(len(s.nodes))],
-    "facets": lambda s, a: material(s, 0, shading="pbr"),
-    "emission": lambda s, a: material(s, 0, emissive=(0.5, 0.0, 0.0)),
-    "single-sided": lambda s, a: material(s, 0, double_sided=False),
-    "brighter": lambda s, a: s.lights.__setitem__(
-        0, dataclasses.replace(s.lights[0], intensity=44.0)
-    ),
-    "range": lambda s, a: s.lights.__setitem__(0, dataclasses.replace(s.lights[0], range=0.1)),
-    "cone": lambda s, a: s.lights.append(rj.SpotLight((0.0, 3.0, 3.0), (0.0, -1.0, -1.0))),
-    "shadow": lambda s, a: s.lights.__setitem__(
-        1, dataclasses.replace(s.lights[1], shadow=rj.Shadow(size=64))
-    ),
-    "black": lambda s, a: s.lights.__setitem__(1, dataclasses.replace(s.lights[1], intensity=0.0)),
-    "ambient": lambda s, a: s.lights.append(rj.AmbientLight(intensity=0.3)),
-    "no lights": lambda s, a: s.lights.clear(),
-    "fog": lambda s, a: setattr(s, "fog", rj.Fog(mode="exp", density=0.2)),
-    "tone map": lambda s, a: setattr(s, "tone_map", rj.ToneMap("aces")),
-    "environment": lambda s, a: setattr(s, "environment", rj.Environment.constant()),
-    "outline": lambda s, a: setattr(s, "outline", rj.Outline()),
-    "background": lambda s, a: a.options.update(background="red"),
-    "picture": lambda s, a: a.options.update(background=np.full((72, 80, 3), 9, np.uint8)),
-    "cull": lambda s, a: a.options.update(cull="back"),
-    "diagnose": lambda s, a: a.options.update(diagnose=True),
-    "outputs": lambda s, a: a.options.update(outputs=("linear", "position", "face_id")),
-    "coverage": lambda s, a: a.options.update(outputs=("coverage", "color")),
-    "size": lambda s, a: setattr(a.renderer, "size", (72, 80)),
-    "small": lambda s, a: setattr(a.renderer, "size", (40, 30)),
-    "samples": lambda s, a: a.quality(samples=4),
-    "bits": lambda s, a: a.quality(subpixel_bits=4),
-    "depth format": lambda s, a: a.quality(depth_format="float64"),
-    "precision": lambda s, a: a.quality(precision="float32"),
-    "affine": lambda s, a: a.quality(interpolation="affine"),
-    "lengths": lambda s, a: a.quality(renormalize=False),
-}
-"""Each changes a scene, or what is asked of frames."""
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_what_changes_is_seen(scene, name):
+def test_plans_of_frames_stay_as_they_are(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        asked = Asked(renderer)
-        for number in range(2):
-            before = renderer.render(scene, around(number), **asked.options)
-        kept = told(before)
-        CHANGES[name](scene, asked)
-        # With the same camera, then with others.
-        for number in (1, 2, 3):
-            frame = renderer.render(scene, around(number), **asked.options)
-            assert told(frame) == told(alone(renderer, scene, around(number), **asked.options))
-            assert number > 1 or told(frame) != kept
-        assert told(before) == kept
-
-
-def test_every_order_of_changes_and_cameras_is_seen(cube, sphere):
-    rng = np.random.default_rng(6)
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        for _ in range(8):
-            scene, asked = made(cube, sphere), Asked(renderer)
-            renderer.size, renderer.quality = SIZE, rj.Quality.standard()
-            for name in rng.choice([*CHANGES], 4, replace=False).tolist():
-                try:
-                    CHANGES[name](scene, asked)
-                    wanted = alone(renderer, scene, around(1), **asked.options)
-                except (IndexError, ValueError):
-                    # Nothing is left to change, or it does not go with what was changed before.
-                    break
-                for camera in (around(int(rng.integers(9))), around(1)):
-                    frame = renderer.render(scene, camera, **asked.options)
-                assert told(frame) == told(wanted)
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [
-        rj.PerspectiveCamera((0.0, 0.0, 1.1), (0.0, 0.0, 0.0)),
-        rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), near=3.5, far=4.5),
-        rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 9.0)),
-        rj.OrthographicCamera((0.0, 3.0, 4.0), (0.0, 0.0, 0.0), height=5.0),
-        rj.MatrixCamera.from_intrinsics(80, 90, 30, 40, SIZE, view_from_world=np.eye(4)),
-    ],
-    ids=["inside", "cut", "away", "parallel", "calibrated"],
-)
-def test_cameras_of_all_kinds_see_the_same(scene, camera):
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        renderer.warned = None
-        for each in (around(1), camera, around(2), camera, camera):
-            frame = renderer.render(scene, each)
-            assert told(frame) == told(alone(renderer, scene, each))
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_frames_stay_as_they_are(scene, threads):
-    outputs = ("color", "linear", "depth", "face_id", "position", "normal")
-    with rj.Renderer(SIZE, threads=threads) as renderer:
-        frames = [renderer.render(scene, around(n), outputs=outputs) for n in range(6)]
+        frames = [renderer.render(scene, walk(n)) for n in range(4)]
         for number, frame in enumerate(frames):
-            one = alone(renderer, scene, around(number), outputs=outputs)
-            assert told(frame) == told(one)
+            one = alone(renderer, scene, walk(number))
+            assert ways.differing(frame, one) == []
             for own, other in zip(frame.plan.lighting[:2], one.plan.lighting[:2], strict=True):
                 assert own.tobytes() == other.tobytes()
 
@@ -207,16 +41,16 @@ def test_frames_stay_as_they_are(scene, threads):
 def test_a_frame_within_a_frame_is_its_own(scene):
     inner = []
     with rj.Renderer(SIZE, threads=1) as renderer:
-        renderer.render(scene, around(0))
+        renderer.render(scene, walk(0))
 
         def draw_another():
             renderer.on_picture = None
-            inner.append(renderer.render(scene, around(3)))
+            inner.append(renderer.render(scene, walk(3)))
 
         renderer.on_picture = draw_another
-        outer = renderer.render(scene, around(2))
-        assert bits(outer) == bits(alone(renderer, scene, around(2)))
-        assert bits(inner[0]) == bits(alone(renderer, scene, around(3)))
+        outer = renderer.render(scene, walk(2))
+        assert ways.differing(outer, alone(renderer, scene, walk(2))) == []
+        assert ways.differing(inner[0], alone(renderer, scene, walk(3))) == []
 
 
 def test_frames_of_several_threads_are_their_own(scene):
@@ -225,7 +59,7 @@ def test_frames_of_several_threads_are_their_own(scene):
 
         def draw_some(first):
             for number in range(first, first + 8):
-                found[number] = bits(renderer.render(scene, around(number)))
+                found[number] = renderer.render(scene, walk(number))
 
         drawing = [threading.Thread(target=draw_some, args=(first,)) for first in (0, 8, 16)]
         for one in drawing:
@@ -233,7 +67,7 @@ def test_frames_of_several_threads_are_their_own(scene):
         for one in drawing:
             one.join()
         for number in range(24):
-            assert found[number] == bits(alone(renderer, scene, around(number)))
+            assert ways.differing(found[number], alone(renderer, scene, walk(number))) == []
 
 
 def counted(monkeypatch, module, name):
@@ -248,8 +82,8 @@ def counted(monkeypatch, module, name):
     return calls
 
 
-def test_stages_and_drawers_are_made_once_for_many_cameras(cube, sphere, monkeypatch):
-    scene = made(cube, sphere)
+def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
+    scene = changing_scene()
     # Light on vertices is found anew for each camera.
     material(scene, 2, shading="phong", alpha_mode="opaque")
     shadings = counted(monkeypatch, layers, "Shading")
@@ -260,7 +94,7 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(cube, sphere, monkeyp
             # All is in view, and no face is cut.
             eye = 7.0 * np.sin(number), 1.0, 7.0 * np.cos(number)
             renderer.render(scene, rj.PerspectiveCamera(eye, (0.0, 0.0, 0.0)))
-            placed(scene.nodes[0], rj.transforms.translate((0.01 * number, 0.0, 0.0)))
+            placed(scene, 0, rj.transforms.translate((0.01 * number, 0.0, 0.0)))
         assert len(shadings) == len(screens) == 1
         # Another one if a list of triangles is longer than those before.
         assert len(drawers) <= 3
@@ -275,31 +109,33 @@ def test_large_scenes_leave_nothing(scene, monkeypatch):
     screens = counted(monkeypatch, draw, "screen_arrays")
     with rj.Renderer(SIZE, threads=1) as renderer:
         for number in range(3):
-            frame = renderer.render(scene, around(number))
-            assert bits(frame) == bits(alone(renderer, scene, around(number)))
+            frame = renderer.render(scene, walk(number))
+            assert ways.differing(frame, alone(renderer, scene, walk(number))) == []
             assert not renderer._kept._made
     assert len(screens) == 6
 
 
 def test_an_error_leaves_nothing(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        renderer.render(scene, around(1))
+        renderer.render(scene, walk(1))
         assert renderer._kept._made
         renderer.on_picture = lambda: 1 / 0
         with pytest.raises(ZeroDivisionError):
-            renderer.render(scene, around(2))
+            renderer.render(scene, walk(2))
         assert not renderer._kept._made
         renderer.on_picture = None
-        assert bits(renderer.render(scene, around(2))) == bits(alone(renderer, scene, around(2)))
+        assert (
+            ways.differing(renderer.render(scene, walk(2)), alone(renderer, scene, walk(2))) == []
+        )
 
 
 def test_close_lets_go_of_what_is_kept(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        first = renderer.render(scene, around(1))
+        first = renderer.render(scene, walk(1))
         assert renderer._kept._made
         renderer.close()
         assert not renderer._kept._made
-        assert bits(renderer.render(scene, around(1))) == bits(first)
+        assert ways.differing(renderer.render(scene, walk(1)), first) == []
 
 
 # --- the parts ------------------------------------------------------------------------------------
@@ -487,8 +323,8 @@ def test_projections_that_are_remembered_are_those_of_the_camera():
         assert np.allclose(views.clip_from_relative, wanted.clip_from_relative, 1e-12, 1e-12)
 
 
-def test_frames_leave_nothing_for_the_garbage_collector(cube, sphere):
-    scene = made(cube, sphere)
+def test_frames_leave_nothing_for_the_garbage_collector():
+    scene = changing_scene()
     cameras = [rj.fit_camera(scene, rj.orbit_direction(angle, 20.0)) for angle in (0.0, 40.0, 80.0)]
     with rj.Renderer(SIZE, threads=1) as renderer:
         renderer.render(scene, cameras[0])

@@ -64,19 +64,6 @@ def test_threads_and_regions_change_no_bit(samples):
                 assert array.tobytes() == part.tobytes(), name
 
 
-def test_many_pictures_are_those_drawn_one_by_one():
-    scene = scene_with()
-    cameras = [rj.PerspectiveCamera((3, 1 + n, 3), (0, 0, 0)) for n in range(3)]
-    outputs = ("color", "depth", "face_id")
-    batch = rj.render_batch(scene, cameras, size=SIZE, outputs=outputs, threads=1)
-    many = rj.render_many(scene, cameras, size=SIZE, outputs=outputs, threads=1)
-    for n, (camera, frame) in enumerate(zip(cameras, many, strict=True)):
-        alone = draw(scene, camera, outputs)
-        for name in outputs:
-            assert frame.arrays()[name].tobytes() == alone.arrays()[name].tobytes()
-            assert getattr(batch, name)[n].tobytes() == alone.arrays()[name].tobytes()
-
-
 def test_outputs_of_lines_are_those_of_their_points():
     frame = draw(scene_with(), outputs=OUTPUTS)
     on_line = (frame.object_id == 1) | (frame.object_id == 2)

@@ -47,103 +47,12 @@ def scene(cube, sphere):
     return scene
 
 
-def set_mesh(scene):
-    scene.nodes[0].mesh = scene.nodes[2].mesh
-
-
 def set_color(scene):
     scene.nodes[0].mesh.material = rj.Material("phong", "red")
 
 
-def set_shading(scene):
-    scene.nodes[0].mesh.material = rj.Material("flat")
-
-
-def set_gouraud(scene):
-    scene.nodes[3].mesh.material = rj.Material("gouraud", "white")
-
-
-def set_texture(scene):
-    for node in scene.nodes:
-        if node.mesh.uv is not None:
-            node.mesh.material = painted(node.mesh, texels=((0.0, 1.0), (1.0, 0.0))).material
-
-
-def set_all_unlit(scene):
-    for node in scene.nodes:
-        node.mesh.material = rj.Material("unlit", "green")
-
-
 def move(scene):
     scene.nodes[1].world_from_model = rj.transforms.translate((-1.0, 1.0, 0.5))
-
-
-def mirror(scene):
-    scene.nodes[2].world_from_model = rj.transforms.scale((-1.2, 1.0, 1.0))
-
-
-def add(scene):
-    scene.add(scene.nodes[0].mesh, rj.transforms.translate((0.0, 1.5, 1.5)))
-
-
-def remove(scene):
-    del scene.nodes[3]
-
-
-def swap(scene):
-    scene.nodes.reverse()
-
-
-def add_light(scene):
-    scene.lights.append(rj.AmbientLight("blue", 0.5))
-
-
-def change_light(scene):
-    scene.lights[0] = rj.PointLight((-4.0, 5.0, 6.0), intensity=30.0)
-
-
-def remove_lights(scene):
-    scene.lights.clear()
-
-
-def set_wireframe(scene):
-    scene.wireframe = rj.Wireframe("red")
-
-
-def set_wireframe_only(scene):
-    scene.wireframe = rj.Wireframe("red", "only")
-
-
-CHANGES = (
-    set_mesh, set_color, set_shading, set_gouraud, set_texture, set_all_unlit, move, mirror, add,
-    remove, swap, add_light, change_light, remove_lights, set_wireframe, set_wireframe_only,
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_what_is_changed_between_frames_is_seen(scene, camera, change):
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        before = renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
-        change(scene)
-        after = renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
-    alone = rj.render(scene, camera, size=SIZE, outputs=OUTPUTS, previous=SAME, threads=1)
-    assert everything(after) == everything(alone)
-    assert everything(after) != everything(before)
-    assert str(after.plan) == str(alone.plan)
-
-
-def test_every_order_of_changes_is_seen(scene, camera):
-    rng = np.random.default_rng(2)
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        for number in rng.permutation(np.repeat(np.arange(len(CHANGES) - 1), 2)).tolist():
-            CHANGES[number](scene)
-            add(scene)
-            outputs = [name for name in OUTPUTS if rng.integers(2)] or ["color"]
-            if "uv" in outputs and all(node.mesh.uv is None for node in scene.nodes):
-                outputs = ["color"]
-            frame = renderer.render(scene, camera, outputs=outputs, previous=SAME)
-            alone = rj.render(scene, camera, size=SIZE, outputs=outputs, previous=SAME, threads=1)
-            assert everything(frame) == everything(alone)
 
 
 def test_wireframe_is_that_of_the_mesh_shown(cube, sphere, camera):
@@ -155,17 +64,6 @@ def test_wireframe_is_that_of_the_mesh_shown(cube, sphere, camera):
         node.mesh = sphere
         frame = renderer.render(scene, camera)
     assert everything(frame) == everything(rj.render(scene, camera, size=SIZE, threads=1))
-
-
-def test_changes_of_a_lone_mesh_are_seen(cube, sphere, camera):
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        for mesh, material in (
-            (cube, "phong"), (cube, "unlit"), (sphere, "flat"), (cube, "unlit"), (sphere, "flat"),
-        ):  # fmt: skip
-            mesh.material = rj.Material(material, "orange")
-            frame = renderer.render(mesh, camera, outputs=("color", "normal"))
-            alone = rj.render(mesh, camera, size=SIZE, outputs=("color", "normal"), threads=1)
-            assert everything(frame) == everything(alone)
 
 
 def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):

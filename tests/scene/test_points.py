@@ -437,25 +437,6 @@ def test_squares_may_be_seen_through_and_others_not():
 # --- other ways of drawing ------------------------------------------------------------------------
 
 
-def test_several_ways_of_drawing_give_the_same_bits():
-    scene = rj.Scene()
-    for n, shape in enumerate(SHAPES):
-        scene.add(of_shape(shape), transform=rj.transforms.translate((n - 1.0, 0, 0)))
-    outputs = ("color", "depth", "face_id")
-    cameras = [CAMERA, rj.PerspectiveCamera((3, 2, 5), (0, 0, 0), (0, 1, 0), 45.0, 0.5, 50.0)]
-    alone = [draw(scene, outputs, camera) for camera in cameras]
-    many = list(rj.render_many(scene, cameras, size=SIZE, outputs=outputs, threads=2))
-    with rj.Renderer(SIZE, threads=1) as renderer:
-        again = [renderer.render(scene, camera, outputs=outputs) for camera in cameras]
-    batch = rj.render_batch(scene, cameras, size=SIZE, outputs=outputs, threads=2)
-    for n, frame in enumerate(alone):
-        for name in outputs:
-            expected = getattr(frame, name)
-            np.testing.assert_array_equal(getattr(many[n], name), expected)
-            np.testing.assert_array_equal(getattr(again[n], name), expected)
-            np.testing.assert_array_equal(getattr(batch, name)[n], expected)
-
-
 @pytest.mark.parametrize("depth_format", ["float32", "float64", "unorm16", "unorm24"])
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_formats_of_depth_and_precision(depth_format, precision):

@@ -36,6 +36,11 @@ BEHIND = (0.0, 0.0, -4.0)
 """In view, but for the ground before it."""
 
 
+def named(row):
+    """A row's name: what is on, and the mix."""
+    return "+".join([*(n for n, on in zip(SWITCHES, row, strict=False) if on), row[-1]])
+
+
 def pairs_of(row):
     """All pairs of a row's settings, each as (number of a switch or the mix, setting)."""
     return set(combinations(enumerate(row), 2))
