@@ -17,9 +17,9 @@ from rasterjit.dataset.recipe import Layout, RecipeOutput
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
 from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
+from rasterjit.rendering.batch import Progress
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.rasterize import DepthMode
-from rasterjit.rendering.stream import Progress
 from rasterjit.scene.arrows import ArrowUnit
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera

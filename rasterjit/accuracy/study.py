@@ -44,8 +44,8 @@ from rasterjit.accuracy.timing import (
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.budget import light_of, machine, root_mean_square
+from rasterjit.rendering.plan import choose_camera, settle_together
 from rasterjit.rendering.renderer import Renderer, explain
-from rasterjit.rendering.views import choose_camera, settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.lens import Lens

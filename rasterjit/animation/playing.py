@@ -14,9 +14,8 @@ from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, look_from, needs_settling
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.views import look_from, needs_settling
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.framing import fit_upright

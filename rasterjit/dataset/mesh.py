@@ -35,9 +35,9 @@ from rasterjit.io.meshes import load
 from rasterjit.io.whole import replacing
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.batch import check_arguments, share_threads
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.pool import draw_in_turns
-from rasterjit.rendering.stream import check_arguments, share_threads
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.scene import Scene

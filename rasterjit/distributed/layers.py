@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import FrameRequest
+from rasterjit.rendering.plan import FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame
-from rasterjit.rendering.views import plan_views
+from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.material import Material

@@ -29,10 +29,7 @@ from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.late import LateFrame
-from rasterjit.rendering.plan import Cull, FrameRequest
-from rasterjit.rendering.pool import Artist, Begun, GrowingPace, RendererPool
-from rasterjit.rendering.stream import (
+from rasterjit.rendering.batch import (
     PROGRESS,
     Progress,
     check_arguments,
@@ -43,6 +40,8 @@ from rasterjit.rendering.stream import (
     share_threads,
     with_bar,
 )
+from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.pool import Artist, Begun, GrowingPace, LateFrame, RendererPool
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality

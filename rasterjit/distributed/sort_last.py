@@ -26,9 +26,9 @@ from rasterjit.distributed.clusters import (
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering import notices
+from rasterjit.rendering.batch import check_arguments
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.plan import Cull, FrameRequest
-from rasterjit.rendering.stream import check_arguments
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight

@@ -35,9 +35,8 @@ from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.plan import Cull, FrameRequest, choose_camera, cut_open
 from rasterjit.rendering.renderer import render
-from rasterjit.rendering.views import choose_camera, cut_open
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background

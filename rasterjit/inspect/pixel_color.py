@@ -21,9 +21,9 @@ from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.primitives import Primitives
 from rasterjit.rendering import shade as shading
-from rasterjit.rendering.behind import look_behind
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.rendering.renderer import find_visible
+from rasterjit.rendering.shade import look_behind
 from rasterjit.rendering.shading import Shading, light_vertices
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight

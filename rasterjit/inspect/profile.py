@@ -13,9 +13,8 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull, FrameRequest, plan_frame
+from rasterjit.rendering.plan import Cull, FrameRequest, choose_camera, plan_frame
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.views import choose_camera
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera

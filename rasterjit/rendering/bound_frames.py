@@ -20,10 +20,8 @@ from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import shape_of
 from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
 from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of, view_fields
-from rasterjit.rendering.kept import serves
-from rasterjit.rendering.sharing import can_share, kind_of_plan
-from rasterjit.rendering.together import KNOWN_CAMERAS, depth_way
-from rasterjit.rendering.views import PlannedFrame
+from rasterjit.rendering.plan import PlannedFrame
+from rasterjit.rendering.together import KNOWN_CAMERAS, can_share, depth_way, kind_of_plan, serves
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
 from rasterjit.survey.effect import InGroups

@@ -33,7 +33,6 @@ from rasterjit.pipeline.records import (
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.rendering import notices, shade
-from rasterjit.rendering.calls import BoundCalls, no_color
 from rasterjit.rendering.layers import (
     ROWS_AT_ONCE,
     ROWS_MIXED_AT_ONCE,
@@ -48,7 +47,7 @@ from rasterjit.rendering.layers import (
     parts_of,
     show_rows,
 )
-from rasterjit.rendering.shading import vertex_steps
+from rasterjit.rendering.shading import BoundCalls, no_color, vertex_steps
 from rasterjit.runtime.driver import StageList
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD

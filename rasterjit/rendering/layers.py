@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments import bands, compositing, weights
+from rasterjit.pipeline.fragments import (
+    bands,
+    compositing,
+    drawing_order,
+    encoded,
+    plain_codes,
+    weights,
+)
 from rasterjit.pipeline.fragments.bands import (
     MOST_BYTES,
     Band,
@@ -37,9 +44,9 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.visibility.draw import Coverage
-from rasterjit.rendering.calls import AT_ONCE, AnyCalls, no_color
-from rasterjit.rendering.shading import Shading
+from rasterjit.rendering.shading import AT_ONCE, AnyCalls, Shading, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
+from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
@@ -57,6 +64,10 @@ AnyMemory = Memory | ReusedMemory
 
 SEVERAL = "a pixel shows several faces"
 """When kernels that lay faces over each other are called."""
+
+
+BYTES_PER_COLOR = 4
+"""Codes of red, green, blue and alpha."""
 
 
 class Shader(NamedTuple):
@@ -149,19 +160,19 @@ class Shader(NamedTuple):
         """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
         color[:] = encode.code_of(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
-        self.show_behind(AT_ONCE, nothing, first_row, _no_linear(color), color)
+        self.show_behind(AT_ONCE, nothing, first_row, no_linear(color), color)
 
     def code(self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]) -> None:
         """Write faces, (R, W) or (J, R, W), alone, in RGBA codes; 0 where no face is."""
         nothing = np.zeros(4, np.float32), 0
-        self.shading.shade(faces, first_row, _no_linear(color), color, nothing)
+        self.shading.shade(faces, first_row, no_linear(color), color, nothing)
 
     def code_last(
         self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]
     ) -> None:
         """Write an image of faces, (R, W), and what is seen behind all where no face is."""
-        self.shading.shade(faces, first_row, _no_linear(color), color)
-        self.show_behind(AT_ONCE, faces, first_row, _no_linear(color), color)
+        self.shading.shade(faces, first_row, no_linear(color), color)
+        self.show_behind(AT_ONCE, faces, first_row, no_linear(color), color)
 
 
 class Tones(NamedTuple):
@@ -219,7 +230,7 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
     return kept.made("imitated", Imitated, *own, imitated.maps)
 
 
-def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
+def no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
     """Return an empty array in place of linear colour that is not wanted, for pixels (..., W)."""
     return np.empty((*color.shape[:-1], 0, 4), np.float32)
 
@@ -382,14 +393,22 @@ def is_direct(layers: PixelLayers, has_mixed: bool) -> bool:
 
 
 def kernels_of(plan: RenderPlan) -> Rows:
-    """Return the kernels that `shade` calls besides stages."""
+    """Return the kernels that `shade` and `shade_codes` call besides stages."""
     layers, rows, kernels = plan.layers, shared_kernels(plan), []
-    if layers.has_blended:
-        kernels += [compositing.start_sums, compositing.lay_under, compositing.finish_sums]
-        kernels += [compositing.list_faces, compositing.mix_samples] if layers.samples != 1 else []
-    rows += rows_where(SEVERAL, *kernels)
-    rows += plan.kernels_at("mixed")
-    if "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
+    has_samples, codes = layers.samples != 1, layers.mixes_codes
+    if layers.has_blended and codes:
+        kernels = [encoded.hide_behind, encoded.lay_codes]
+        if has_samples:
+            kernels = [compositing.list_faces, encoded.mix_codes]
+        if layers.in_order:
+            kernels = [drawing_order.keep_drawn, *kernels]
+    elif layers.has_blended:
+        kernels = [compositing.start_sums, compositing.lay_under, compositing.finish_sums]
+        kernels += [compositing.list_faces, compositing.mix_samples] * has_samples
+    rows += [*rows_where(SEVERAL, *kernels), *plan.kernels_at("mixed")]
+    if codes and "linear" in plan.outputs:
+        rows.append(KernelRow(encoded.decode_rows))
+    if not codes and "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
         rows.append(KernelRow(encode.encode_rows))
     return rows
 
@@ -480,16 +499,110 @@ def shade_rows(
     target: ColorRows,
     memory: Memory,
 ) -> None:
-    """Write the linear colour of one row of tiles; encoded as well if none is see-through."""
+    """Write the colour of one row of tiles: codes, light, or both if no face is see-through."""
     if plan.samples == "area":
         mix_areas(rows, lists, shader, target, memory)
         return
     for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
-        start = band.first_row - rows[0]
+        start, levels = band.first_row - rows[0], band.transparent.shape[1]
         part = ColorRows(*(image[start : start + band.opaque.shape[1]] for image in target))
-        if plan.samples == 1:
-            lay_layers(band, shader, part.linear, memory)
-        elif band.transparent.shape[1] == 0:
+        if plan.in_order and levels > 1:
+            drawing_order.keep_drawn(band.transparent)
+        if plan.samples != 1 and shader.plain is not None:
+            starts = shader.placement.face_starts
+            plain_codes.mix_plain_codes(band.opaque, *shader.plain, starts, part.color)
+        elif plan.samples != 1 and levels == 0:
             mix_opaque(band, shader, part, memory)
+        elif shader.has_codes:
+            lay = lay_codes if plan.samples == 1 else mix_codes
+            lay(band, shader, part.color, memory)
         else:
-            mix_layers(band, shader, part.linear, memory)
+            lay = lay_layers if plan.samples == 1 else mix_layers
+            lay(band, shader, part.linear, memory)
+
+
+def rows_at_once(images: int, width: int) -> int:
+    """Return how many rows of so many images are held at once."""
+    per_row = images * width * BYTES_PER_COLOR
+    return min(max(MOST_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
+
+
+def lay_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:
+    """Write the colour of some rows, (R, W), one sample each: layers over each other."""
+    levels, width = band.transparent.shape[1], color.shape[1]
+    for part in parts_of(len(color), rows_at_once(levels + 1, width)):
+        first, target = band.first_row + part.start, color[part]
+        images = [*band.transparent[0, :, part], band.opaque[0, part]]
+        if levels == 0:
+            shader.code_last(images[0], first, target)
+            continue
+        stack = memory.empty((levels + 1, *target.shape), np.uint32)
+        # From front to back, for nothing is shaded behind what is opaque.
+        for level in range(levels):
+            shader.code(images[level], first, stack[level])
+            encoded.hide_behind(stack, level, images[level + 1])
+        shader.code_last(images[levels], first, stack[levels])
+        encoded.lay_codes(stack, target)
+
+
+def mix_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Memory) -> None:
+    """Write the colour of some rows, (R, W), of layers at several samples."""
+    samples, levels, _, width = band.transparent.shape
+    most = samples * (levels + 1)
+    # What is known of one face in one pixel: its number and its colour.
+    for part in parts_of(len(color), rows_at_once(2 * most, width)):
+        first, target = band.first_row + part.start, color[part]
+        opaque = np.ascontiguousarray(band.opaque[:, part])
+        transparent = np.ascontiguousarray(band.transparent[:, :, part])
+        shown = memory.empty((most, *target.shape), np.int32)
+        count = int(compositing.list_faces(opaque, transparent, shown))
+        colors = memory.empty((count, *target.shape), np.uint32)
+        behind = memory.empty(target.shape, np.uint32)
+        if count > 0:
+            shader.code(shown[:count], first, colors)
+        shader.code_backdrop(first, behind)
+        encoded.mix_codes(opaque, transparent, colors, behind, target)
+
+
+def shade_codes(
+    plan: PixelLayers,
+    coverage: Coverage,
+    shader: Shader,
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """
+    Shade a frame whose pixels show several faces, over each other or beside each other.
+
+    Takes what ``shade`` takes.
+
+    Raises
+    ------
+    ValueError
+        If a pixel has more layers than are sorted, and all are seen.
+    """
+    shader = shader._replace(has_codes=True)
+    if shader.plain is not None:
+        shader = bands.at_samples(shader, plan.samples)
+    elif plan.at_centers:
+        shader = bands.at_samples(shader.ready(), plan.samples)
+    else:
+        shader = bands.at_samples(shader, plan.samples).ready()
+    viewport = shader.geometry.viewport
+    lists = bands.part_lists(coverage, viewport, plan.is_blended, workers)
+    packed = None if color is None else color.view(np.uint32)[:, :, 0]
+    light = shown_by_codes(shader.encoding).copy()
+
+    def code_tiles(first: int) -> None:
+        last = min(first + TILE_SIZE, viewport.height)
+        if packed is None:
+            rows = workers.memory.empty((last - first, viewport.width), np.uint32)
+        else:
+            rows = packed[first:last]
+        target = ColorRows(no_linear(rows), rows)
+        shade_rows((first, last), plan, lists, shader, target, workers.memory)
+        if linear is not None:
+            encoded.decode_rows(rows, light, linear[first:last])
+
+    workers.run(code_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])

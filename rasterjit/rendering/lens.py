@@ -23,7 +23,6 @@ from rasterjit.outputs.table import MIXED_OUTPUTS
 from rasterjit.pipeline import encode, resampling
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import notices
-from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.lens_pictures import (
     NOWHERE,
     LensSight,
@@ -34,8 +33,8 @@ from rasterjit.rendering.lens_pictures import (
     see,
     world_axes,
 )
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.views import (
+from rasterjit.rendering.plan import (
+    FrameRequest,
     PlannedFrame,
     choose_camera,
     cut_alike,
@@ -46,6 +45,7 @@ from rasterjit.rendering.views import (
     needs_settling,
     plan_views,
 )
+from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, settled

@@ -28,11 +28,10 @@ from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.nearest import empty_depth
 from rasterjit.rendering import notices, shade
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.plan import Cull, FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
-from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality

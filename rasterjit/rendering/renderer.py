@@ -27,16 +27,15 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.pipeline.visibility.primitives import primitives_of
-from rasterjit.rendering import behind, notices, shade, supersample
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
+from rasterjit.rendering import notices, shade, supersample
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
-from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.plan import Cull, FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.supersample import Accumulation
-from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
+from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Kept, Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.background import Background
@@ -265,7 +264,7 @@ def draw_frame(
         lit = notices.lit_pixels(plan.facts, cache, seen.coverage.face_id)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
-            result = shade.shade_faces(behind.look_behind(context, find), kept, shared)
+            result = shade.shade_faces(shade.look_behind(context, find), kept, shared)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
         share = 0.0 if lit is None else notices.white_share(lit, result["color"])

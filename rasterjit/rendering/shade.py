@@ -24,19 +24,24 @@ from rasterjit.pipeline.records import (
     Placement,
     Surface,
 )
-from rasterjit.rendering import layers, shading, srgb8
-from rasterjit.rendering.calls import AT_ONCE
+from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering import layers, shading
 from rasterjit.rendering.effects import prepare_effects
+from rasterjit.rendering.shading import AT_ONCE
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
-from rasterjit.survey.effect import Active, FrameContext, acting
+from rasterjit.survey.effect import Active, FrameContext, Planned, SeesThrough, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
 
 LEAST_LIT_VERTICES = 4096
 """Fewest vertices lit by one task."""
+
+
+_AT_EYE = np.array([0.0, 0.0, 0.0, 1.0])
+"""``toward_viewer`` of a perspective, relative to the eye."""
 
 
 def shared_memory(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | None:
@@ -102,7 +107,7 @@ def shade_faces(
         shader = shader.of_plain_codes()
     # Shade each pixel, or what it shows of several faces.
     if plan.layers is not None:
-        shade = srgb8.shade if plan.layers.mixes_codes else layers.shade
+        shade = layers.shade_codes if plan.layers.mixes_codes else layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
     elif plan.facts.draws_faces:
         shade_in_bands(coverage.face_id, shader, linear, color, workers, kept)
@@ -119,11 +124,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that put together what a pixel shows besides its nearest face."""
     if plan.layers is None or not plan.facts.is_colored:
         return []
-    return srgb8.kernels_of(plan) if plan.layers.mixes_codes else layers.kernels_of(plan)
-
-
-_AT_EYE = np.array([0.0, 0.0, 0.0, 1.0])
-"""``toward_viewer`` of a perspective, relative to the eye."""
+    return layers.kernels_of(plan)
 
 
 def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
@@ -306,3 +307,57 @@ def shade_nothing(
     # All rows are alike.
     for picture in pictures:
         picture[1:] = picture[0]
+
+
+def effect_of(plan: RenderPlan) -> Planned | None:
+    """Return the effect that shows what lies behind glass; ``None`` where a frame has none."""
+    return next((one for one in plan.planned if isinstance(one.effect, SeesThrough)), None)
+
+
+def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
+    """Return the plan of the picture behind what transmits, given the effect that shows it."""
+    layers, hidden = plan.layers, own.effect.hidden(plan.facts)
+    if layers is not None and layers.has_blended:
+        hidden = hidden | (layers.is_blended > 0)
+    if layers is not None:
+        opaque = np.zeros_like(layers.is_blended)
+        layers = layers._replace(is_blended=opaque, has_blended=False, mixes_codes=False)
+        layers = None if layers.samples == 1 else layers
+    drawn = None if plan.drawn_behind is None else (plan.drawn_behind,)
+
+    def is_behind(planned: Planned) -> bool:
+        places = planned.effect.places
+        return planned is not own and "overlay" not in places and "mixed" not in places
+
+    return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn)
+
+
+def draw_behind(
+    context: FrameContext, own: Planned, find: Callable[[RenderPlan], Seen]
+) -> FrameContext:
+    """Return the picture behind what transmits, as far as visibility."""
+    plan = plan_behind(context.plan, own)
+    return FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
+
+
+def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
+    """
+    Return a picture that knows what is seen through glass; itself where there is none.
+
+    Parameters
+    ----------
+    context : FrameContext
+    find : callable
+        Returns what the picture of another plan shows.
+    """
+    plan = context.plan
+    own = effect_of(plan)
+    if own is None:
+        return context
+    (done,) = plan.drawn or ({},)
+    if own.name in done:
+        record = own.effect.of_part(done[own.name], plan.corner)
+        return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
+    linear = shade_faces(draw_behind(context, own, find))["linear"]
+    record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
+    return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))

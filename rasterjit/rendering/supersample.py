@@ -30,11 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.rendering import behind, coverage, layers, shade
-from rasterjit.rendering.calls import AT_ONCE
+from rasterjit.pipeline.visibility.draw import Coverage, Seen
+from rasterjit.rendering import layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
+from rasterjit.rendering.shading import AT_ONCE
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
@@ -210,7 +211,7 @@ def shade_faces(
     has_codes = plan.facts.mixes_codes
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     if accumulation.sums is None:
-        accumulation.sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
+        accumulation.sums = workers.memory.empty((*context.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
     # In the same steps for any number of pictures: those of one step share shadow maps.
     counts = _counts(plan.pictures)
@@ -223,9 +224,9 @@ def shade_faces(
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
-        own = behind.effect_of(plan)
+        own = shade.effect_of(plan)
         if own is not None and new and surveys_pictures(plan):
-            other = behind.draw_behind(context, own, find)
+            other = shade.draw_behind(context, own, find)
             picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
             drawn = _draw_picture(moved(picture, offset), context, find)
@@ -265,7 +266,8 @@ def covering_kernels(plan: RenderPlan) -> Rows:
     """Return the kernels that `cover_pixels` calls, but for those of whole pictures."""
     if "coverage" not in plan.outputs or plan.facts.picture_samples is not None:
         return []
-    return coverage.kernels_of(plan.quality.samples, plan.depth_format.kind)
+    samples = plan.quality.samples
+    return [] if samples == 1 else bands.kernels_of(samples, plan.depth_format.kind)
 
 
 def cover_pixels(
@@ -282,15 +284,15 @@ def cover_pixels(
     if samples is None:
         samples = plan.quality.samples
         finder = bands.Finder(context.geometry, shade.find_hit_tests(plan, context.cache))
-        return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
+        return cover_samples(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
-        accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
+        accumulation.covered = np.zeros(context.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
     picture = plan.with_(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
     )
     for offset in sample_offsets(samples)[accumulation.covering : count]:
-        accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
+        accumulation.covered += find(moved(picture, offset)).face_id >= 0
         accumulation.covering += 1
     return (accumulation.covered / accumulation.covering).astype(np.float32)
 
@@ -300,7 +302,7 @@ def _draw_picture(
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     picture = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
-    picture = behind.look_behind(picture, find)
+    picture = shade.look_behind(picture, find)
     return shade.shade_faces(picture)[plan.outputs[0]]
 
 
@@ -480,3 +482,42 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
     workers.run(write_band, _bands(sums.shape, workers))
     result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
     return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
+
+
+def cover_samples(
+    samples: int | str, coverage: Coverage, finder: bands.Finder, workers: Workers
+) -> NDArray[np.float32]:
+    """
+    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+
+    Parameters
+    ----------
+    samples : int or str
+        1 to 16, or ``"area"``.
+    coverage : Coverage
+        With its lists.
+    finder : Finder
+    workers : Workers
+    """
+    if samples == 1:
+        return (coverage.face_id >= 0).astype(np.float32)
+    finder = bands.at_samples(finder, samples)
+    viewport = finder.geometry.viewport
+    nothing = np.zeros(len(coverage.lists.objects.face_starts) - 1, np.uint8)
+    lists = bands.part_lists(coverage, viewport, nothing, workers)
+    covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
+
+    def cover_tiles(first: int) -> None:
+        rows = first, min(first + TILE_SIZE, viewport.height)
+        if samples == "area":
+            _, _, rest = bands.find_areas(rows, lists, finder, workers.memory)
+            np.subtract(np.float32(1.0), rest, out=covered[slice(*rows)])
+            return
+        for band in bands.find_layers(rows, lists, int(samples), finder, workers.memory):
+            counts = np.count_nonzero(band.opaque >= 0, axis=0)
+            target = covered[band.first_row : band.first_row + len(counts)]
+            # The number of samples is a power of two.
+            target[:] = counts / np.float32(samples)
+
+    workers.run(cover_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    return covered

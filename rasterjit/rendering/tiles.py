@@ -21,10 +21,9 @@ from rasterjit.outputs.frame import Frame, cut_out
 from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering import behind, shade, supersample
-from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.plan import Cull, FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame, find_visible
-from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
@@ -205,13 +204,13 @@ class RegionRenderer:
     def _look_behind(self) -> None:
         """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
         plan, cache, views = self._planned[:3]
-        own = behind.effect_of(plan)
+        own = shade.effect_of(plan)
         if own is None:
             return
         (done,) = plan.drawn or ({},)
         if own.name in done:
             return
-        other = behind.plan_behind(plan, own)
+        other = shade.plan_behind(plan, own)
         linear = np.empty((plan.size[1], plan.size[0], 4), np.float32)
         for region in regions_of(plan.size, BEHIND_TILE):
             left, top, width, height = region

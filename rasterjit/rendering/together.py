@@ -1,17 +1,25 @@
 """
 Draw views of one scene in groups, in machine code from the first view of a group to its last.
 
-What all views have in common is planned once for each kind of view (``sharing.py``). Each thread
-has memory of its own, in which the kernels and stages of such a plan find what they read
-(``desk.py``); of each view its matrices, lights and the like are prepared with NumPy for the whole
-group (`Prepared`) and loaded there before it is drawn (``pipeline/views.py``).
+What all views have in common is planned once for each kind of view. What a plan follows from
+differs with a camera in three ways alone: what the objects in view are, not which; which lights
+reach them; and the answers of effects that look at more than facts, such as fog that begins at a
+distance. That is the kind of a view (`kinds_of`). Each thread has memory of its own, in which the
+kernels and stages of such a plan find what they read (``desk.py``); of each view its matrices,
+lights and the like are prepared with NumPy for the whole group (`Prepared`) and loaded there before
+it is drawn (``pipeline/views.py``).
 
 Only plans whose stages read nothing else of a view are drawn so: lights have no shadows, effects
 need not look at the picture; see `can_share`. The others are for the caller to draw one by one.
+
+What was prepared for a scene is kept until the scene is gone, or other scenes' takes its room
+(`MOST_KEPT`). It is used again as far as a plan that is made anew says that it holds (`serves`).
 """
 
 from __future__ import annotations
 
+import operator
+import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -24,19 +32,9 @@ from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
 from rasterjit.rendering import notices
 from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
-from rasterjit.rendering.kept import MOST_KINDS, BatchCache
+from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.sharing import (
-    BY_KERNEL,
-    IN_GROUPS,
-    can_share,
-    kind_of,
-    kind_of_plan,
-    kinds_of,
-    shared_lights,
-)
-from rasterjit.rendering.views import plan_views
+from rasterjit.rendering.plan import FrameRequest, plan_views
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import (
@@ -49,12 +47,22 @@ from rasterjit.scene.camera import (
     usual_far,
     usual_near,
 )
-from rasterjit.scene.light import DirectionalLight, Light
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
+from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
-from rasterjit.survey.lights import FARTHEST_LIGHT, HEADLIGHT_DIRECTION, headlight, lighting_of
+from rasterjit.survey.contents import Contents
+from rasterjit.survey.effect import InGroups
+from rasterjit.survey.lights import (
+    FARTHEST_LIGHT,
+    HEADLIGHT_DIRECTION,
+    headlight,
+    lighting_of,
+    reach,
+)
 from rasterjit.survey.many_views import (
     Group,
     ManyViews,
@@ -91,6 +99,32 @@ MOST_PROJECTIONS = 256
 
 MOST_SETS = 4096
 """Most sets of objects in view that are remembered."""
+
+
+BY_KERNEL = (
+    "color", "linear", "depth", "distance", "face_id", "object_id", "instance_id", "material_id",
+    "barycentric", "uv", "normal", "geometric_normal", "position", "object_position",
+)  # fmt: skip
+"""Outputs of which NumPy does nothing view by view; attributes of vertices, too."""
+
+IN_GROUPS = tuple(one for one in EFFECTS if isinstance(one, InGroups))
+"""Effects that views in groups may have."""
+
+OWN_ANSWERS = tuple(one for one in IN_GROUPS if not one.follows_facts)
+"""Effects of groups that answer by more than facts."""
+
+LIGHTS = AmbientLight, DirectionalLight, PointLight, SpotLight
+"""Kinds of lights whose rows are found for many views at once."""
+
+MOST_BYTES = 1 << 29
+"""Memory of all threads beyond which views are drawn one by one: it is no longer small beside
+pictures."""
+
+MOST_KEPT = 1 << 26
+"""Memory to draw in that is kept between calls, of all scenes, at most, bytes."""
+
+MOST_KINDS = 8
+"""Most kinds of plans that are kept."""
 
 
 class Projections:
@@ -503,3 +537,241 @@ def is_possible(options: FrameRequest) -> bool:
     return not (jit.DISABLED or jit.CHECKED) and all(
         name in BY_KERNEL or is_attribute(name) for name in options.outputs
     )
+
+
+def shared_lights(scene: Scene) -> list[int]:
+    """Return the numbers of the lights that may have a row in ``Lighting.lights``."""
+    return [
+        n
+        for n, light in enumerate(scene.lights)
+        if not isinstance(light, AmbientLight) and light.intensity != 0.0 and any(light.color)
+    ]
+
+
+def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
+    """Tell whether views of a plan like this one are drawn in groups."""
+    facts = plan.facts
+    if facts.contents.primitives or scene.section is not None or facts.imitation is not None:
+        return False
+    if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
+        return False
+    if plan.layers is not None and not _is_laid_in_groups(plan):
+        return False
+    if not facts.finds_faces or (facts.is_colored and not facts.draws_faces):
+        return False
+    if not plan.depth_format.is_standard or not plan.quality.renormalize:
+        return False
+    if facts.background_image is not None or plan.keeps_clip_positions or facts.diagnose:
+        return False
+    # Others prepare something for each picture, from what is seen there.
+    if not all(isinstance(one.effect, InGroups) for one in plan.planned if one.effect.places):
+        return False
+    if not all(map(_is_shared, scene.lights)):
+        return False
+    return all(name in BY_KERNEL or is_attribute(name) for name in plan.outputs) and all(
+        cache.shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)[1] is None
+        for name, attribute in facts.attributes.items()
+    )
+
+
+def _is_laid_in_groups(plan: RenderPlan) -> bool:
+    """Tell whether pixels show several samples, or transparent faces at one, mixed in light."""
+    layers = plan.layers
+    if layers.mixes_codes or layers.samples == "area":
+        return False
+    return not layers.has_blended or (layers.samples == 1 and layers.most is None)
+
+
+def _is_shared(light: Light) -> bool:
+    """Tell whether what is read of a light follows from the camera: shadow maps are fitted."""
+    return type(light) in LIGHTS and getattr(light, "shadow", None) is None
+
+
+def kind_of(contents: Contents) -> tuple:
+    """Return what a plan follows from: not how many objects are what, but whether any is."""
+    return tuple(
+        tuple(count > 0 for count in part.values()) if isinstance(part, dict) else part > 0
+        for part in contents
+    )
+
+
+def kind_of_plan(plan: RenderPlan) -> tuple:
+    """Return the kind of the view that a plan is of."""
+    facts = plan.facts
+    told = tuple(plan.has(one.name) for one in OWN_ANSWERS)
+    return kind_of(facts.seen), tuple(facts.lights.numbers), told
+
+
+def kinds_of(
+    scene: Scene, group: Group, contents: list[tuple | None], is_colored: bool,
+    is_lit: list[bool],
+) -> list[tuple | None]:  # fmt: skip
+    """
+    Return the kind of each view; None: nothing is in view.
+
+    Parameters
+    ----------
+    scene : Scene
+    group : Group
+        The views.
+    contents : list of (tuple or None)
+        What is in view of each: see `kind_of`.
+    is_colored : bool
+        Whether any output shows colour.
+    is_lit : list of bool
+        Whether anything is that light falls on, in each.
+    """
+    count = len(contents)
+    reached = np.zeros((count, 0), np.bool_)
+    told: NDArray[Any] = np.zeros((count, len(OWN_ANSWERS)), np.bool_)
+    if is_colored:
+        reached = reach(scene.lights, group)
+        for n, effect in enumerate(OWN_ANSWERS):
+            told[:, n] = effect.answers(scene, group)
+    return [
+        None
+        if own is None
+        else (own, tuple(np.flatnonzero(lights).tolist()) if lit else (), tuple(answers))
+        for own, lights, lit, answers in zip(contents, reached, is_lit, told.tolist(), strict=True)
+    ]
+
+
+class BatchCache:
+    """
+    What batches of one scene have prepared.
+
+    Parameters
+    ----------
+    cache : SceneCache
+        Of the scene, when it was drawn last.
+    """
+
+    def __init__(self, cache: SceneCache) -> None:
+        self.cache = cache
+        self.first: RenderPlan | None = None
+        """The plan of the first view, of the batch at hand or the last."""
+        self.kinds: dict[bytes, tuple[tuple | None, bool]] = {}
+        """What is in view, and whether light falls on it, by which objects are in view."""
+        self._plans: dict[tuple, RenderPlan] = {}
+        self._desks: dict[tuple, list[tuple[int, Any]]] = {}
+        """The size and the memory of those that nobody draws in, by what their plans follow from;
+        those used last are last."""
+        self._lock = forks.lock()
+        self.bytes = 0
+        """Of all desks, those in use included."""
+
+    def holds(self, cache: SceneCache) -> bool:
+        """Tell whether meshes and materials are still the same."""
+        return cache.shapes is self.cache.shapes and cache.tables is self.cache.tables
+
+    def plan_of(self, kind: tuple) -> RenderPlan | None:
+        """Return the plan that the desks of a kind were made for, if there are any."""
+        return self._plans.get(kind)
+
+    def use(self, kind: tuple, plan: RenderPlan) -> RenderPlan:
+        """Return the plan to make desks for: an earlier one, if what was made for it serves."""
+        with self._lock:
+            made = self._plans.pop(kind, None)
+            if made is None or not serves(made, plan):
+                self._drop(kind)
+                made = plan
+            self._plans[kind] = made
+            for other in [*self._plans][:-MOST_KINDS]:
+                self._drop(other)
+                del self._plans[other]
+            return made
+
+    def take(self, kind: tuple) -> tuple[int, Any] | None:
+        """Return a desk that nobody draws in, with its size; ``None`` if there is none."""
+        with self._lock:
+            free = self._desks.get(kind)
+            return free.pop() if free else None
+
+    def reserve(self, size: int) -> bool:
+        """Tell whether there is room for another desk of so many bytes, which then is its own."""
+        with self._lock:
+            if self.bytes + size > MOST_BYTES:
+                for kind in [*self._desks]:
+                    self._drop(kind)
+            has_room = self.bytes + size <= MOST_BYTES
+            self.bytes += size * has_room
+            return has_room
+
+    def give_back(self, kind: tuple, size: int, desk: Any) -> None:
+        """Take a desk back."""
+        with self._lock:
+            if kind in self._plans:
+                self._desks.setdefault(kind, []).append((size, desk))
+            else:
+                self.bytes -= size
+
+    def _drop(self, kind: tuple) -> None:
+        """Let the desks of a kind go."""
+        self.bytes -= sum(size for size, _ in self._desks.pop(kind, ()))
+
+
+def serves(made: RenderPlan, asked: RenderPlan) -> bool:
+    """Tell whether what was made for a plan is what another one of the same kind asks for."""
+    one, other = made.facts, asked.facts
+    return (
+        made.size == asked.size
+        # Meshes and materials are the same as long as their inventory is.
+        and one.inventory is other.inventory
+        and one.quality == other.quality
+        and (one.outputs, one.is_uneven, one.attributes, one.lights, one.has_background)
+        == (other.outputs, other.is_uneven, other.attributes, other.lights, other.has_background)
+        and one.has_lights == other.has_lights
+        and one.diagnose == other.diagnose
+        and one.imitation is other.imitation
+        and one.background_image is other.background_image
+        and all(map(operator.is_, one.asked.values(), other.asked.values()))
+        and made.background.tobytes() == asked.background.tobytes()
+        and _lights(made) == _lights(asked)
+        and _effects(made) == _effects(asked)
+    )
+
+
+def _effects(plan: RenderPlan) -> list[tuple[Any, int]]:
+    """Return the effects, with what is known of them beyond what is a view's own."""
+    return [(one.effect, id(one.data) * one.effect.follows_facts) for one in plan.planned]
+
+
+def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:
+    """Return what of its lights the eye does not change."""
+    if plan.lighting is None:
+        return None
+    return len(plan.lighting.lights), plan.lighting.ambient.tobytes()
+
+
+class Shelf:
+    """What was prepared for the scenes of the last batches."""
+
+    def __init__(self) -> None:
+        self._kept: dict[int, tuple[weakref.ref, BatchCache]] = {}
+        self._lock = forks.reentrant_lock()
+
+    def take(self, what: Any) -> BatchCache | None:
+        """Return what is kept of a scene, which nobody else has then."""
+        with self._lock:
+            of, kept = self._kept.pop(id(what), (None, None))
+            return kept if of is not None and of() is what else None
+
+    def put(self, what: Any, kept: BatchCache) -> None:
+        """Keep what was prepared for a scene; a mesh would be kept alive by it."""
+        if not isinstance(what, Scene) or kept.bytes > MOST_KEPT:
+            return
+        number = id(what)
+
+        def forget(gone: weakref.ref) -> None:
+            with self._lock:
+                if self._kept.get(number, (None,))[0] is gone:
+                    del self._kept[number]
+
+        with self._lock:
+            self._kept[number] = weakref.ref(what, forget), kept
+            while sum(one.bytes for _, one in self._kept.values()) > MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+
+
+SHELF = Shelf()
+"""That of this process."""

@@ -26,9 +26,8 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Cull, choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
-from rasterjit.rendering.views import choose_camera
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color

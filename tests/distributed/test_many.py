@@ -16,7 +16,7 @@ import pytest
 from own_threads import own_threads
 
 import rasterjit as rj
-from rasterjit.rendering import stream
+from rasterjit.rendering import batch
 
 SIZE = (24, 16)
 CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0))
@@ -154,12 +154,12 @@ def test_wrong_item_of_a_sequence_is_refused_before_anything_is_drawn(cube, kind
 
 
 def test_workers_share_the_threads_that_there_are(monkeypatch):
-    monkeypatch.setattr(stream, "available_processors", lambda: 4)
-    assert stream.share_threads(None, None) == (4, 1)
-    assert stream.share_threads(None, 2) == (2, 2)
-    assert stream.share_threads(None, 6) == (6, 1)
-    assert stream.share_threads(7, 2) == (2, 3)
-    assert stream.share_threads(np.int64(3), np.int64(3)) == (3, 1)
+    monkeypatch.setattr(batch, "available_processors", lambda: 4)
+    assert batch.share_threads(None, None) == (4, 1)
+    assert batch.share_threads(None, 2) == (2, 2)
+    assert batch.share_threads(None, 6) == (6, 1)
+    assert batch.share_threads(7, 2) == (2, 3)
+    assert batch.share_threads(np.int64(3), np.int64(3)) == (3, 1)
 
 
 def test_prefetch_may_be_a_number_of_numpy(cube):

@@ -13,9 +13,9 @@ from ways import ALL, around, in_groups, mixed_scene
 
 import rasterjit as rj
 from rasterjit.rendering import batch, pool, together
-from rasterjit.rendering.late import LateFrame
+from rasterjit.rendering.batch import AHEAD, check_arguments
 from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.stream import AHEAD, check_arguments
+from rasterjit.rendering.pool import LateFrame
 from rasterjit.survey.cache import prepare
 
 SIZE = (40, 28)

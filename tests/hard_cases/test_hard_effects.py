@@ -25,8 +25,8 @@ from rasterjit.outputs import fill, motion, table
 from rasterjit.pipeline.geometry import clipping
 from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.rendering import coverage, shade
 from rasterjit.rendering import plan as planning
+from rasterjit.rendering import shade, supersample
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.texture import Pyramid
 from rasterjit.survey import arrays
@@ -678,7 +678,7 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
         (fill, "fill_rows"), (fill, "list_fills"), (arrays, "join_uv"),
         (arrays, "join_normals"), (fill, "metric_depth"),
         (fill, "box_matrices"), (fill, "material_numbers"),
-        (coverage, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
+        (supersample, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -14,9 +14,8 @@ import numpy as np
 
 from rasterjit.inspect import oracle
 from rasterjit.io.meshes import as_scene
-from rasterjit.rendering.plan import FrameRequest
+from rasterjit.rendering.plan import FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame
-from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.quality import check_quality
 

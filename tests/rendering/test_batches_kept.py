@@ -11,13 +11,13 @@ import pytest
 from ways import MODELS, SIZE, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
-from rasterjit.rendering import kept, together
+from rasterjit.rendering import together
 
 
 @pytest.fixture(autouse=True)
 def shelf(monkeypatch):
     """Return a shelf on which nothing lies yet."""
-    own = kept.Shelf()
+    own = together.Shelf()
     monkeypatch.setattr("rasterjit.rendering.batch.SHELF", own)
     return own
 
@@ -84,7 +84,7 @@ def test_what_is_kept_goes_with_the_scene(shelf):
 
 @in_groups
 def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
-    monkeypatch.setattr(kept, "MOST_KEPT", 3 << 20)
+    monkeypatch.setattr(together, "MOST_KEPT", 3 << 20)
     scenes = [mixed_scene() for _ in range(9)]
     for scene in scenes:
         rj.render_batch(scene, around(2), size=SIZE, threads=1)
@@ -97,7 +97,7 @@ def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
 
 @in_groups
 def test_memory_of_all_threads_is_bounded(scene, made, monkeypatch):
-    monkeypatch.setattr(kept, "MOST_BYTES", 1 << 10)
+    monkeypatch.setattr(together, "MOST_BYTES", 1 << 10)
     check(scene, around(4), threads=2)
     assert made == []
 

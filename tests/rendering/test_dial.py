@@ -22,8 +22,7 @@ from rasterjit.rendering.budget import (
     light_of,
     root_mean_square,
 )
-from rasterjit.rendering.clock import StageClock
-from rasterjit.runtime.clocks import COMPILE_CLOCK
+from rasterjit.runtime.clocks import COMPILE_CLOCK, StageClock
 
 SIZE = (96, 72)
 

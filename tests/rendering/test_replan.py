@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.views import plan_views
+from rasterjit.rendering.plan import FrameRequest, plan_views
 from rasterjit.survey.contents import Inventory
 from rasterjit.survey.effect import Effect
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.views import plan_views
+from rasterjit.rendering.plan import FrameRequest, plan_views
 
 SIZE = 300, 240
 """Large enough for several bands of rows."""
