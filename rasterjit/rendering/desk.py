@@ -126,8 +126,10 @@ def view_fields(
     ``axis`` the one that a camera looks back along, (..., 3).
     """
     relative = views.relative_from_model
-    x, y, z = np.moveaxis(axis, -1, 0)
-    length = np.sqrt((x * x + y * y) + z * z)
+    distance_axis = np.empty((*axis.shape[:-1], 4))
+    distance_axis[..., :3] = axis
+    x, y, z = axis[..., 0], axis[..., 1], axis[..., 2]
+    distance_axis[..., 3] = np.sqrt((x * x + y * y) + z * z)
     return {
         "relative_from_model": relative,
         "clip_from_relative": views.clip_from_relative,
@@ -139,7 +141,7 @@ def view_fields(
         "culled_turns": culled_turns(cull, turn, places.mirrored, is_single_sided),
         "toward_viewer": views.toward_viewer,
         "viewer": views.toward_viewer,
-        "distance_axis": np.concatenate((axis, length[..., np.newaxis]), axis=-1),
+        "distance_axis": distance_axis,
         "is_parallel": views.toward_viewer[..., 3:] == 0.0,
     }
 

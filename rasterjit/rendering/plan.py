@@ -30,7 +30,6 @@ from rasterjit.scene.background import Backdrop, BackgroundImage, read_backgroun
 from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
 from rasterjit.scene.framing import fit_upright
 from rasterjit.scene.imitation import Imitation
-from rasterjit.scene.light import Light
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
@@ -63,7 +62,7 @@ from rasterjit.survey.contents import (
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
 from rasterjit.survey.effect import Absent, Active, Planned, Planning
 from rasterjit.survey.facts import Facts, look
-from rasterjit.survey.lights import headlight, imitated_lighting, lighting_of
+from rasterjit.survey.lights import headlight_row, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
@@ -245,10 +244,11 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     if not facts.is_lit:
         on_samples = any(one.used and "sample" in one.effect.places for one in effects)
         return lighting_of([], camera, 0) if on_samples else None
-    lights: Sequence[Light] = facts.lights.lights
+    own = facts.seen.highlights, int(facts.renormalizes)
     if facts.has_headlight:
-        lights = headlight(camera)
-    lighting = lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
+        lighting = headlight_row(camera, *own)
+    else:
+        lighting = lighting_of(facts.lights.lights, camera, *own)
     if facts.imitation is not None:
         return imitated_lighting(lighting, facts.imitation, facts.lights, camera)
     return lighting

@@ -59,7 +59,7 @@ from rasterjit.survey.effect import InGroups
 from rasterjit.survey.lights import (
     FARTHEST_LIGHT,
     HEADLIGHT_DIRECTION,
-    headlight,
+    headlight_row,
     lighting_of,
     reach,
 )
@@ -419,9 +419,7 @@ def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArra
 
 def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float32]:
     """Return the light of each view of a scene that has none, (N, 1, 13): `lights.headlight`."""
-    rows = np.repeat(
-        lighting_of(headlight(camera), camera, 0).lights[np.newaxis], len(view_from_world), axis=0
-    )
+    rows = np.repeat(headlight_row(camera, 0).lights[np.newaxis], len(view_from_world), axis=0)
     matrices = transforms.normal_matrices(view_from_world)
     x, y, z = HEADLIGHT_DIRECTION
     along = (matrices[:, 0] * x + matrices[:, 1] * y) + matrices[:, 2] * z

@@ -156,7 +156,7 @@ class DirectionalLight:
     shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
-        _store(self, "direction", _unit_vector("direction", self.direction))
+        _store(self, "direction", unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
         _check_shadow(self)
         if self.shadow is not None and self.shadow.light_size is not None:
@@ -257,7 +257,7 @@ class SpotLight:
 
     def __post_init__(self) -> None:
         _store(self, "position", triple("position", self.position))
-        _store(self, "direction", _unit_vector("direction", self.direction))
+        _store(self, "direction", unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
         inner = bounded_number("inner_angle", self.inner_angle, 0.0, WIDEST_CONE)
         outer = bounded_number("outer_angle", self.outer_angle, 0.0, WIDEST_CONE)
@@ -303,7 +303,7 @@ def _check_shadow(light: Any) -> None:
         raise ValueError(f"shadow must be a Shadow or None, got {light.shadow!r}")
 
 
-def _unit_vector(name: str, value: ArrayLike) -> Vector:
+def unit_vector(name: str, value: ArrayLike) -> Vector:
     """Return ``value`` scaled to unit length, or raise ``ValueError`` if it has none."""
     x, y, z = triple(name, value)
     largest = max(abs(x), abs(y), abs(z))

@@ -23,7 +23,7 @@ from rasterjit.forks import cached_property
 from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
 from rasterjit.pipeline.records import Imitated, Lighting
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.imitation import DepthMap, Imitation
 from rasterjit.scene.light import (
@@ -34,6 +34,7 @@ from rasterjit.scene.light import (
     PointLight,
     Shadow,
     SpotLight,
+    unit_vector,
 )
 from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.many_views import Group
@@ -550,14 +551,28 @@ def most_light(lights: Sequence[Light], environment: Environment | None) -> floa
 
 def headlight(camera: Camera) -> list[Light]:
     """Return the lights of a scene that has none."""
+    ambient = AmbientLight(intensity=HEADLIGHT_AMBIENT)
+    return [DirectionalLight(_headlight_way(camera), intensity=HEADLIGHT_INTENSITY), ambient]
+
+
+def _headlight_way(camera: Camera) -> tuple[float, ...]:
+    """Return the direction of the light of a scene that has none, of any length."""
     # The rows of the inverse transpose are the columns of the inverse.
     columns = transforms.normal_rows(np.asarray(camera.view_matrix(), np.float64).tolist())
     x, y, z = HEADLIGHT_DIRECTION
-    direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
-    return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]
+    return tuple([(a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True)])
+
+
+def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lighting:
+    """Return `lighting_of` the `headlight` of a camera, without making its lights anew."""
+    made = _any_headlight()
+    rows = made.lights.copy()
+    rows[0, :3] = [-x for x in unit_vector("direction", _headlight_way(camera))]
+    count = np.int64(highlights) if highlights else None
+    return made._replace(lights=rows, highlights=count, renormalizes=renormalizes)
 
 
 @cache
-def _headlight_ambient() -> AmbientLight:
-    """Return the part of the default light that has no direction."""
-    return AmbientLight(intensity=HEADLIGHT_AMBIENT)
+def _any_headlight() -> Lighting:
+    camera = PerspectiveCamera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    return lighting_of(headlight(camera), camera, 0)
