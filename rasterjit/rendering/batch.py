@@ -74,6 +74,10 @@ WORK_PER_GROUP = 1 << 21
 WORK_PER_LARGE_GROUP = 1 << 22
 """The same of a batch: far less than a second's work."""
 
+MOST_WORK = 1 << 17
+"""Faces and pixels of a view, about, beyond which to draw it takes so long that a group gains
+nothing, nor what is kept for the next."""
+
 PIXEL_BYTES = 4
 """What the addresses of arrays are multiples of: a pixel is written as one word."""
 
@@ -189,10 +193,14 @@ def render_batch(
     drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
     if eyes:
         kept = _take_up(what, scene, options.quality)
-        # Plan the first, which finds what is wrong with all of them.
-        kept.first = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first).plan
-        with beside(partial(planning.list_tasks, kept.first), workers * own):
-            drawn = _draw_all(views, kept, projections, workers)
+        if len(eyes) == 1:
+            drawn = _draw_one(views, kept, workers * own)
+        else:
+            # Plan the first, which finds what is wrong with all of them.
+            planned = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first)
+            kept.first = planned.plan
+            with beside(partial(planning.list_tasks, kept.first), workers * own):
+                drawn = _draw_all(views, kept, projections, workers)
         # What an error leaves behind is not used again.
         SHELF.put(what, kept)
     notices.warn(drawn.told.named(), set())
@@ -349,6 +357,40 @@ class ViewsDrawn(NamedTuple):
     told: Told
     """What there is to warn of."""
 
+    def add(self, others: ViewsDrawn) -> None:
+        """Count others, too."""
+        self.totals[:] += others.totals
+        self.told.join(others.told)
+
+
+def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
+    """Draw the only view: a small one by a renderer that stays for the next call."""
+    size, quality = views.options.size, views.options.quality
+    if work_of(size, views.scene) > MOST_WORK:
+        with Renderer.of_many(size, quality, threads, kept.cache) as renderer:
+            return _draw_alone(renderer, views, [0])
+    renderer = kept.renderer
+    if renderer is None or (renderer.size, renderer.quality) != (size, quality):
+        renderer = kept.renderer = Renderer(size, quality=quality, threads=1)
+        renderer.warned = None
+    renderer._cache = kept.cache
+    return _draw_alone(renderer, views, [0])
+
+
+def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> ViewsDrawn:
+    """Draw some views one by one, each as `rasterjit.render` does."""
+    options, totals, told = views.options, np.zeros(len(COUNTED), np.int64), Told()
+    for number in numbers:
+        frame = renderer.render(
+            views.scene_of(number), views.cameras[number], outputs=options.outputs,
+            background=options.background, cull=options.cull,
+        )  # fmt: skip
+        for name, array in frame.arrays().items():
+            views.arrays[name][number] = array
+        totals += [getattr(frame.stats, name) for name in COUNTED]
+        told.add(number, notices.notices_of_frame(frame))
+    return ViewsDrawn(totals, told)
+
 
 def _draw_all(
     views: AllViews, kept: BatchCache, projections: Projections, workers: int
@@ -365,11 +407,10 @@ def _draw_all(
             views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )
         make = partial(DrawInGroups, views, cache, shared)
-    totals, told = np.zeros(len(COUNTED), np.int64), Told()
+    total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
     for drawn in in_threads(make, groups, workers):
-        totals += drawn.totals
-        told.join(drawn.told)
-    return ViewsDrawn(totals, told)
+        total.add(drawn)
+    return total
 
 
 def views_per_group(count: int, workers: int) -> int:
@@ -458,19 +499,11 @@ class OneByOne:
 
     def __call__(self, group: Iterable[int]) -> ViewsDrawn:
         """Draw some views."""
-        views, options = self._views, self._views.options
-        totals, told = np.zeros(len(COUNTED), np.int64), Told()
+        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
         for number in group:
             with naming(f"cameras[{number}]"):
-                frame = self._renderer.render(
-                    views.scene_of(number), views.cameras[number], outputs=options.outputs,
-                    background=options.background, cull=options.cull,
-                )  # fmt: skip
-            for name, array in frame.arrays().items():
-                views.arrays[name][number] = array
-            totals += [getattr(frame.stats, name) for name in COUNTED]
-            told.add(number, notices.notices_of_frame(frame))
-        return ViewsDrawn(totals, told)
+                drawn.add(_draw_alone(self._renderer, self._views, [number]))
+        return drawn
 
     def close(self) -> None:
         """Let its threads go."""

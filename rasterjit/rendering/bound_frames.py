@@ -66,6 +66,11 @@ class BoundFrames:
         self._alike, self._clears = 0, 0
         self._desk: Desk | None = None
 
+    @property
+    def bytes(self) -> int:
+        """Memory in which they draw, about, bytes."""
+        return 0 if self._desk is None else self._desk.bytes
+
     def clear(self) -> None:
         """Let everything go; another thread may still draw."""
         self._clears += 1

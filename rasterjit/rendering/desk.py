@@ -181,6 +181,8 @@ class Desk:
 
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
         self._plan, self._cache, self._calls = plan, cache, BoundCalls()
+        self.bytes = memory_of(plan, cache)
+        """Its memory, about."""
         self._lights = list(lights)
         if plan.layers is not None:
             # Objects that others of these views show count as well.

@@ -45,14 +45,10 @@ from rasterjit.survey.plan import RenderPlan
 BYTES_AT_ONCE = 1 << 23
 """Memory of the pictures that a thread draws in one go, at most."""
 
-MOST_WORK = 1 << 17
-"""Faces and pixels of a view, about, beyond which to draw it takes so long that a group gains
-nothing."""
-
 
 def may_gain(scene: Scene, options: FrameRequest, threads: int, room: int) -> bool:
     """Tell, without a plan, whether views may be drawn in one go: see `views_at_once`."""
-    is_small = batch.work_of(options.size, scene) <= MOST_WORK
+    is_small = batch.work_of(options.size, scene) <= batch.MOST_WORK
     return threads == 1 and room > 1 and is_small and together.is_possible(options)
 
 

@@ -552,6 +552,11 @@ class Renderer(Guarded):
     ) -> None:
         self.close()
 
+    @property
+    def bytes_bound(self) -> int:
+        """Memory in which small frames are drawn by bound calls, about, bytes."""
+        return self._bound.bytes
+
     def close(self) -> None:
         """Let the threads go; a later render starts them again."""
         self._workers.close()

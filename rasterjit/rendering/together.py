@@ -201,23 +201,22 @@ class Together:
         boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
         self._whole = boxes_around(boxes, places[np.newaxis])
 
-    def take_desk(self, kind: tuple, number: int, camera: Camera) -> tuple[int, Desk] | None:
+    def take_desk(self, kind: tuple, number: int, camera: Camera) -> Desk | None:
         """
-        Return memory for a kind of views, of which one is given, and its size, bytes.
+        Return memory for a kind of views, of which one is given.
 
         None: they share too little, or there is no room.
         """
         plan = self._plan_of(kind, number, camera)
         if plan is None:
             return None
-        taken = self._kept.take(kind)
-        if taken is None:
-            size = memory_of(plan, self.cache)
-            if not self._kept.reserve(size):
+        desk = self._kept.take(kind)
+        if desk is None:
+            if not self._kept.reserve(memory_of(plan, self.cache)):
                 return None
-            taken = size, Desk(plan, self.cache, self._rows_of(plan))
-        taken[1].write_to(self._arrays)
-        return taken
+            desk = Desk(plan, self.cache, self._rows_of(plan))
+        desk.write_to(self._arrays)
+        return desk
 
     def _rows_of(self, plan: RenderPlan) -> list[int]:
         """Return the rows of lights that shine in views of a plan, of those that are prepared."""
@@ -225,9 +224,9 @@ class Together:
             return [0]
         return [row for row, n in enumerate(self.lights) if n in plan.facts.lights.numbers]
 
-    def give_back(self, kind: tuple, size: int, desk: Desk) -> None:
+    def give_back(self, kind: tuple, desk: Desk) -> None:
         """Take back what `take_desk` returned."""
-        self._kept.give_back(kind, size, desk)
+        self._kept.give_back(kind, desk)
 
     def _plan_of(self, kind: tuple, number: int, camera: Camera) -> RenderPlan | None:
         """Return the plan of a kind of views, of which one is given; None: they share none."""
@@ -465,12 +464,12 @@ class Drawer:
 
     def __init__(self, shared: Together) -> None:
         self._shared = shared
-        self._desks: dict[tuple, tuple[int, Desk]] = {}
+        self._desks: dict[tuple, Desk] = {}
 
     def close(self) -> None:
         """Give back what it drew in."""
-        for kind, taken in self._desks.items():
-            self._shared.give_back(kind, *taken)
+        for taken in self._desks.items():
+            self._shared.give_back(*taken)
         self._desks.clear()
 
     def draw(
@@ -523,11 +522,11 @@ class Drawer:
     def _desk(self, kind: tuple, number: int, camera: Camera) -> Desk | None:
         """Return the memory for a kind of views, of which one is given; None: there is none."""
         if kind not in self._desks:
-            taken = self._shared.take_desk(kind, number, camera)
-            if taken is None:
+            desk = self._shared.take_desk(kind, number, camera)
+            if desk is None:
                 return None
-            self._desks[kind] = taken
-        return self._desks[kind][1]
+            self._desks[kind] = desk
+        return self._desks[kind]
 
 
 def is_possible(options: FrameRequest) -> bool:
@@ -648,15 +647,21 @@ class BatchCache:
         self.cache = cache
         self.first: RenderPlan | None = None
         """The plan of the first view, of the batch at hand or the last."""
+        self.renderer: Any = None
+        """What draws small batches of one view."""
         self.kinds: dict[bytes, tuple[tuple | None, bool]] = {}
         """What is in view, and whether light falls on it, by which objects are in view."""
         self._plans: dict[tuple, RenderPlan] = {}
-        self._desks: dict[tuple, list[tuple[int, Any]]] = {}
-        """The size and the memory of those that nobody draws in, by what their plans follow from;
-        those used last are last."""
+        self._desks: dict[tuple, list[Desk]] = {}
+        """Those that nobody draws in, by what their plans follow from; those used last are last."""
         self._lock = forks.lock()
         self.bytes = 0
         """Of all desks, those in use included."""
+
+    @property
+    def size(self) -> int:
+        """Memory of all that is kept, about, bytes."""
+        return self.bytes + (0 if self.renderer is None else self.renderer.bytes_bound)
 
     def holds(self, cache: SceneCache) -> bool:
         """Tell whether meshes and materials are still the same."""
@@ -679,8 +684,8 @@ class BatchCache:
                 del self._plans[other]
             return made
 
-    def take(self, kind: tuple) -> tuple[int, Any] | None:
-        """Return a desk that nobody draws in, with its size; ``None`` if there is none."""
+    def take(self, kind: tuple) -> Desk | None:
+        """Return a desk that nobody draws in; ``None`` if there is none."""
         with self._lock:
             free = self._desks.get(kind)
             return free.pop() if free else None
@@ -695,17 +700,17 @@ class BatchCache:
             self.bytes += size * has_room
             return has_room
 
-    def give_back(self, kind: tuple, size: int, desk: Any) -> None:
+    def give_back(self, kind: tuple, desk: Desk) -> None:
         """Take a desk back."""
         with self._lock:
             if kind in self._plans:
-                self._desks.setdefault(kind, []).append((size, desk))
+                self._desks.setdefault(kind, []).append(desk)
             else:
-                self.bytes -= size
+                self.bytes -= desk.bytes
 
     def _drop(self, kind: tuple) -> None:
         """Let the desks of a kind go."""
-        self.bytes -= sum(size for size, _ in self._desks.pop(kind, ()))
+        self.bytes -= sum(desk.bytes for desk in self._desks.pop(kind, ()))
 
 
 def serves(made: RenderPlan, asked: RenderPlan) -> bool:
@@ -756,7 +761,7 @@ class Shelf:
 
     def put(self, what: Any, kept: BatchCache) -> None:
         """Keep what was prepared for a scene; a mesh would be kept alive by it."""
-        if not isinstance(what, Scene) or kept.bytes > MOST_KEPT:
+        if not isinstance(what, Scene) or kept.size > MOST_KEPT:
             return
         number = id(what)
 
@@ -767,7 +772,7 @@ class Shelf:
 
         with self._lock:
             self._kept[number] = weakref.ref(what, forget), kept
-            while sum(one.bytes for _, one in self._kept.values()) > MOST_KEPT:
+            while sum(one.size for _, one in self._kept.values()) > MOST_KEPT:
                 del self._kept[next(iter(self._kept))]
 
 

@@ -22,7 +22,7 @@ from rasterjit.dataset import recipe as dataset
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.io import folders
 from rasterjit.outputs import masks
-from rasterjit.rendering import pool, together
+from rasterjit.rendering import batch, pool, together
 from rasterjit.rendering.notices import ViewWarning
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -267,7 +267,7 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
         rj.Renderer, "render", lambda *a, **k: steps.append("render") or render(*a, **k)
     )
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
-    monkeypatch.setattr(pool, "MOST_WORK", 0)
+    monkeypatch.setattr(batch, "MOST_WORK", 0)
     recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
     mesh.render_views(two_boxes("ab"), tmp_path, recipe)
     assert steps == ["render", "annotate"] * 4
@@ -322,7 +322,7 @@ def test_files_are_the_same_whether_views_are_drawn_alone(
     mesh.render_views(two_boxes("ab"), tmp_path / "few", recipe, threads=threads)
     assert sorted(one for one in goes if one is not None) == expected
     goes.clear()
-    monkeypatch.setattr(pool, "MOST_WORK", 0)
+    monkeypatch.setattr(batch, "MOST_WORK", 0)
     mesh.render_views(two_boxes("ab"), tmp_path / "one", recipe, threads=threads)
     assert not any(goes)
     files = contents(tmp_path / "few")
