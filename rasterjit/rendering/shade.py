@@ -309,7 +309,7 @@ def shade_nothing(
         picture[1:] = picture[0]
 
 
-def effect_of(plan: RenderPlan) -> Planned | None:
+def glass_of(plan: RenderPlan) -> Planned | None:
     """Return the effect that shows what lies behind glass; ``None`` where a frame has none."""
     return next((one for one in plan.planned if isinstance(one.effect, SeesThrough)), None)
 
@@ -351,7 +351,7 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
         Returns what the picture of another plan shows.
     """
     plan = context.plan
-    own = effect_of(plan)
+    own = glass_of(plan)
     if own is None:
         return context
     (done,) = plan.drawn or ({},)

@@ -211,7 +211,7 @@ def shade_faces(
     has_codes = plan.facts.mixes_codes
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     if accumulation.sums is None:
-        accumulation.sums = workers.memory.empty((*context.face_id.shape, 4), np.float64)
+        accumulation.sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
     # In the same steps for any number of pictures: those of one step share shadow maps.
     counts = _counts(plan.pictures)
@@ -224,7 +224,7 @@ def shade_faces(
             drawn = _draw_whole(context, new, find)
             clock("shade, resolve")
         picture = plan_picture(plan, drawn)
-        own = shade.effect_of(plan)
+        own = shade.glass_of(plan)
         if own is not None and new and surveys_pictures(plan):
             other = shade.draw_behind(context, own, find)
             picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
@@ -286,13 +286,13 @@ def cover_pixels(
         finder = bands.Finder(context.geometry, shade.find_hit_tests(plan, context.cache))
         return cover_samples(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
-        accumulation.covered = np.zeros(context.face_id.shape, np.int32)
+        accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
     picture = plan.with_(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
     )
     for offset in sample_offsets(samples)[accumulation.covering : count]:
-        accumulation.covered += find(moved(picture, offset)).face_id >= 0
+        accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
         accumulation.covering += 1
     return (accumulation.covered / accumulation.covering).astype(np.float32)
 

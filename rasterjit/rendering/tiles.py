@@ -204,7 +204,7 @@ class RegionRenderer:
     def _look_behind(self) -> None:
         """Draw the whole picture behind glass, if there is any and it is not drawn yet."""
         plan, cache, views = self._planned[:3]
-        own = shade.effect_of(plan)
+        own = shade.glass_of(plan)
         if own is None:
             return
         (done,) = plan.drawn or ({},)

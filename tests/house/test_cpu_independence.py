@@ -262,7 +262,6 @@ ALLOWED = {
     ("rendering/batch.py", "prod"): "whole numbers: lengths of arrays",
     ("rendering/pool.py", "sum"): "whole numbers: bytes",
     ("rendering/pool.py", "prod"): "whole numbers: lengths of arrays",
-    ("rendering/kept.py", "sum"): "whole numbers: bytes",
     ("rendering/together.py", "sum"): "whole numbers: counts of faces and pixels",
     ("rendering/desk.py", "prod"): "whole numbers: lengths of arrays",
     ("distributed/layers.py", "sum"): "whole numbers: counts of faces",
