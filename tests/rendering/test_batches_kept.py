@@ -91,8 +91,16 @@ def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
     assert 0 < len(shelf._kept) < 9
     assert id(scenes[-1]) in shelf._kept
     large = mixed_scene()
-    rj.render_batch(large, around(1), size=(600, 600), threads=1)
+    rj.render_batch(large, around(2), size=(600, 600), threads=1)
     assert id(large) not in shelf._kept
+
+
+@in_groups
+def test_batches_of_one_view_are_drawn_by_calls_that_are_kept(shelf, scene):
+    for camera in around(5):
+        check(scene, [camera])
+    ((_, kept),) = shelf._kept.values()
+    assert 0 < kept.renderer.bytes_bound == kept.size
 
 
 @in_groups

@@ -81,11 +81,11 @@ def test_more_layers_than_there_is_room_for_are_drawn_one_by_one(alone):
         pane = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=glass)
         scene.add(pane, rj.transforms.translate((0.1 * n, 0.0, -0.1 * n)))
     camera = rj.PerspectiveCamera((0.4, 0.1, 4.0), (0.4, 0.0, 0.0))
-    check(scene, [camera], outputs=("color", "linear"), size=(80, 70))
+    check(scene, [camera] * 2, outputs=("color", "linear"), size=(80, 70))
     assert alone == []
     scene.add(rj.Mesh(corners - (0, 0, 3), [(0, 1, 2), (0, 2, 3)], material=glass))
-    check(scene, [camera], outputs=("color", "linear"), size=(80, 70))
-    assert alone == [0]
+    check(scene, [camera] * 2, outputs=("color", "linear"), size=(80, 70))
+    assert sorted(alone) == [0, 1]
 
 
 @in_groups
@@ -97,10 +97,10 @@ def test_longer_lists_than_there_is_room_for_are_drawn_one_by_one(alone):
     scene = rj.Scene()
     scene.add(rj.Mesh(corners.reshape(-1, 3), np.arange(27000).reshape(-1, 3)))
     camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0))
-    check(scene, [camera], outputs=("face_id",), size=(64, 64))
+    check(scene, [camera] * 2, outputs=("face_id",), size=(64, 64))
     assert alone == []
-    check(scene, [camera], outputs=("face_id",), size=(384, 384))
-    assert alone == [0]
+    check(scene, [camera] * 2, outputs=("face_id",), size=(384, 384))
+    assert sorted(alone) == [0, 1]
 
 
 @in_groups
@@ -111,11 +111,11 @@ def test_longer_lists_of_samples_than_there_is_room_for_are_drawn_one_by_one(alo
     scene, quality = rj.Scene(), rj.Quality(samples=4)
     scene.add(rj.Mesh(corners.reshape(-1, 3), np.arange(27000).reshape(-1, 3)))
     camera = rj.OrthographicCamera((0, 0, 100), (0, 0, 0), height=128.0)
-    check(scene, [camera], outputs=("color",), size=(768, 128))
-    check(scene, [camera], outputs=("color",), size=(192, 128), quality=quality)
+    check(scene, [camera] * 2, outputs=("color",), size=(768, 128))
+    check(scene, [camera] * 2, outputs=("color",), size=(192, 128), quality=quality)
     assert alone == []
-    check(scene, [camera], outputs=("color",), size=(768, 128), quality=quality)
-    assert alone == [0]
+    check(scene, [camera] * 2, outputs=("color",), size=(768, 128), quality=quality)
+    assert sorted(alone) == [0, 1]
 
 
 @in_groups
