@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import ways
 from changes import CHANGES, FAR_OFF, SIZE, Asked, changing_scene, placed, walk
+from rasterjit.rendering.sharing import BY_KERNEL
 
 import rasterjit as rj
 from rasterjit.rendering import kept
-from rasterjit.rendering.sharing import BY_KERNEL
 
 pytestmark = pytest.mark.needs_jit
 
