@@ -289,6 +289,7 @@ class Desk:
         screen = draw.screen_arrays(count + room, Memory())
         clip_positions = np.empty((count, 4), np.float64)
         faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
+        # Vertices to the screen.
         relative = self._field("relative_from_model", (objects, 4, 4), kind)
         clip = self._field("clip_from_relative", (4, 4), kind)
         owned, scratch = (arrays.vertex_starts, relative), projection.scratch_memory(kind)
@@ -301,6 +302,7 @@ class Desk:
             scratch,
         )  # fmt: skip
         self._load_at("coefficients", transformed.place_of(4), 3)
+        # Faces: cut them, list them by tiles, draw them there.
         clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
         self._geometry = draw.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
@@ -312,6 +314,7 @@ class Desk:
         listed = self._list_and_draw(faces, screen, viewport)
         finding = transformed, clipped, placed, *cut, *listed
         self._finding = np.array([one.words for one in finding], np.int64)
+        # What shading reads of where objects stand.
         self._placement = Placement(
             arrays.face_starts,
             arrays.positions,
@@ -506,6 +509,7 @@ class Desk:
         """
         calls, lists, layers = self._calls, self._lists, self._plan.layers
         viewport, samples = shader.geometry.viewport, int(layers.samples)
+        # Part the lists: opaque faces first.
         parted, middles, room = lists.binned, lists.starts[1:], MOST_LAYERS * layers.has_blended
         if layers.has_blended:
             parted = np.empty_like(lists.binned)
@@ -527,6 +531,7 @@ class Desk:
             encode.encoding_table(shader.encoding),
         )
         found, own = ReusedMemory(), ReusedMemory()
+        # Find the faces of a row of tiles, then shade some rows at once.
         for top in range(0, viewport.height, TILE_SIZE):
             rows = top, min(top + TILE_SIZE, viewport.height)
             found.begin()

@@ -333,6 +333,7 @@ def find_visible(
     kept = kept or Kept(workers.memory, lasts=False)
     if views is None:
         views = placing.view_places(cache.places, camera, plan.size)
+    # What the picture is drawn into, and which sides of faces.
     spacing = supersample.spacing_of(camera)
     viewport = kept.made(
         "viewport", drawing.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
@@ -343,6 +344,7 @@ def find_visible(
         arrays.face_starts, cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
     clock("plan")
+    # Vertices, faces and what has no triangles, as they are drawn.
     vertices = drawing.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative, arrays.unused,
@@ -360,6 +362,7 @@ def find_visible(
         ),
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
+    # Find the faces, then what shading and outputs read of them.
     coverage = drawing.find_visible(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,

@@ -288,6 +288,7 @@ def _contents_of(mesh: Mesh) -> Contents:
     )
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
     return Contents(
+        # How it is shaded and textured.
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
         laid=mesh.uv is not None,
@@ -298,6 +299,7 @@ def _contents_of(mesh: Mesh) -> Contents:
             and material.shading == "gouraud"
             and shines
         ),
+        # What is seen through it.
         masked=material.alpha_mode == "mask",
         cut_out=has_hole,
         textured_holes=has_hole and is_painted,
@@ -309,6 +311,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         with_sheen=material.has_sheen,
         own_mirrors=material.has_own_specular,
         single_sided=not material.double_sided,
+        # What the mesh has.
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
         with_field=field is not None,

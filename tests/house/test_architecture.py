@@ -40,11 +40,8 @@ FOR_KERNELS = {
 """Files without kernels that they import: how to compile, instructions, types, records."""
 
 WITHOUT_HEADINGS = {
-    "rasterjit/rendering/desk.py",
-    "rasterjit/rendering/renderer.py",
     "rasterjit/runtime/compiler.py",
     "rasterjit/runtime/instructions.py",
-    "rasterjit/survey/contents.py",
 }
 """Files with long functions whose steps have no headings yet."""
 
