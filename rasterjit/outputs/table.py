@@ -3,7 +3,7 @@ The outputs that a frame can hold: one row each.
 
 To add one, add its row here, fill it in ``outputs/fill.py``, and give `Frame` a property that
 says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shading, ``coverage`` in
-``rendering/coverage.py``.
+``rendering/supersample.py``.
 
 Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one row for all.
 """
