@@ -348,6 +348,8 @@ class Kept:
 
     def made(self, name: str, make: Callable[..., Any], *parts: Any) -> Any:
         """Return ``make(*parts)``, or what it returned before, of the same parts."""
+        if not self.lasts:
+            return make(*parts)
         found = self._made.get(name)
         if found is not None and are_same(found[0], parts):
             return found[1]
@@ -355,6 +357,8 @@ class Kept:
 
     def empty(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
         """Return an array of any contents: the one of before, if shape and type are the same."""
+        if not self.lasts:
+            return self.memory.empty(shape, dtype)
         found = self._made.get(name)
         if found is not None and found[0] == (shape, dtype):
             return found[1]
@@ -362,12 +366,13 @@ class Kept:
 
     def at_least(self, name: str, count: int, dtype: Any) -> NDArray[Any]:
         """Return an array of ``count`` numbers or more: the one of before, if it is that long."""
+        if not self.lasts:
+            return self.memory.empty((count,), dtype)
         found = self._made.get(name)
         if found is not None and found[0] == (dtype,) and len(found[1]) >= count:
             return found[1]
         # The next one may be a little longer.
-        room = count + count // 4 if self.lasts else count
-        return self._keep(name, (dtype,), self.memory.empty((room,), dtype))
+        return self._keep(name, (dtype,), self.memory.empty((count + count // 4,), dtype))
 
     def copied(self, name: str, values: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
         """Return a copy of an array, C-contiguous: at the place of the one before, if alike."""
@@ -376,8 +381,7 @@ class Kept:
         return array
 
     def _keep(self, name: str, parts: tuple[Any, ...], thing: Any) -> Any:
-        if self.lasts:
-            self._made[name] = parts, thing
+        self._made[name] = parts, thing
         return thing
 
     def clear(self) -> None:
