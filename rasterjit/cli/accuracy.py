@@ -40,6 +40,7 @@ from rasterjit.accuracy.study import SIZE
 from rasterjit.accuracy.together import FolderStudy, study_folder
 from rasterjit.cli.options import Described
 from rasterjit.cli.program import load_scene
+from rasterjit.cli.report import printable, say
 from rasterjit.io.folders import mesh_files
 
 if TYPE_CHECKING:
@@ -119,12 +120,12 @@ def study_files(folder: Path, shown: Described, options: dict[str, Any]) -> Fold
     if quiet:
         return found
     for text in together(found):
-        click.echo(text)
-    click.echo(f"  {options_of(found.take.trial, found.standard)}")
+        say(text)
+    say(f"  {options_of(found.take.trial, found.standard)}")
     for name, why in found.failures.items():
-        click.echo(f"not studied: {name}: {why}")
+        say(f"not studied: {name}: {why}")
     for name in (JSON_NAME, PAGE_NAME):
-        click.echo(f"wrote {Path(output) / name}")
+        say(f"wrote {Path(output) / name}")
     return found
 
 
@@ -144,7 +145,7 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
     for step in profile.steps:
         table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
     _console().print(table)
-    click.echo(f"wrote {path}")
+    say(f"wrote {path}")
 
 
 @contextmanager
@@ -157,12 +158,12 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
     if quiet or not console.is_terminal:
         yield None
         return
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting")
 
         def show(text: str, done: float, count: float) -> None:
-            bar.update(task, description=text, completed=done, total=count)
+            bar.update(task, description=printable(text), completed=done, total=count)
 
         yield show
 
@@ -201,11 +202,9 @@ def _print(found: Study, folder: Path) -> None:
         console.print(f"left out ({why}): {'; '.join(found.left_out)}")
     names = [JSON_NAME, CSV_NAME, *([PAGE_NAME] if can_make_page() else [])]
     for name in names:
-        click.echo(f"wrote {folder / name}")
+        say(f"wrote {folder / name}")
     if not can_make_page():
-        click.echo(
-            f'no {PAGE_NAME}: it needs matplotlib and jinja2; pip install "rasterjit[accuracy]"'
-        )
+        say(f'no {PAGE_NAME}: it needs matplotlib and jinja2; pip install "rasterjit[accuracy]"')
 
 
 def _print_table(found: Study, console: Console) -> None:
@@ -230,7 +229,7 @@ def _print_table(found: Study, console: Console) -> None:
         last = trial.setting
     width, height = found.size
     console.print(
-        f"{found.scene}, {width} x {height} pixels, {found.threads} threads; "
+        f"{printable(found.scene)}, {width} x {height} pixels, {found.threads} threads; "
         f"{'processor ' if found.clock == PROCESSOR else ''}times are medians of up to "
         f"{max(found.rounds, 1)} rounds ± half of what lies between the quartiles, ? where that is "
         "not measured well enough; * worth choosing: more accurate than all that is faster"

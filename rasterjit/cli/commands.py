@@ -66,6 +66,7 @@ from rasterjit.cli.report import (
     print_profile,
     progress_bar,
     progress_notice,
+    say,
     status,
     with_progress,
 )
@@ -114,7 +115,7 @@ def program(context: click.Context, version: bool) -> None:
     if version:
         from rasterjit import __version__
 
-        click.echo(f"rasterjit {__version__}")
+        say(f"rasterjit {__version__}")
         context.exit()
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -283,7 +284,7 @@ def turntable(
         )  # fmt: skip
         playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=turn.fps)
     if not quiet:
-        click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+        say(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
 
 
 @program.command(short_help="Render a folder of meshes from all sides.")
@@ -447,11 +448,11 @@ def explain(
             drawn = styled.options(size, background=background, cull=cull)
             camera = drawn.pop("camera")
             told = explain_pixel(styled.scene, camera, size, *pixel, **drawn)
-        click.echo(str(told))
+        say(*str(told).split("\n"))
         return
     # The whole frame.
     options: dict[str, Any] = {"outputs": outputs, "background": background, "cull": cull}
-    click.echo(describe_plan(styled.explain(size=size, **options)))
+    say(*describe_plan(styled.explain(size=size, **options)).split("\n"))
     if measure:
         from rasterjit.inspect.profile import profile
 
@@ -555,7 +556,7 @@ def warmup(quiet: bool) -> None:
     pack = shipped.found().pack
     if pack is not None and not lacking():
         if not quiet:
-            click.echo(f"nothing to compile: code for {pack.target.cpu} came with the installation")
+            say(f"nothing to compile: code for {pack.target.cpu} came with the installation")
         return
     folder = store.folder()
     if folder is None:
@@ -565,8 +566,8 @@ def warmup(quiet: bool) -> None:
         compile_all(tell)
     if not quiet:
         count = store.contents(folder).entries
-        click.echo(f"compiled or found all kernels in {time.perf_counter() - started:.1f} s")
-        click.echo(f"{count} entries in {folder}")
+        say(f"compiled or found all kernels in {time.perf_counter() - started:.1f} s")
+        say(f"{count} entries in {folder}")
 
 
 @program.command(short_help="Check versions, CPU, cache and rendering.")
@@ -579,7 +580,7 @@ def doctor() -> None:
     with progress_notice(quiet=False):
         for finding in examine():
             mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
-            click.echo(f"{mark}{finding.name:<22}{finding.text}")
+            say(f"{mark}{finding.name:<22}{finding.text}")
             healthy = healthy and finding.passed is not False
     if not healthy:
         raise click.ClickException("the self-check failed; see the lines marked FAILED")

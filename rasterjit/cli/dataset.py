@@ -21,7 +21,7 @@ from rasterjit.cli.options import (
     refuse_idle,
 )
 from rasterjit.cli.program import in_options
-from rasterjit.cli.report import progress_notice, warn
+from rasterjit.cli.report import progress_notice, say, warn
 from rasterjit.cli.values import (
     FiniteType,
     color_type,
@@ -152,7 +152,7 @@ def make_dataset(
     if not quiet:
         seconds = time.perf_counter() - start
         views = summary.made * recipe.views
-        click.echo(
+        say(
             f"wrote {output}: {summary.made} meshes, {views} views in {seconds:.1f} s; "
             f"{summary.present} were there, {len(summary.failures)} failed"
         )

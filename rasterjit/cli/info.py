@@ -10,9 +10,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from rasterjit.cli.program import in_options
+from rasterjit.cli.report import say
 from rasterjit.interrupts import raise_if_interrupted
 from rasterjit.scene.mesh import ATTRIBUTE
 
@@ -44,12 +43,12 @@ def tell(file: Path, as_json: bool, **reading: Any) -> None:
         "warnings": said,
     }  # fmt: skip
     if as_json:
-        click.echo(json.dumps(held, indent=2, allow_nan=False))
+        say(*json.dumps(held, indent=2, allow_nan=False).split("\n"))
         return
     rows = list(_rows(held))
     widest = max(len(name) for name, _ in rows)
     for name, text in rows:
-        click.echo(f"{name:<{widest}}  {text}".rstrip())
+        say(f"{name:<{widest}}  {text}".rstrip())
 
 
 PRIMITIVE_NAMES = {"triangles": "faces", "lines": "segments", "points": "points"}

@@ -42,6 +42,7 @@ from rasterjit.cli.report import (
     print_diagnostics,
     print_stats,
     progress_notice,
+    say,
     status,
     told_exposure,
     told_frame,
@@ -278,7 +279,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     if quiet:
         return
     if exposure:
-        click.echo(exposure)
+        say(exposure)
     if asked.stats:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         print_stats(frame, seconds, saved - start)
@@ -287,4 +288,4 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     for number, place in enumerate(places):
         told = told_frame(frame, saved - start) if number == 0 else ""
         told += told_codes(place, places[place], chosen.get(place))
-        click.echo(f"wrote {place}{told}")
+        say(f"wrote {place}{told}")

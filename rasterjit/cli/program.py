@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rasterjit.cli.advice import with_advice
 from rasterjit.cli.help import Command
 from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
-from rasterjit.cli.report import warn
+from rasterjit.cli.report import let_streams_escape, say_error, warn
 from rasterjit.cli.values import background_type, color_type, size_type
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.table import row_of
@@ -98,13 +98,14 @@ class Program(click.Group):
         """Run; print an error as one line and end with its status."""
         if not standalone_mode:
             return super().main(*arguments, standalone_mode=False, **extra)
+        let_streams_escape()
         try:
             code = super().main(*arguments, standalone_mode=False, **extra)
         except click.ClickException as error:
-            _say_error(with_advice(error))
+            say_error(with_advice(error))
             code = error.exit_code
         except click.Abort:
-            _say_error("interrupted")
+            say_error("interrupted")
             code = INTERRUPTED
         sys.exit(code or 0)
 
@@ -175,10 +176,6 @@ def describe(error: Exception) -> str:
 def reason(error: Exception) -> str:
     """Return why a file could not be drawn, in words."""
     return error.format_message() if isinstance(error, click.ClickException) else describe(error)
-
-
-def _say_error(message: str) -> None:
-    click.echo("error: " + " ".join(message.split()), err=True)
 
 
 def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:

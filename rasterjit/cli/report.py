@@ -1,7 +1,8 @@
-"""What commands print besides their results: progress, and the table at the end of a render."""
+"""All that commands print: lines, warnings and errors, progress, tables at the end of a render."""
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -23,10 +24,41 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 """What the table calls a stage whose own name is not plain enough."""
 
 
+_UNSAFE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What names of files may hold and terminals obey, such as ESC; and bytes that are no letters."""
+
+_BREAK = re.compile(r"\s*\n\s*")
+
+
+def let_streams_escape() -> None:
+    """Let standard output and standard error escape what their encoding lacks."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def printable(text: str) -> str:
+    """Return a line whose control characters are escaped as in JSON."""
+    return _UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def say(*lines: str, err: bool = False) -> None:
+    """Print lines, each without control characters, on standard output or standard error."""
+    stream = sys.stderr if err else sys.stdout
+    for line in lines:
+        # Given none, click encodes by its own rules.
+        click.echo(printable(line), file=stream)
+
+
+def say_error(message: str) -> None:
+    """Print an error as one line on standard error."""
+    say("error: " + _BREAK.sub(" ", message.strip()), err=True)
+
+
 def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
-        click.echo("warning: " + " ".join(message.split()), err=True)
+        say("warning: " + _BREAK.sub(" ", message.strip()), err=True)
 
 
 @contextmanager
@@ -54,7 +86,7 @@ def progress_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
             shown.update(f"{text}: {progress}" if progress else text)
         elif not is_told:
             is_told = True
-            click.echo(f"compiling kernels, which takes seconds ({kept()})", err=True)
+            say(f"compiling kernels, which takes seconds ({kept()})", err=True)
 
     began: list[float] = []
 
@@ -76,9 +108,10 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
         yield None
         return
     from rich.console import Console
+    from rich.markup import escape
 
     console = Console(stderr=True)
-    with console.status(text) if console.is_terminal else nullcontext() as shown:
+    with console.status(escape(printable(text))) if console.is_terminal else nullcontext() as shown:
         yield shown
 
 
@@ -107,12 +140,12 @@ def progress_bar(
 
     console = Console(stderr=True)
 
-    def say(done: int, total: int) -> None:
+    def begin(done: int, total: int) -> None:
         if is_told and not quiet and done == 0 and total > 0:
-            click.echo(f"{text} ({total} to do)", err=True)
+            say(f"{text} ({total} to do)", err=True)
 
     if quiet or not console.is_terminal:
-        yield say
+        yield begin
         return
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(text)

@@ -13,7 +13,7 @@ import click
 
 from rasterjit.cli.options import Described, in_style, is_given, refuse_idle
 from rasterjit.cli.program import is_opaque, load_scene, reason, size_behind
-from rasterjit.cli.report import progress_bar, progress_notice, warn
+from rasterjit.cli.report import progress_bar, progress_notice, say, warn
 from rasterjit.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def render_folder(
         seconds = time.perf_counter() - start
         told = f"; {present} were there, which --force draws anew" if present else ""
         count = len(names) - failed - present
-        click.echo(f"wrote {output}: {count} pictures in {seconds:.1f} s{told}")
+        say(f"wrote {output}: {count} pictures in {seconds:.1f} s{told}")
     if failed:
         raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
 

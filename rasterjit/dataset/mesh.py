@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from rasterjit.dataset.recipe import Recipe, view_cameras
 from rasterjit.io import images
 from rasterjit.io.meshes import load
-from rasterjit.io.whole import replacing
+from rasterjit.io.whole import replacing, write_text
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.batch import check_arguments, share_threads
@@ -216,9 +216,7 @@ def render_views(
 
 def write_json(path: Path, document: Any) -> None:
     """Write JSON, whole or not at all."""
-    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
 @contextmanager

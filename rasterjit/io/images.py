@@ -138,8 +138,8 @@ def checked_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
         raise ValueError(f"path must be a file name, got {path!r}")
     place = Path(os.fsdecode(path))
     shown = str(place)
-    if not shown.isprintable():
-        raise ValueError(f"path must hold printable characters alone, got {shown!r}")
+    if not _is_name(shown):
+        raise ValueError(f"path must be a name that a file can have, got {shown!r}")
     if place.suffix.lower() not in formats:
         raise ValueError(f"path {str(place)!r} must end in one of {', '.join(formats)}")
     try:
@@ -150,6 +150,14 @@ def checked_path(path: str | os.PathLike[str], formats: Iterable[str]) -> Path:
     except OSError as error:
         raise ValueError(f"path {shown!r} cannot be a file: {error.strerror}") from None
     return place
+
+
+def _is_name(path: str) -> bool:
+    """Tell whether the system can be asked for a file of that name."""
+    try:
+        return b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:
+        return False
 
 
 class MissingOpenEXRError(ImportError, ValueError):

@@ -44,6 +44,12 @@ IS_LOCKED = sys.platform != "win32"
 """Whether a temporary file is locked: Windows moves no file that is open."""
 
 
+def write_text(place: Path, text: str) -> None:
+    """Write text in UTF-8, whole or not at all; what is no letter of a name as JSON escapes it."""
+    with replacing(place) as temporary:
+        temporary.write_text(text, "utf-8", "backslashreplace", newline="\n")
+
+
 @contextmanager
 def replacing(place: Path) -> Iterator[Path]:
     """

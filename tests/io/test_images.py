@@ -158,7 +158,7 @@ def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("path", ["x" * 300 + ".png", "a\0b.png"])
+@pytest.mark.parametrize("path", ["x" * 300 + ".png", "a\0b.png", "\ud800.png"])
 def test_a_path_that_cannot_be_is_named(path, tmp_path):
     with pytest.raises(ValueError, match="path "):
         images.save_image(tmp_path / path, picture())

@@ -17,7 +17,7 @@ from rasterjit.accuracy.ranking import is_measured
 from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
 from rasterjit.accuracy.sentences import answer, options_of, sentences
-from rasterjit.io.whole import replacing
+from rasterjit.io.whole import replacing, write_text
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 
@@ -70,12 +70,11 @@ def write_files(study: Study, output: str | Path) -> list[Path]:
         If the system refuses to write; a file that was there before is whole.
     """
     folder = prepare_folder(output)
-    with replacing(folder / JSON_NAME) as temporary:
-        text = json.dumps(as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    text = json.dumps(as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
+    write_text(folder / JSON_NAME, text + "\n")
     with (
         replacing(folder / CSV_NAME) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
+        temporary.open("w", -1, "utf-8", "backslashreplace", newline="") as file,
     ):
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()

@@ -42,7 +42,7 @@ from rasterjit.accuracy.sentences import (
     options_of,
     recommendation,
 )
-from rasterjit.io.whole import replacing
+from rasterjit.io.whole import write_text
 
 PAGE_NAME = "index.html"
 
@@ -144,8 +144,7 @@ def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> P
         raise ValueError(f"folder must be a folder, got {str(place)!r}, which is a file")
     text = page(study, sentences)
     place.mkdir(parents=True, exist_ok=True)
-    with replacing(place / PAGE_NAME) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(place / PAGE_NAME, text)
     return place / PAGE_NAME
 
 

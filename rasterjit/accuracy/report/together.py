@@ -15,7 +15,7 @@ from rasterjit.accuracy.report.files import JSON_NAME
 from rasterjit.accuracy.report.scales import number
 from rasterjit.accuracy.results import STANDARD, Trial
 from rasterjit.accuracy.sentences import figures, options_of, time_in_words, together
-from rasterjit.io.whole import replacing
+from rasterjit.io.whole import write_text
 
 if TYPE_CHECKING:
     from rasterjit.accuracy.together import FolderStudy
@@ -35,8 +35,7 @@ def write_together(found: FolderStudy, folder: Path) -> list[Path]:
     text = json.dumps(as_json(found), indent=1, allow_nan=False, ensure_ascii=False)
     places = {JSON_NAME: text + "\n", PAGE_NAME: page(found)}
     for name, content in places.items():
-        with replacing(folder / name) as temporary:
-            temporary.write_text(content, encoding="utf-8", newline="\n")
+        write_text(folder / name, content)
     return [folder / name for name in places]
 
 
