@@ -188,11 +188,30 @@ class Effect:
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a frame needs it, and with what data."""
-        raise NotImplementedError
+        if self._against(facts):
+            return Absent(self, facts)
+        return Planned(self, facts, self.decide(facts, planning))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say why a frame needs it or not."""
+        return self._against(facts) or self.describe(facts)
+
+    def _against(self, facts: Facts) -> str:
+        if self.field and facts.asked[self.field] is None:
+            return f"scene.{self.field} is None"
+        return self.why_not(facts)
+
+    def why_not(self, facts: Facts) -> str:
+        """Say why a frame that asks for it does not need it; empty: it does."""
         raise NotImplementedError
+
+    def describe(self, facts: Facts) -> str:
+        """Say how a frame has it."""
+        raise NotImplementedError
+
+    def decide(self, facts: Facts, planning: Planning) -> Any:
+        """Return what the plan knows of it."""
+        return facts.asked[self.field] if self.field else None
 
     def prepare(self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]) -> Any:
         """

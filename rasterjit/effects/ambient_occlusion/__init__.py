@@ -25,14 +25,7 @@ from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    add_to_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, Planning, add_to_field
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
@@ -110,32 +103,23 @@ class Occlusion(LooksAround):
     key = "o"
     joins_faces = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether it is asked for and any ambient light falls on faces lit pixel by pixel."""
-        effect = facts.asked[self.field]
-        if (
-            effect is not None
-            and effect.strength > 0.0
-            and facts.is_lit
-            and facts.seen.shadings - {"unlit", "gouraud"}
-            and facts.has_ambient_light
-        ):
-            return Planned(self, facts, sized_occlusion(planning.scene))
-        return Absent(self, facts)
+    def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
+        """Return it, with a radius."""
+        return sized_occlusion(planning.scene)
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why ambient light is dimmed in corners or not."""
-        effect = facts.asked[self.field]
-        if effect is None:
-            return "scene.ambient_occlusion is None"
-        if effect.strength == 0.0:
+    def why_not(self, facts: Facts) -> str:
+        """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
+        if facts.asked[self.field].strength == 0.0:
             return "its strength is 0"
         if not facts.is_lit:
             return unlit_reason(facts)
         if not facts.seen.shadings - {"unlit", "gouraud"}:
             return "what is lit is lit at its vertices"
-        if not facts.has_ambient_light:
-            return "no light comes from all around"
+        return "" if facts.has_ambient_light else "no light comes from all around"
+
+    def describe(self, facts: Facts) -> str:
+        """Say how far around corners ambient light is dimmed."""
+        effect = facts.asked[self.field]
         radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
         return f"radius {radius}, strength {effect.strength:g}"
 

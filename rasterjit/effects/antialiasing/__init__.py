@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.effect import Effect
 from rasterjit.survey.facts import Facts
 
 SAMPLES_TO_TRY = 4
@@ -24,21 +24,19 @@ class Antialiasing(Effect):
     name = "anti-aliasing"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether the colour of a pixel is that of several samples, or of areas."""
-        return Planned(self, facts) if facts.antialiases else Absent(self, facts)
+    def why_not(self, facts: Facts) -> str:
+        """Say why the colour of a pixel is that of one sample."""
+        if facts.antialiases:
+            return ""
+        return "quality.samples is 1" if facts.quality.samples == 1 else "nothing is shaded"
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why edges are smoothed or not, and how."""
+    def describe(self, facts: Facts) -> str:
+        """Say how edges are smoothed."""
         samples, note = facts.quality.samples, mixing_note(facts.quality)
-        if samples == 1:
-            return "quality.samples is 1"
         if facts.pictures > 1:
             own = "" if samples == facts.picture_samples else f" for {samples!r}: discs, spheres"
             count = facts.picture_samples
             return f"{count} pictures, moved by parts of a pixel, each shaded by itself{own}"
-        if not facts.shades:
-            return "nothing is shaded"
         if samples == "area":
             return f"exact areas, shaded once per face and pixel{note}"
         return f"{samples} samples a pixel, shaded once per face and pixel{note}"

@@ -19,7 +19,7 @@ from rasterjit.pipeline.fragments import encoded
 from rasterjit.pipeline.passes import Rows, rows_where
 from rasterjit.scene.background import BackgroundImage
 from rasterjit.scene.color import decoding_table
-from rasterjit.survey.effect import Absent, Backdrop, Calls, FrameContext, Planned, Planning
+from rasterjit.survey.effect import Backdrop, Calls, FrameContext, Planning
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -88,17 +88,19 @@ class PictureBehind(Backdrop):
     name = "background image"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether a picture is seen where no face is."""
-        if facts.background_image is not None and facts.is_colored:
-            return Planned(self, facts, facts.background_image)
-        return Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say which picture is seen where no face is, or why none is."""
+    def why_not(self, facts: Facts) -> str:
+        """Say why no picture is seen where no face is."""
         if facts.background_image is None:
             return "the render was given no picture"
-        return "where no face is" if facts.is_colored else "no output shows colour"
+        return "" if facts.is_colored else "no output shows colour"
+
+    def decide(self, facts: Facts, planning: Planning) -> BackgroundImage:
+        """Return the picture."""
+        return facts.background_image
+
+    def describe(self, facts: Facts) -> str:
+        """Say where it is seen."""
+        return "where no face is"
 
     def prepare(self, context: FrameContext, data: BackgroundImage, seen: Sequence[Any]) -> Plate:
         """Return the picture, and where the part of it lies that is drawn."""

@@ -29,16 +29,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import (
-    Absent,
-    Calls,
-    Field,
-    FrameContext,
-    InGroups,
-    Planned,
-    Planning,
-    with_field,
-)
+from rasterjit.survey.effect import Calls, Field, FrameContext, InGroups, Planning, with_field
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
@@ -137,20 +128,20 @@ class EnvironmentLight(InGroups):
     term = "environment"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether any light from all around reaches a colour that is asked for."""
-        if facts.has_environment_light:
-            return Planned(self, facts, facts.environment)
-        return Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what light comes from all around, or why none does."""
+    def why_not(self, facts: Facts) -> str:
+        """Say why no light from all around reaches a colour that is asked for."""
         if facts.environment is None:
             return "scene.environment is None"
         if not facts.is_lit:
             return unlit_reason(facts)
-        if not facts.environment.lights:
-            return "the environment is black"
+        return "" if facts.environment.lights else "the environment is black"
+
+    def decide(self, facts: Facts, planning: Planning) -> Environment:
+        """Return what is around the scene."""
+        return facts.environment
+
+    def describe(self, facts: Facts) -> str:
+        """Say what light comes from all around."""
         mirrored = ", mirrored by pbr" if facts.seen.pbr else ""
         return f"{facts.environment.described}{mirrored}"
 
@@ -207,22 +198,22 @@ class EnvironmentBackground(InGroups):
     key = "b"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether the environment is seen where no face is."""
-        if facts.shows_environment:
-            return Planned(self, facts, facts.environment)
-        return Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what is seen where no face is, as far as environments go."""
+    def why_not(self, facts: Facts) -> str:
+        """Say why the environment is not seen where no face is."""
         if facts.environment is None:
             return "scene.environment is None"
         if not facts.is_colored:
             return "no output shows colour"
         if facts.has_background:
             return "the render was given a background"
-        if not facts.environment.background:
-            return "its background is False"
+        return "" if facts.environment.background else "its background is False"
+
+    def decide(self, facts: Facts, planning: Planning) -> Environment:
+        """Return what is around the scene."""
+        return facts.environment
+
+    def describe(self, facts: Facts) -> str:
+        """Say where it is seen."""
         return "where no face is"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:

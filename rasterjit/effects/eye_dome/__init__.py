@@ -22,14 +22,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    add_to_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, add_to_field
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
@@ -116,22 +109,15 @@ class EyeDomeLighting(LooksAround):
     joins_faces = True
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether it is asked for and any face is shaded."""
-        effect = facts.asked[self.field]
-        if effect is None or effect.strength == 0.0 or not facts.shades:
-            return Absent(self, facts)
-        return Planned(self, facts, effect)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why what lies behind is darkened or not."""
-        effect = facts.asked[self.field]
-        if effect is None:
-            return "scene.eye_dome is None"
-        if effect.strength == 0.0:
+    def why_not(self, facts: Facts) -> str:
+        """Say why what lies behind is not darkened."""
+        if facts.asked[self.field].strength == 0.0:
             return "its strength is 0"
-        if not facts.shades:
-            return unlit_reason(facts)
+        return "" if facts.shades else unlit_reason(facts)
+
+    def describe(self, facts: Facts) -> str:
+        """Say how much what lies behind is darkened."""
+        effect = facts.asked[self.field]
         return f"strength {effect.strength:g}, radius {effect.radius:g}"
 
     def reads_depth(self, plan: RenderPlan) -> bool:

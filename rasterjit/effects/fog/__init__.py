@@ -18,7 +18,7 @@ from rasterjit.pipeline.surface import attributes
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Absent, Field, InGroups, Planned, Planning
+from rasterjit.survey.effect import Field, InGroups, Planning
 from rasterjit.survey.facts import Facts, is_fog_in_reach
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
@@ -59,23 +59,22 @@ class FogEffect(InGroups):
     field = "fog"
     key = "n"
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether fog may cover a colour that is asked for."""
-        if not facts.shades or facts.fog is None:
-            return Absent(self, facts)
-        return Planned(self, facts, fog_record(facts.fog, planning.camera, facts.seen.flat > 0))
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say what fog there is, or why it covers nothing."""
-        fog = facts.asked[self.field]
-        if fog is None:
-            return "scene.fog is None"
+    def why_not(self, facts: Facts) -> str:
+        """Say why fog covers no colour that is asked for."""
         if not facts.shades:
             return "no face is shaded"
-        if not is_used:
-            return "its density is 0" if fog.density == 0.0 else "it begins beyond everything"
-        by_height = ", by height" if fog.height is not None else ""
-        return f"mode {fog.mode}{by_height}"
+        thin = facts.asked[self.field].density == 0.0
+        why = "its density is 0" if thin else "it begins beyond everything"
+        return why if facts.fog is None else ""
+
+    def describe(self, facts: Facts) -> str:
+        """Say what fog there is."""
+        fog = facts.asked[self.field]
+        return f"mode {fog.mode}" + (", by height" if fog.height is not None else "")
+
+    def decide(self, facts: Facts, planning: Planning) -> FogRecord:
+        """Return the fog that passes read."""
+        return fog_record(facts.fog, planning.camera, facts.seen.flat > 0)
 
     def answers(self, scene: Scene, group: Group) -> Any:
         """Tell which views the fog is in reach of."""

@@ -27,14 +27,7 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    add_to_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -118,22 +111,15 @@ class Outlines(LooksAround):
     joins_faces = True
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether outlines are drawn: they are 8-bit pixels, around faces."""
-        outline = facts.asked[self.field]
-        if outline is not None and "color" in facts.outputs and facts.draws_faces:
-            return Planned(self, facts, outline)
-        return Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why edges are drawn around shapes or not."""
-        outline = facts.asked[self.field]
-        if outline is None:
-            return "scene.outline is None"
+    def why_not(self, facts: Facts) -> str:
+        """Say why none are drawn: they are 8-bit pixels, around faces."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
-        if not facts.draws_faces:
-            return "only the wireframe is drawn"
+        return "" if facts.draws_faces else "only the wireframe is drawn"
+
+    def describe(self, facts: Facts) -> str:
+        """Say which edges are drawn."""
+        outline = facts.asked[self.field]
         return f"{', '.join(outline.edges)}, {outline.width} wide"
 
     def reads_depth(self, plan: RenderPlan) -> bool:

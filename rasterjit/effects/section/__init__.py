@@ -27,14 +27,7 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_of
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    with_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -53,16 +46,17 @@ class Sections(LooksAround):
     joins_faces = True
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether the scene is cut."""
-        planes = planes_of(facts.asked[self.field])
-        return Planned(self, facts, planes) if planes else Absent(self, facts)
+    def why_not(self, facts: Facts) -> str:
+        """Say why the scene is not cut."""
+        return "" if planes_of(facts.asked[self.field]) else "scene.section is None"
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
+    def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
+        """Return the planes."""
+        return planes_of(facts.asked[self.field])
+
+    def describe(self, facts: Facts) -> str:
         """Say by how many planes the scene is cut."""
         planes = planes_of(facts.asked[self.field])
-        if not planes:
-            return "scene.section is None"
         cutting = f"{len(planes)} planes" if len(planes) > 1 else "one plane"
         capped = len([plane for plane in planes if plane.cap])
         some = f" of {capped}" if 0 < capped < len(planes) else ""
@@ -103,25 +97,23 @@ class SectionLines(LooksAround):
     reads_clip_positions = True
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether lines are drawn: they are 8-bit pixels, around faces."""
-        planes = planes_of(facts.asked["section"])
-        if any(plane.lines for plane in planes) and "color" in facts.outputs and facts.draws_faces:
-            return Planned(self, facts, planes)
-        return Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why lines are drawn or not."""
-        planes = planes_of(facts.asked["section"])
-        if not planes:
-            return "scene.section is None"
-        widths = [f"{plane.line_width}" for plane in planes if plane.lines]
-        if not widths:
-            return "no plane has lines"
+    def why_not(self, facts: Facts) -> str:
+        """Say why no lines are drawn: they are 8-bit pixels, around faces."""
+        planes = planes_of(facts.asked[self.field])
+        if not any(plane.lines for plane in planes):
+            return "no plane has lines" if planes else "scene.section is None"
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
-        if not facts.draws_faces:
-            return "only the wireframe is drawn"
+        return "" if facts.draws_faces else "only the wireframe is drawn"
+
+    def decide(self, facts: Facts, planning: Planning) -> tuple[SectionPlane, ...]:
+        """Return the planes."""
+        return planes_of(facts.asked[self.field])
+
+    def describe(self, facts: Facts) -> str:
+        """Say how wide lines are."""
+        planes = planes_of(facts.asked[self.field])
+        widths = [f"{plane.line_width}" for plane in planes if plane.lines]
         return f"{', '.join(dict.fromkeys(widths))} wide"
 
     def refusal(self) -> str:

@@ -25,14 +25,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    with_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts, settings_asked
 from rasterjit.survey.lights import TEXEL_BYTES, has_cube
 from rasterjit.survey.overrides import shadow_under
@@ -90,21 +83,22 @@ class ShadowMaps(LooksAround):
     settings = ("shadow_size", "shadow_taps")
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether any light may cast shadows on what is seen."""
-        if not facts.casts_shadows:
-            return Absent(self, facts)
-        return Planned(self, facts, maps.plan_shadows(mapped_lights(facts)))
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say which maps are drawn, or why none is."""
+    def why_not(self, facts: Facts) -> str:
+        """Say why no light may cast shadows on what is seen."""
+        if facts.casts_shadows:
+            return ""
         if not facts.is_lit:
             return "nothing is lit"
-        notes = facts.lights.shadow_notes
-        if facts.lights.have_shadows:
-            asked = settings_asked(facts, *self.settings)
-            return "; ".join((describe_shadows(facts.lights.lights), *notes)) + asked
-        return "; ".join(notes) or "no light casts them"
+        return "; ".join(facts.lights.shadow_notes) or "no light casts them"
+
+    def decide(self, facts: Facts, planning: Planning) -> Any:
+        """Return the maps to draw."""
+        return maps.plan_shadows(mapped_lights(facts))
+
+    def describe(self, facts: Facts) -> str:
+        """Say which maps are drawn."""
+        drawn = describe_shadows(facts.lights.lights), *facts.lights.shadow_notes
+        return "; ".join(drawn) + settings_asked(facts, *self.settings)
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell that maps are fitted to what is seen."""

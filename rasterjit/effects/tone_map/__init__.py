@@ -19,7 +19,7 @@ from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.survey.effect import Absent, Calls, InGroups, Planned, Planning, add_to_field
+from rasterjit.survey.effect import Calls, InGroups, Planning, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -48,21 +48,20 @@ class ToneMapping(InGroups):
     key = "t"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
-        if facts.tones is None:
-            return Absent(self, facts)
-        return Planned(self, facts, tone_record(facts.tones))
+    def why_not(self, facts: Facts) -> str:
+        """Say why light is not exposed, and no tone curve applied: to 8-bit colour alone."""
+        if facts.tones is not None:
+            return ""
+        is_neutral = facts.asked[self.field].is_neutral
+        return "curve none, exposure 0" if is_neutral else "no output shows colour in 8 bits"
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
+    def decide(self, facts: Facts, planning: Planning) -> ToneRecord:
+        """Return the tone map as shading reads it."""
+        return tone_record(facts.tones)
+
+    def describe(self, facts: Facts) -> str:
         """Say how light is brought onto the screen."""
         tone_map = facts.asked[self.field]
-        if tone_map is None:
-            return "scene.tone_map is None"
-        if "color" not in facts.outputs and not facts.mixes_codes:
-            return "no output shows colour in 8 bits"
-        if tone_map.is_neutral:
-            return "curve none, exposure 0"
         return f"curve {tone_map.curve}, exposure {tone_map.exposure:g}"
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:

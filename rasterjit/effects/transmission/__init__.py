@@ -23,13 +23,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.contents import in_words
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    Planned,
-    Planning,
-    SeesThrough,
-)
+from rasterjit.survey.effect import FrameContext, SeesThrough
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.material_rows import without_transmission
 from rasterjit.survey.plan import RenderPlan
@@ -134,18 +128,18 @@ class Transmission(SeesThrough):
     term = "what is seen through it"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether light goes through anything in view that is lit."""
-        return Planned(self, facts) if facts.transmits else Absent(self, facts)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say how many objects let light through, or why none does."""
-        seen, count = facts.seen.transmitting, facts.contents.transmitting
-        if not count:
+    def why_not(self, facts: Facts) -> str:
+        """Say why light goes through nothing in view that is lit."""
+        if facts.transmits:
+            return ""
+        if not facts.contents.transmitting:
             return "no pbr material has a transmission above 0"
-        if not seen or is_used:
-            return in_words(seen, count, "transmitting object")
-        return unlit_reason(facts)
+        return unlit_reason(facts) if facts.seen.transmitting else self.describe(facts)
+
+    def describe(self, facts: Facts) -> str:
+        """Say how many objects let light through."""
+        seen, count = facts.seen.transmitting, facts.contents.transmitting
+        return in_words(seen, count, "transmitting object")
 
     def reach(self, data: Any) -> None:
         """Tell that a refracted ray may lead to any pixel: see `SeesThrough`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.effect import Effect
 from rasterjit.survey.facts import Facts, settings_asked
 from rasterjit.survey.material_rows import made_opaque
 
@@ -21,15 +21,13 @@ class Blending(Effect):
     settings = ("transparency_layers", "visible_alpha")
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether anything is seen through."""
-        return Planned(self, facts) if facts.transparency.used else Absent(self, facts)
+    def why_not(self, facts: Facts) -> str:
+        """Say why nothing is seen through."""
+        return "" if facts.transparency.used else facts.transparency.reason
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
+    def describe(self, facts: Facts) -> str:
         """Say why anything is seen through, how much of it, and what it is mixed in."""
         transparency, quality = facts.transparency, facts.quality
-        if not transparency.used:
-            return transparency.reason
         most = quality.transparency_layers
         nearest = "" if most == "all" else f", the nearest {most} at a sample"
         if most == 1:

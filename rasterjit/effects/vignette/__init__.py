@@ -20,14 +20,7 @@ from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vignette import Vignette
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    InGroups,
-    Planned,
-    Planning,
-    add_to_field,
-)
+from rasterjit.survey.effect import FrameContext, InGroups, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -40,23 +33,16 @@ class Vignetting(InGroups):
     key = "z"
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether corners are darkened: they are 8-bit pixels."""
-        vignette = facts.asked[self.field]
-        if vignette is None or vignette.is_neutral or "color" not in facts.outputs:
-            return Absent(self, facts)
-        return Planned(self, facts, vignette)
-
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say how much darker the corners are, or why they are not."""
-        vignette = facts.asked[self.field]
-        if vignette is None:
-            return "scene.vignette is None"
+    def why_not(self, facts: Facts) -> str:
+        """Say why corners are not darkened: they are 8-bit pixels."""
         if "color" not in facts.outputs:
             return "no output shows colour in 8 bits"
-        if not is_used:
-            return "it darkens nothing"
-        return f"the corners lose {100.0 * vignette.strength:g} % of their light"
+        return "it darkens nothing" if facts.asked[self.field].is_neutral else ""
+
+    def describe(self, facts: Facts) -> str:
+        """Say how much darker the corners are."""
+        strength = facts.asked[self.field].strength
+        return f"the corners lose {100.0 * strength:g} % of their light"
 
     def neutral(self, record: Vignette) -> Vignette:
         """Return a vignette that darkens by nothing."""

@@ -26,14 +26,7 @@ from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import (
-    Absent,
-    FrameContext,
-    LooksAround,
-    Planned,
-    Planning,
-    with_field,
-)
+from rasterjit.survey.effect import FrameContext, LooksAround, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -207,18 +200,12 @@ class Edges(LooksAround):
     reads_clip_positions = True
     follows_facts = True
 
-    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether edges are drawn: they are 8-bit pixels, so linear colour has none."""
-        if facts.wireframe is not None and "color" in facts.outputs:
-            return Planned(self, facts, facts.wireframe)
-        return Absent(self, facts)
+    def why_not(self, facts: Facts) -> str:
+        """Say why no edges are drawn: they are 8-bit pixels, so linear colour has none."""
+        return "" if "color" in facts.outputs else "no output shows colour in 8 bits"
 
-    def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say why edges are drawn or not."""
-        if facts.wireframe is None:
-            return "scene.wireframe is None"
-        if not is_used:
-            return "no output shows colour in 8 bits"
+    def describe(self, facts: Facts) -> str:
+        """Say how edges are drawn."""
         if facts.quality.lines == "bresenham":
             return f"mode {facts.wireframe.mode}"
         return f"mode {facts.wireframe.mode}, by coverage{mixing_note(facts.quality)}"
