@@ -405,10 +405,11 @@ def kernels_of(plan: RenderPlan) -> Rows:
     elif layers.has_blended:
         kernels = [compositing.start_sums, compositing.lay_under, compositing.finish_sums]
         kernels += [compositing.list_faces, compositing.mix_samples] * has_samples
-    rows += [*rows_where(SEVERAL, *kernels), *plan.kernels_at("mixed")]
-    if codes and "linear" in plan.outputs:
-        rows.append(KernelRow(encoded.decode_rows))
-    if not codes and "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
+    rows += rows_where(SEVERAL, *kernels)
+    if codes:
+        return rows + [KernelRow(encoded.decode_rows)] * ("linear" in plan.outputs)
+    rows += plan.kernels_at("mixed")
+    if "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
         rows.append(KernelRow(encode.encode_rows))
     return rows
 
