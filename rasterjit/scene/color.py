@@ -10,6 +10,7 @@ are roots of rationals: they are taken as whole-number roots and rounded once.
 References
 ----------
 .. [1] IEC 61966-2-1:1999, "Colour measurement and management: sRGB".
+.. [2] CSS Color Module Level 4, W3C, section 6.1, "Named Colors".
 """
 
 from __future__ import annotations
@@ -18,19 +19,21 @@ import functools
 import math
 import string
 from fractions import Fraction
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.css_colors import CSS_COLORS
 from rasterjit.scene.validation import MaskedError, unmasked_array
 
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
 
-NAMED_COLORS = {**CSS_COLORS, "transparent": "#00000000"}
-"""The sRGB colours known by name: those of CSS."""
+# Pillow has the same names, but its import takes longer than most of this package's.
+_NAMES = Path(__file__).with_name("css_colors.txt").read_text(encoding="utf-8")
+NAMED_COLORS = {**dict(line.split() for line in _NAMES.splitlines()), "transparent": "#00000000"}
+"""The sRGB colours known by name: the 148 of CSS [2]_, whatever the case."""
 
 _ADVICE = (
     "floats are linear light in 0..1; for 8-bit sRGB use a string such as '#rrggbb' "
