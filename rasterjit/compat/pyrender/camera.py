@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rasterjit.compat.pyrender.constants import DEFAULT_Z_FAR, DEFAULT_Z_NEAR
 from rasterjit.compat.pyrender.fields import (
     Field,
+    OwnedField,
     above_zero,
     above_zero_or_none,
     at_least_zero,
@@ -54,29 +55,26 @@ class Camera(abc.ABC):
     name = Field(text_or_none, "str or None: the camera's name.")
     znear = Field(at_least_zero, "float: distance of the near plane, scene units.")
 
-    _zfar: float | None
+    def _beyond_near(self, value: Any) -> float:
+        """Return a distance beyond the near plane, or raise ``ValueError``."""
+        far = number(value)
+        if far <= 0.0 or far <= self.znear:
+            raise ValueError(f"must be above 0 and znear = {self.znear!r}, got {far!r}")
+        return far
 
-    @property
-    def zfar(self) -> float | None:
-        """Distance of the far plane, scene units."""
-        return self._zfar
+    def _beyond_near_or_none(self, value: Any) -> float | None:
+        """Return a distance beyond the near plane, or None."""
+        return None if value is None else self._beyond_near(value)
 
-    @zfar.setter
-    def zfar(self, value: float | None) -> None:
-        self._zfar = self._beyond_near(value)
+    zfar: OwnedField[float | None] = OwnedField(
+        _beyond_near, "float: distance of the far plane, scene units."
+    )
 
     @abc.abstractmethod
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None
     ) -> NDArray[np.float64]:
         """Return ``clip_from_view``, (4, 4) float64, for a viewport of these pixels."""
-
-    def _beyond_near(self, value: Any) -> float:
-        """Return a distance beyond the near plane, or raise ``ValueError``."""
-        far = number(value)
-        if far <= 0.0 or far <= self.znear:
-            raise ValueError(f"zfar must be above 0 and znear = {self.znear!r}, got {far!r}")
-        return far
 
     def _with_depth(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
         """Fill the rows of depth and of w of a perspective projection, and return it."""
@@ -124,14 +122,9 @@ class PerspectiveCamera(Camera):
     yfov = Field(above_zero, "float: vertical field of view, radians.")
     aspectRatio = Field(above_zero_or_none, "float or None: width over height of the view.")
 
-    @property
-    def zfar(self) -> float | None:
-        """Distance of the far plane, scene units; None: there is none."""
-        return self._zfar
-
-    @zfar.setter
-    def zfar(self, value: float | None) -> None:
-        self._zfar = None if value is None else self._beyond_near(value)
+    zfar = OwnedField(
+        Camera._beyond_near_or_none, "float or None: distance of the far plane, scene units."
+    )
 
     def get_projection_matrix(
         self, width: int | None = None, height: int | None = None

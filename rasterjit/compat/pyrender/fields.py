@@ -46,13 +46,31 @@ class Field(Generic[T]):
             raise AttributeError(f"{self._name} of {owner.__name__} was not set") from None
 
     def __set__(self, instance: object, value: Any) -> None:
-        try:
-            kept = self._check(value)
-        except (TypeError, ValueError) as error:
-            # Some say themselves what they got.
-            got = "" if ", got " in str(error) else f", got {cut_short(value)}"
-            raise type(error)(f"{self._name} {error}{got}") from None
+        kept = named(self._name, lambda given: self._checked(instance, given), value)
         instance.__dict__[self._kept] = kept
+
+    def _checked(self, instance: object, value: Any) -> T:
+        return self._check(value)
+
+
+class OwnedField(Field[T]):
+    """An attribute whose check takes the object that has it as well: ``check(object, value)``."""
+
+    def __init__(self, check: Callable[[Any, Any], T], doc: str) -> None:
+        self._owned_check, self.__doc__ = check, doc
+
+    def _checked(self, instance: object, value: Any) -> T:
+        return self._owned_check(instance, value)
+
+
+def named(name: str, check: Callable[[Any], T], value: Any) -> T:
+    """Return what a check returns, or raise its error with a name before it and the value."""
+    try:
+        return check(value)
+    except (TypeError, ValueError) as error:
+        # Some say themselves what they got.
+        got = "" if ", got " in str(error) else f", got {cut_short(value)}"
+        raise type(error)(f"{name} {error}{got}") from None
 
 
 def anything(value: Any) -> Any:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.fields import (
     Field,
+    OwnedField,
     above_zero_or_none,
     anything,
     number,
@@ -136,23 +137,13 @@ class SpotLight(Light):
 
     range = Field(above_zero_or_none, "float or None: a distance in scene units; kept.")
 
-    @property
-    def innerConeAngle(self) -> float:
-        """Angle from the axis where the light begins to fall off, radians."""
-        return self._inner_angle
-
-    @innerConeAngle.setter
-    def innerConeAngle(self, value: float) -> None:
-        self._inner_angle = _angle("innerConeAngle", value, self.outerConeAngle)
-
-    @property
-    def outerConeAngle(self) -> float:
-        """Angle from the axis where the light ends, radians."""
-        return self._outer_angle
-
-    @outerConeAngle.setter
-    def outerConeAngle(self, value: float) -> None:
-        self._outer_angle = _angle("outerConeAngle", value, _WIDEST)
+    outerConeAngle = Field(
+        lambda value: _angle(value, _WIDEST), "float: angle from the axis where it ends, radians."
+    )
+    innerConeAngle = OwnedField(
+        lambda light, value: _angle(value, light.outerConeAngle),
+        "float: angle from the axis where the light begins to fall off, radians.",
+    )
 
     def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light at a node's pose, of brightness 1: see `Light.radiance`."""
@@ -165,9 +156,9 @@ class SpotLight(Light):
         )
 
 
-def _angle(name: str, value: float, most: float) -> float:
+def _angle(value: float, most: float) -> float:
     """Return an angle in 0..most, radians, or raise ``ValueError``."""
     angle = number(value)
     if not 0.0 <= angle <= most:
-        raise ValueError(f"{name} must be in 0..{most:g} radians, got {angle:g}")
+        raise ValueError(f"must be in 0..{most:g} radians, got {angle:g}")
     return angle

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.camera import Camera
-from rasterjit.compat.pyrender.fields import Field, anything, text_or_none
+from rasterjit.compat.pyrender.fields import Field, OwnedField, anything, named, text_or_none
 from rasterjit.compat.pyrender.light import Light
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.scene.trs import TRS, matrix_of, rotation_of
@@ -95,9 +95,6 @@ class Node:
         self.skin, self.weights = skin, weights
 
     _matrix: NDArray[Any] | None
-    _rotation: NDArray[Any]
-    _scale: NDArray[Any]
-    _translation: NDArray[Any]
 
     def __repr__(self) -> str:
         return f"Node({self.name!r})"
@@ -120,57 +117,44 @@ class Node:
 
     @matrix.setter
     def matrix(self, value: ArrayLike) -> None:
-        pose = _numbers("matrix", value, (4, 4))
+        pose = named("matrix", lambda given: _numbers(given, (4, 4)), value)
         if not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0)):
             raise ValueError(f"matrix must have last row (0, 0, 0, 1), got {pose[3].tolist()}")
         self._rotation, self._scale = _parts_of(pose)
         self._translation = pose[:3, 3]
         self._matrix = None
 
-    @property
-    def rotation(self) -> NDArray[Any]:
-        """(4,) array: quaternion x, y, z, w."""
-        return self._rotation
-
-    @rotation.setter
-    def rotation(self, value: ArrayLike) -> None:
-        given = _numbers("rotation", value, (4,))
+    def _quaternion(self, value: ArrayLike) -> NDArray[Any]:
+        """Return a quaternion of length 1; the matrix is made anew."""
+        given = self._three(value, 4)
         length = float(np.sqrt((given * given).sum()))
         if not abs(length - 1.0) <= _LENGTH_TOLERANCE:
-            raise ValueError(f"rotation must be a quaternion of length 1, got {length:g}")
-        self._rotation, self._matrix = given, None
+            raise ValueError(f"must be a quaternion of length 1, got {length:g}")
+        return given
 
-    @property
-    def scale(self) -> NDArray[Any]:
-        """(3,) array: factors of x, y and z, before the rotation."""
-        return self._scale
+    def _three(self, value: ArrayLike, count: int = 3) -> NDArray[Any]:
+        """Return three numbers, or so many; the matrix is made anew."""
+        given = _numbers(value, (count,))
+        self._matrix = None
+        return given
 
-    @scale.setter
-    def scale(self, value: ArrayLike) -> None:
-        self._scale, self._matrix = _numbers("scale", value, (3,)), None
-
-    @property
-    def translation(self) -> NDArray[Any]:
-        """(3,) array: where the node is, relative to its parent."""
-        return self._translation
-
-    @translation.setter
-    def translation(self, value: ArrayLike) -> None:
-        self._translation, self._matrix = _numbers("translation", value, (3,)), None
+    rotation = OwnedField(_quaternion, "(4,) array: quaternion x, y, z, w.")
+    scale = OwnedField(_three, "(3,) array: factors of x, y and z, before the rotation.")
+    translation = OwnedField(_three, "(3,) array: where it is, relative to its parent.")
 
     def _keep(self, pose: ArrayLike) -> None:
         """Stand at a pose as it is; rotation, scale and translation stay as they were."""
-        self._matrix = _numbers("pose", pose, (4, 4))
+        self._matrix = named("pose", lambda given: _numbers(given, (4, 4)), pose)
 
 
-def _numbers(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+def _numbers(value: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return an array of a shape, no copy, or raise ``ValueError``."""
     try:
         given = np.asarray(value)
     except ValueError:
-        raise ValueError(f"{name} must have shape {shape}, got {in_short(value)}") from None
+        raise ValueError(f"must have shape {shape}, got {in_short(value)}") from None
     if given.shape != shape or given.dtype.kind not in "buif":
-        raise ValueError(f"{name} must be numbers of shape {shape}, got {in_short(given)}")
+        raise ValueError(f"must be numbers of shape {shape}, got {in_short(given)}")
     return given
 
 

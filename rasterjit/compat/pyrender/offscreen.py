@@ -335,6 +335,15 @@ class OffscreenRenderer:
         return engine.render(drawing.scene, camera, outputs=outputs, background=background)
 
 
+def _below(name: str, doc: str) -> Any:
+    """Return an attribute that is that of the `OffscreenRenderer`."""
+    return property(
+        lambda self: getattr(self._offscreen, name),
+        lambda self, value: setattr(self._offscreen, name, value),
+        doc=doc,
+    )
+
+
 class Renderer:
     """
     Renders scenes of one size, as `OffscreenRenderer` does.
@@ -382,32 +391,9 @@ class Renderer:
             raise NoOpenGLError(f"{type(self).__name__}.{name}")
         super().__setattr__(name, value)
 
-    @property
-    def viewport_width(self) -> int:
-        """Width of the picture, pixels."""
-        return self._offscreen.viewport_width
-
-    @viewport_width.setter
-    def viewport_width(self, value: int) -> None:
-        self._offscreen.viewport_width = value
-
-    @property
-    def viewport_height(self) -> int:
-        """Height of the picture, pixels."""
-        return self._offscreen.viewport_height
-
-    @viewport_height.setter
-    def viewport_height(self, value: int) -> None:
-        self._offscreen.viewport_height = value
-
-    @property
-    def point_size(self) -> float:
-        """Side of points, pixels."""
-        return self._offscreen.point_size
-
-    @point_size.setter
-    def point_size(self, value: float) -> None:
-        self._offscreen.point_size = value
+    viewport_width = _below("viewport_width", "Width of the picture, pixels.")
+    viewport_height = _below("viewport_height", "Height of the picture, pixels.")
+    point_size = _below("point_size", "Side of points, pixels.")
 
     def render(
         self, scene: Scene, flags: int, seg_node_map: Mapping[Node, Any] | None = None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF, BufFlags
-from rasterjit.compat.pyrender.fields import Field, anything
+from rasterjit.compat.pyrender.fields import Field, OwnedField, anything
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.utils import format_color_array
 from rasterjit.scene.material import Material as SceneMaterial
@@ -21,6 +21,13 @@ Float32 = NDArray[np.float32]
 
 _EXACT = 1 << 24
 """Whole numbers up to it are exact in float32."""
+
+
+def _material_of(value: Material | None) -> Material:
+    """Return a material; where there is none, the usual one."""
+    if value is not None and not isinstance(value, Material):
+        raise TypeError(f"must be a Material, got {in_short(value)}")
+    return MetallicRoughnessMaterial() if value is None else value
 
 
 class Primitive:
@@ -97,132 +104,91 @@ class Primitive:
     weights_0 = Field(anything, "As it was given: nothing here has skins.")
     targets = Field(anything, "As it was given: nothing here changes shape.")
 
-    @property
-    def positions(self) -> Float32:
-        """(V, 3) float32: positions of the vertices."""
-        return self._positions
-
-    @positions.setter
-    def positions(self, value: ArrayLike) -> None:
-        given = _floats("positions", value)
+    def _points(self, value: ArrayLike) -> Float32:
+        """Return positions, (n, 3)."""
+        self._forget()
+        given = _floats(value)
         if given.ndim != 2 or given.shape[1] != 3:
-            raise ValueError(f"positions must have shape (n, 3), got {given.shape}")
-        self._positions = given
+            raise ValueError(f"must have shape (n, 3), got {given.shape}")
+        return given
+
+    def _order(self, value: ArrayLike | None) -> NDArray[Any] | None:
+        """Return numbers of vertices as pyrender has them: float32, float64 where not exact."""
         self._forget()
+        if value is None:
+            return None
+        given = np.asarray(value)
+        if given.dtype.kind not in "buif":
+            raise ValueError(f"must be whole numbers, got {in_short(given)}")
+        is_large = given.size > 0 and given.max() > _EXACT
+        return np.ascontiguousarray(given, np.float64 if is_large else np.float32)
 
-    @property
-    def normals(self) -> Float32 | None:
-        """(V, 3) float32, or None: normals of the vertices."""
-        return self._normals
-
-    @normals.setter
-    def normals(self, value: ArrayLike | None) -> None:
-        self._normals = self._of_vertices("normals", value, 3)
-
-    @property
-    def tangents(self) -> Float32 | None:
-        """(V, 4) float32, or None: as they were given."""
-        return self._tangents
-
-    @tangents.setter
-    def tangents(self, value: ArrayLike | None) -> None:
-        self._tangents = self._of_vertices("tangents", value, 4)
-
-    @property
-    def texcoord_0(self) -> Float32 | None:
-        """(V, 2) float32, or None: texture coordinates of the vertices."""
-        return self._texcoord_0
-
-    @texcoord_0.setter
-    def texcoord_0(self, value: ArrayLike | None) -> None:
-        if value is not None:
-            given = np.asarray(value)
-            value = given[:, :2] if given.ndim == 2 else given
-        self._texcoord_0 = self._of_vertices("texcoord_0", value, 2)
-
-    @property
-    def texcoord_1(self) -> Float32 | None:
-        """(V, 2) float32, or None: as they were given."""
-        return self._texcoord_1
-
-    @texcoord_1.setter
-    def texcoord_1(self, value: ArrayLike | None) -> None:
-        self._texcoord_1 = self._of_vertices("texcoord_1", value, 2)
-
-    @property
-    def color_0(self) -> Float32 | None:
-        """(V, 4) float32, or None: colours of the vertices."""
-        return self._color_0
-
-    @color_0.setter
-    def color_0(self, value: ArrayLike | None) -> None:
-        colors = None
-        if value is not None:
-            try:
-                colors = format_color_array(value, (len(self.positions), 4))
-            except ValueError as error:
-                raise ValueError(f"color_0 {error}") from None
-        self._color_0 = self._of_vertices("color_0", colors, 4)
-
-    @property
-    def indices(self) -> NDArray[Any] | None:
-        """
-        Vertices in the order of drawing, or None; of the shape they were given in.
-
-        As in pyrender they are float32; float64 where that is not exact.
-        """
-        return self._indices
-
-    @indices.setter
-    def indices(self, value: ArrayLike | None) -> None:
-        self._indices = None
-        if value is not None:
-            given = np.asarray(value)
-            if given.dtype.kind not in "buif":
-                raise ValueError(f"indices must be whole numbers, got {in_short(given)}")
-            is_large = given.size > 0 and given.max() > _EXACT
-            self._indices = np.ascontiguousarray(given, np.float64 if is_large else np.float32)
+    def _mode_of(self, value: int) -> int:
+        """Return the code of what is drawn."""
         self._forget()
-
-    @property
-    def material(self) -> Material:
-        """Its material, never None."""
-        return self._material
-
-    @material.setter
-    def material(self, value: Material | None) -> None:
-        if value is not None and not isinstance(value, Material):
-            raise TypeError(f"material must be a Material, got {in_short(value)}")
-        self._material = MetallicRoughnessMaterial() if value is None else value
-
-    @property
-    def mode(self) -> int:
-        """What is drawn: a code of `GLTF`, from ``POINTS`` to ``TRIANGLE_FAN``."""
-        return self._mode
-
-    @mode.setter
-    def mode(self, value: int) -> None:
         mode = int(value)
         if not GLTF.POINTS <= mode <= GLTF.TRIANGLE_FAN:
-            raise ValueError(f"mode must be in 0..6, from GLTF.POINTS on, got {mode}")
-        self._mode = mode
-        self._forget()
+            raise ValueError(f"must be in 0..6, from GLTF.POINTS on, got {mode}")
+        return mode
 
-    @property
-    def poses(self) -> Float32 | None:
-        """(N, 4, 4) float32, or None: where instances of it stand, relative to the node."""
-        return self._poses
-
-    @poses.setter
-    def poses(self, value: ArrayLike | None) -> None:
-        self._poses = None
-        if value is not None:
-            given = _floats("poses", value)
-            given = given[None] if given.ndim == 2 else given
-            if given.ndim != 3 or given.shape[1:] != (4, 4):
-                raise ValueError(f"poses must have shape (n, 4, 4), got {given.shape}")
-            self._poses = given
+    def _poses_of(self, value: ArrayLike | None) -> Float32 | None:
+        """Return where instances stand, (n, 4, 4)."""
         self._forget()
+        if value is None:
+            return None
+        given = _floats(value)
+        given = given[None] if given.ndim == 2 else given
+        if given.ndim != 3 or given.shape[1:] != (4, 4):
+            raise ValueError(f"must have shape (n, 4, 4), got {given.shape}")
+        return given
+
+    def _of_vertices(self, value: ArrayLike | None, width: int) -> Float32 | None:
+        """Return an array with a row for each vertex."""
+        self._forget()
+        if value is None:
+            return None
+        array, count = _floats(value), len(self.positions)
+        if array.shape != (count, width):
+            raise ValueError(f"must have shape ({count}, {width}), got {array.shape}")
+        return array
+
+    def _uv_of(self, value: ArrayLike | None) -> Float32 | None:
+        """Return texture coordinates; columns beyond the second are left out."""
+        given = None if value is None else np.asarray(value)
+        return self._of_vertices(
+            given[:, :2] if given is not None and given.ndim == 2 else given, 2
+        )
+
+    def _colors_of(self, value: ArrayLike | None) -> Float32 | None:
+        """Return colours, (V, 4)."""
+        shape = len(self.positions), 4
+        return self._of_vertices(None if value is None else format_color_array(value, shape), 4)
+
+    positions = OwnedField(_points, "(V, 3) float32: positions of the vertices.")
+    normals = OwnedField(
+        lambda self, value: self._of_vertices(value, 3),
+        "(V, 3) float32, or None: normals of the vertices.",
+    )
+    tangents = OwnedField(
+        lambda self, value: self._of_vertices(value, 4),
+        "(V, 4) float32, or None: as they were given.",
+    )
+    texcoord_0 = OwnedField(_uv_of, "(V, 2) float32, or None: texture coordinates of the vertices.")
+    texcoord_1 = OwnedField(
+        lambda self, value: self._of_vertices(value, 2),
+        "(V, 2) float32, or None: as they were given.",
+    )
+    color_0 = OwnedField(_colors_of, "(V, 4) float32, or None: colours of the vertices.")
+    indices = OwnedField(
+        _order, "Vertices in the order of drawing, or None; of the shape they were given in."
+    )
+    material = Field(_material_of, "Material: never None.")
+    mode = OwnedField(
+        _mode_of, "int: what is drawn, a code of `GLTF` from ``POINTS`` to ``TRIANGLE_FAN``."
+    )
+    poses = OwnedField(
+        _poses_of, "(N, 4, 4) float32, or None: where instances stand, relative to the node."
+    )
 
     @property
     def bounds(self) -> Float32:
@@ -412,16 +378,6 @@ class Primitive:
         self._drawn = {}
         self._bounds = None
 
-    def _of_vertices(self, name: str, value: ArrayLike | None, width: int) -> Float32 | None:
-        """Return an array with a row for each vertex, or raise ``ValueError``."""
-        self._forget()
-        if value is None:
-            return None
-        array, count = _floats(name, value), len(self.positions)
-        if array.shape != (count, width):
-            raise ValueError(f"{name} must have shape ({count}, {width}), got {array.shape}")
-        return array
-
 
 @overload
 def finite(array: None) -> None: ...
@@ -443,9 +399,9 @@ def diagonal(extents: NDArray[Any]) -> Any:
     return np.sqrt((extents * extents).sum())
 
 
-def _floats(name: str, value: ArrayLike) -> Float32:
+def _floats(value: ArrayLike) -> Float32:
     """Return numbers as float32 in rows, or raise ``ValueError``."""
     try:
         return np.ascontiguousarray(value, np.float32)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {in_short(value)}") from None
+        raise ValueError(f"must be an array of numbers, got {in_short(value)}") from None

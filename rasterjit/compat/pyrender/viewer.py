@@ -45,6 +45,7 @@ from rasterjit.compat.pyrender.drawing import (
     check_flags,
     convert,
 )
+from rasterjit.compat.pyrender.fields import Field, anything
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
@@ -132,14 +133,9 @@ _VIEWER_FLAGS: dict[str, Any] = {
 }
 
 _KEYS = {
-    "a": "_switch_rotation",
-    "c": "_switch_culling",
     "f": "_fit_view",
-    "h": "_switch_shadows",
     "i": "_switch_axes",
     "l": "_switch_lighting",
-    "m": "_switch_face_normals",
-    "n": "_switch_vertex_normals",
     "o": "_switch_camera",
     "q": "on_close",
     "r": "_switch_recording",
@@ -148,6 +144,15 @@ _KEYS = {
     "z": "_reset_view",
 }
 """Keys, and the method that each calls."""
+
+_FLAG_KEYS = {
+    "a": ("rotate", "Rotation"),
+    "c": ("cull_faces", "Cull Faces"),
+    "h": ("shadows", "Shadows"),
+    "m": ("face_normals", "Face Normals"),
+    "n": ("vertex_normals", "Vert Normals"),
+}
+"""Keys that switch a flag, and its name in words."""
 
 
 class Viewer(Window):
@@ -266,32 +271,13 @@ class Viewer(Window):
         """Whether it is shown while the program goes on."""
         return self._run_in_thread
 
-    @property
-    def render_flags(self) -> dict[str, Any]:
-        """How the scene is drawn, by name; may be changed while it is shown."""
-        return self._render_flags
-
-    @render_flags.setter
-    def render_flags(self, value: dict[str, Any]) -> None:
-        self._render_flags = value
-
-    @property
-    def viewer_flags(self) -> dict[str, Any]:
-        """How the viewer behaves, by name; may be changed while it is shown."""
-        return self._viewer_flags
-
-    @viewer_flags.setter
-    def viewer_flags(self, value: dict[str, Any]) -> None:
-        self._viewer_flags = value
-
-    @property
-    def registered_keys(self) -> dict[int, Any]:
-        """What a key calls, by its number (``ord``)."""
-        return self._registered_keys
-
-    @registered_keys.setter
-    def registered_keys(self, value: dict[int, Any]) -> None:
-        self._registered_keys = value
+    render_flags = Field[dict[str, Any]](
+        anything, "dict: how the scene is drawn, by name; may be changed as it is shown."
+    )
+    viewer_flags = Field[dict[str, Any]](
+        anything, "dict: how the viewer behaves, by name; likewise."
+    )
+    registered_keys = Field[dict[int, Any]](anything, "dict: what a key calls, by its number.")
 
     @property
     def _renderer(self) -> Any:
@@ -414,9 +400,11 @@ class Viewer(Window):
         if registered is not None:
             _call(registered, self)
             return
-        name = _KEYS.get(chr(symbol)) if 0 <= symbol <= sys.maxunicode else None
-        if name is not None:
-            getattr(self, name)()
+        key = chr(symbol) if 0 <= symbol <= sys.maxunicode else ""
+        if key in _FLAG_KEYS:
+            self._switch_flag(*_FLAG_KEYS[key])
+        elif key in _KEYS:
+            getattr(self, _KEYS[key])()
 
     # What shows it asks for.
 
@@ -484,7 +472,7 @@ class Viewer(Window):
                 self.on_mouse_scroll(x, y, 0.0, -event.get("dy", 0.0) / NOTCH)
             elif kind == "key_down" and len(str(event.get("key", ""))) == 1:
                 symbol = ord(event["key"].lower()[0])
-                if symbol not in self._registered_keys and chr(symbol) not in _KEYS:
+                if symbol not in self._registered_keys and chr(symbol) not in {*_KEYS, *_FLAG_KEYS}:
                     return False
                 self.on_key_press(symbol, held)
             else:
@@ -706,8 +694,9 @@ class Viewer(Window):
     def _say(self, message: str) -> None:
         self._message, self._message_until = message, time.monotonic() + MESSAGE_SECONDS
 
-    def _switch_flag(self, flags: dict[str, Any], name: str, words: str) -> None:
+    def _switch_flag(self, name: str, words: str) -> None:
         """Switch a flag, and say so; one that cannot be honoured stays off."""
+        flags = self._viewer_flags if name in _VIEWER_FLAGS else self._render_flags
         flags[name] = not flags[name]
         try:
             check_flags(self._flags())
@@ -716,21 +705,6 @@ class Viewer(Window):
             self._say(str(error))
             return
         self._say(f"{words} {'On' if flags[name] else 'Off'}")
-
-    def _switch_rotation(self) -> None:
-        self._switch_flag(self._viewer_flags, "rotate", "Rotation")
-
-    def _switch_culling(self) -> None:
-        self._switch_flag(self._render_flags, "cull_faces", "Cull Faces")
-
-    def _switch_shadows(self) -> None:
-        self._switch_flag(self._render_flags, "shadows", "Shadows")
-
-    def _switch_face_normals(self) -> None:
-        self._switch_flag(self._render_flags, "face_normals", "Face Normals")
-
-    def _switch_vertex_normals(self) -> None:
-        self._switch_flag(self._render_flags, "vertex_normals", "Vert Normals")
 
     def _switch_axes(self) -> None:
         """Go on: no axes, the world's, those of meshes, all."""
