@@ -6,6 +6,7 @@ import ctypes
 import gc
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 
@@ -15,10 +16,25 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from hypothesis import settings
 
 import rasterjit as rj
-from rasterjit.runtime import store
+from rasterjit.runtime import jit, store
 
-TRIM = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-"""Gives memory back that was freed, where the C library is GNU's."""
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
+
+LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+TRIM, TUNE = (getattr(LIBC, name, None) for name in ("malloc_trim", "mallopt"))
+"""Give memory back that was freed, and set how it is kept, where the C library is GNU's."""
+
+THRESHOLD = gc.get_threshold()
+"""How often Python looks for garbage."""
+
+MOST_ARENAS = -8
+"""Name of the setting: most pools of memory for threads. By default each core has eight."""
+
+SPENT = pytest.StashKey[dict]()
+"""What each process of the tests took: processor time of its own and of others, most memory."""
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
@@ -40,6 +56,11 @@ def pytest_configure(config):
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     _share_store(config)
+    config.stash[SPENT] = {}
+    if TUNE is not None:
+        TUNE(MOST_ARENAS, 2)
+    # What is collected stays: looking for garbage finds little.
+    gc.set_threshold(20_000, *THRESHOLD[1:])
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
     config.addinivalue_line("markers", "every_case: keeps all its cases, whatever --cases says")
@@ -57,6 +78,59 @@ def _share_store(config):
         place = folder.name
         store.folder.cache_clear()
     os.environ[store.FOLDER_VARIABLE] = str(place)
+
+
+def pytest_sessionstart(session):
+    """
+    Compile all kernels in processes of their own, where all tests are to run.
+
+    What a compiler leaves in memory, several MB a kernel, would stay until the last test.
+    """
+    config = session.config
+    is_whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    is_told = config.option.collectonly or hasattr(config, "workerinput")
+    if is_whole and not (is_told or jit.DISABLED or jit.CHECKED):
+        subprocess.run([sys.executable, "-m", "rasterjit", "warmup", "--quiet"], check=False)
+        config.stash[SPENT]["compilers"] = _spent()
+
+
+def _spent():
+    """Return what this process took until now."""
+    if resource is None:
+        return {}
+    own, others = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    size = 1 << 20 if sys.platform == "darwin" else 1 << 10
+    return {
+        "own": own.ru_utime + own.ru_stime, "others": others.ru_utime + others.ru_stime,
+        "most": own.ru_maxrss // size,
+    }  # fmt: skip
+
+
+def pytest_sessionfinish(session):
+    if hasattr(session.config, "workerinput"):
+        session.config.workeroutput["spent"] = _spent()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error):
+    node.config.stash[SPENT][node.gateway.id] = getattr(node, "workeroutput", {}).get("spent", {})
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Tell the processor time of all processes, and how much memory each held at most."""
+    workers, last = config.stash[SPENT], _spent()
+    if not last:
+        return
+    before = workers.pop("compilers", {"others": 0.0})["others"]
+    # The workers of a main process are its children, too.
+    last["others"] = 0.0 if workers else last["others"] - before
+    spent = [one for one in [*workers.values(), last] if one]
+    own, others = (sum(one[kind] for one in spent) for kind in ("own", "others"))
+    most = ", ".join(f"{name} {one['most']} MB" for name, one in workers.items() if one)
+    terminalreporter.write_line(
+        f"processor time: {own + others + before:.0f} s, of which {before:.0f} s to compile and "
+        f"{others:.0f} s in processes of tests; most memory: {most or last['most']}"
+    )
 
 
 def _leave_out_cases(config, items, most):
@@ -90,6 +164,7 @@ def pytest_collection_modifyitems(config, items):
 def pytest_collection_finish():
     # The tests stay until the end: Python need not look again and again whether they can go.
     gc.freeze()
+    gc.set_threshold(*THRESHOLD)
 
 
 @pytest.hookimpl(trylast=True)

@@ -8,12 +8,12 @@ from fractions import Fraction
 from itertools import pairwise
 
 import catalogue
-import numba
 import numpy as np
 import pytest
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.runtime import jit
 
 LOW, HIGH = -(2**31), 2**31 - 1
 WHITE = (255, 255, 255, 255)
@@ -192,7 +192,7 @@ def test_clipped_line_is_the_whole_line_inside():
 @pytest.mark.case("L09", "L10", "L12", "L13", "L15")
 def test_time_is_bounded_by_what_is_seen():
     # 2**32 steps each: at a nanosecond a step, walking them would take a day.
-    bound_s, count = 5.0, 200 if numba.config.DISABLE_JIT else 20000
+    bound_s, count = 5.0, 200 if jit.DISABLED else 20000
     huge = [THROUGH[name][0] for name in ("L09", "L10", "L12", "L13")]
     ends = np.array(huge * (count // len(huge)))
     framebuffer = blank(SMALL)

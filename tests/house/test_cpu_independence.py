@@ -16,23 +16,26 @@ import platform
 import struct
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from machine_code import MATH, WIDTHS, cpu_dependent, look_at
 
 import rasterjit as rj
-from rasterjit.runtime import compiler, store
+from rasterjit.runtime import jit, store
+from rasterjit.runtime.numba_alone import compiler
 
 PACKAGE = Path(rj.__file__).parent
 TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
 compiled_only = pytest.mark.skipif(
-    bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set: there is no machine code"
+    jit.DISABLED, reason="NUMBA_DISABLE_JIT is set: there is no machine code"
 )
 
 ARM = "aarch64-unknown-linux-gnu"
 ARM_CPUS = ("generic", "neoverse-v1")
 """Two that code is made for: with 128 bits of NEON alone, and with SVE, of any length."""
+
+GENERIC = os.environ.get("NUMBA_CPU_NAME") == "generic"
+"""Code is made for any CPU."""
 
 EVERY_KERNEL = bool(os.environ.get("EVERY_KERNEL"))
 """Look at all kernels, not at a few."""
@@ -48,7 +51,7 @@ def vectors_of(names, forms):
     """Return how often kernels name vector registers; fail if their bits depend on the CPU."""
     assert {form.kernel for form in forms} == set(names), "a kernel that declares no form"
     assert [form[:3] for form in forms if form.dependent] == []
-    assert [form for form in forms if not {*form.needed} <= compiler.ALLOWED] == []
+    assert [form for form in forms if not {*form.needed} <= compiler().ALLOWED] == []
     return {kind: sum(form.vectors[kind] for form in forms) for kind in WIDTHS}
 
 
@@ -64,7 +67,7 @@ def test_kernels_fuse_nothing_call_no_math_library_and_are_for_the_cpu_that_was_
         assert used["neon"] > 0
         return
     assert used["xmm"] > 0
-    if numba.config.CPU_NAME == "generic":
+    if GENERIC:
         assert used["ymm"] == used["zmm"] == 0
         return
     if "avx512f" not in store.cpu_features()[1]:
@@ -97,13 +100,13 @@ def code_for(machine, kind, text, result="%r", more=""):
     """Return assembly and object code of a function of three arguments x, y and z of a kind."""
     from llvmlite import binding
 
-    made = compiler.machine_of(MACHINES[machine])
+    made = compiler().machine_of(MACHINES[machine])
     module = binding.parse_assembly(
         f"define {kind} @planted({kind} %x, {kind} %y, {kind} %z) "
         f"{{\n{text}\nret {kind} {result}\n}}\n{more}"
     )
     module.triple = MACHINES[machine].triple
-    compiler.optimize(module, made)
+    compiler().optimize(module, made)
     return made.emit_assembly(module), made.emit_object(module)
 
 
@@ -146,9 +149,10 @@ def test_object_code_that_calls_a_math_library_names_it(machine):
     declared = "declare double @llvm.sin.f64(double)"
     assembly, code = code_for(machine, "double", called, more=declared)
     assert cpu_dependent(assembly) == ["sin"]
-    assert "sin" in compiler.needed_symbols(code) - compiler.ALLOWED
+    assert "sin" in compiler().needed_symbols(code) - compiler().ALLOWED
     assert (
-        compiler.needed_symbols(code_for(machine, "double", "%r = fadd double %x, %y")[1]) == set()
+        compiler().needed_symbols(code_for(machine, "double", "%r = fadd double %x, %y")[1])
+        == set()
     )
 
 
@@ -187,13 +191,15 @@ def test_constants_and_functions_may_lie_anywhere(machine):
         declare void @memset(ptr, i32, i64)
     """
     _, code = code_for(machine, "<8 x double>", text, more=declared)
-    assert "memset" in compiler.needed_symbols(code)
+    assert "memset" in compiler().needed_symbols(code)
     assert relocations(code)
     assert relocations(code) <= FAR[machine.split()[0]]
 
 
 @compiled_only
 def test_look_at_machine_code_finds_math_functions():
+    import numba
+
     @numba.njit
     def curve(x):
         return np.exp(x) + np.sin(x) + x**2.4
@@ -205,8 +211,10 @@ def test_look_at_machine_code_finds_math_functions():
 
 @compiled_only
 @pytest.mark.skipif("fma" not in store.cpu_features()[1], reason="this CPU fuses nothing")
-@pytest.mark.skipif(numba.config.CPU_NAME == "generic", reason="compiled for a CPU without FMA")
+@pytest.mark.skipif(GENERIC, reason="compiled for a CPU without FMA")
 def test_look_at_machine_code_finds_fused_operations():
+    import numba
+
     @numba.njit(fastmath={"contract"})
     def fused(x, y, z):
         for i in range(x.shape[0]):

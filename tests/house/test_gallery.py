@@ -7,9 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numba
 import pytest
 from PIL import Image
+
+from rasterjit.runtime import jit
 
 MODELS = Path(__file__).parents[2] / "models"
 PICTURES = MODELS / "pictures" / "gallery"
@@ -54,7 +55,7 @@ def names():
 @pytest.fixture(scope="module")
 def drawn():
     """Of each picture its shape, type and number of colours; of each kernel its variants."""
-    if numba.config.DISABLE_JIT:
+    if jit.DISABLED:
         pytest.skip("too slow in plain Python")
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", DRAW, str(MODELS), *map(str, SMALL)],

@@ -1,7 +1,6 @@
 import math
 
 import naive_lines as naive
-import numba
 import numpy as np
 import pytest
 from test_lines import HIGH, LOW, draw, random_colors, visible_reference
@@ -9,8 +8,9 @@ from test_lines import HIGH, LOW, draw, random_colors, visible_reference
 from rasterjit.classics.framebuffer import _bin_lines, _draw_band
 from rasterjit.classics.line_bands import CHUNK
 from rasterjit.pipeline.lines import SHORT_STEPS
+from rasterjit.runtime import jit
 
-JIT = not numba.config.DISABLE_JIT
+JIT = not jit.DISABLED
 
 
 def binned(size, ends, colors, rows):

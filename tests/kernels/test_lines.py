@@ -1,14 +1,14 @@
 import math
 
 import naive_lines as naive
-import numba
 import numpy as np
 
 from rasterjit.effects.wireframe import stage as wireframe_stage
 from rasterjit.inspect import oracle
 from rasterjit.pipeline import lines
+from rasterjit.runtime import jit
 
-JIT = not numba.config.DISABLE_JIT
+JIT = not jit.DISABLED
 WHITE = (255, 255, 255, 255)
 LOW, HIGH = -(2**31), 2**31 - 1
 

@@ -2,14 +2,14 @@ import itertools
 import math
 
 import naive_lines as naive
-import numba
 import numpy as np
 import pytest
 
 from rasterjit.classics import primitives
 from rasterjit.inspect import oracle
+from rasterjit.runtime import jit
 
-JIT = not numba.config.DISABLE_JIT
+JIT = not jit.DISABLED
 METHODS = (primitives.fill_triangle, primitives.fill_triangle_scanline)
 BIAS = {"top-left": primitives.EXCLUSIVE_BIAS, "inclusive": primitives.INCLUSIVE_BIAS}
 WHITE = ((255,) * 4,) * 3

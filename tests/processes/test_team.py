@@ -14,7 +14,7 @@ from small_kernels import count_up, note_scratch
 
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
-from rasterjit.runtime.compiler import assembly
+from rasterjit.runtime.numba_alone import compiler
 from rasterjit.runtime.state import LINE, WORD
 from rasterjit.runtime.targets import Target
 from rasterjit.runtime.team import DONE, Call, Team, make_calls
@@ -205,7 +205,7 @@ def test_arguments_are_kept_until_the_step_ends(workers, monkeypatch):
 )  # fmt: skip
 def test_who_waits_rests_on_every_processor(triple, word):
     target = Target(triple, "x86-64" if word == "pause" else "generic", "")
-    assert re.search(rf"\b{word}\b", assembly(make_calls, make_calls.kind, target))
+    assert re.search(rf"\b{word}\b", compiler().assembly(make_calls, make_calls.kind, target))
 
 
 def test_a_call_after_close_is_refused_within_a_frame_only(workers):
