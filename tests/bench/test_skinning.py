@@ -13,6 +13,7 @@ def test_all_ways_find_the_same_vertices(influences):
     assert rows[0]["ratio"] == 1.0
 
 
+@pytest.mark.takes_long
 def test_compiling_is_measured():
     processor, wall = skinning.compile_cost()
     assert 0.0 < processor < 60.0

@@ -81,6 +81,6 @@ def test_a_pipe_gets_no_bar(folder, command):
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there is no terminal to imitate")
-@pytest.mark.parametrize("command", ["accuracy", "turntable", "dataset"])
+@pytest.mark.parametrize("command", ["turntable", "dataset"])
 def test_quiet_shows_no_bar_on_a_terminal(folder, command):
     assert BAR not in said(folder, (*COMMANDS[command], "--quiet"), is_terminal=True)

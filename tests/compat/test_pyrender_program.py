@@ -134,10 +134,9 @@ def test_program_runs_unedited(folder, how, tmp_path_factory):
         ("def broken(:", 1, "SyntaxError: invalid syntax\n"),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("how", ["file", "module"])
-def test_program_ends_as_it_would_by_itself(tmp_path, ending, status, said, how):
+def test_program_ends_as_it_would_by_itself(tmp_path, ending, status, said):
     (tmp_path / "program.py").write_text(f"{ending}\n")
-    arguments = ["-m", "program"] if how == "module" else ["program.py"]
+    arguments = ["-m", "program"] if "exit" in ending else ["program.py"]
     done = run_program(*arguments, cwd=tmp_path)
     assert done.returncode == status
     assert done.stderr.endswith(said)

@@ -200,7 +200,7 @@ def reaching_far(rng):
 def test_depth_of_a_clipped_face_stays_inside_its_range():
     rng = np.random.default_rng(24)
     drawn = 0
-    for _ in range(600):
+    for _ in range(200):
         positions = reaching_far(rng)
         seen = rj.rasterize(positions, FACE, (16, 16), threads=1)
         if not seen.totals.clipped:
@@ -210,7 +210,7 @@ def test_depth_of_a_clipped_face_stays_inside_its_range():
         assert (stored >= np.float32(depths.min())).all()
         assert (stored <= np.float32(depths.max())).all()
         drawn += len(stored) > 0
-    assert drawn > 100
+    assert drawn > 30
 
 
 # --- attributes -----------------------------------------------------------------------------------
@@ -228,7 +228,7 @@ their sum and its own. The depth of a sample is a mean of three such.
 def test_depth_of_a_clipped_face_is_that_of_its_snapped_pieces():
     rng = np.random.default_rng(25)
     size, compared = (16, 16), 0
-    for _ in range(500):
+    for _ in range(150):
         positions = reaching_far(rng)
         positions[:, 2] *= 1.5  # beyond near and far as well
         seen = rj.rasterize(positions, FACE, size, threads=1)
@@ -241,7 +241,7 @@ def test_depth_of_a_clipped_face_is_that_of_its_snapped_pieces():
         for (column, row), (_, depth) in some(list(exact.items())):
             assert screen.is_rounded(seen.depth[row, column], depth, slack)
             compared += 1
-    assert compared > 1000
+    assert compared > 300
 
 
 def test_cut_of_a_flat_face_has_the_depth_of_its_vertices():
@@ -249,14 +249,14 @@ def test_cut_of_a_flat_face_has_the_depth_of_its_vertices():
     depth = 0.5 + 2.0**-25
     rng = np.random.default_rng(2)
     cut = 0
-    for _ in range(2000):
+    for _ in range(500):
         w = rng.uniform(1, 3, 3)
         xy = rng.uniform(-4000, 4000, (3, 2))
         seen = rj.rasterize(np.column_stack([xy, depth * w, w]), FACE, (16, 16), threads=1)
         covered = seen.face_id == 0
         assert (seen.depth[covered] == np.float32(depth)).all()
         cut += int(covered.any()) * seen.totals.clipped
-    assert cut > 100
+    assert cut > 25
 
 
 TINY = np.float32(1e-45)

@@ -242,7 +242,7 @@ def test_a_scene_takes_no_effect_that_is_none(value, field):
             rj.explain(scene, size=(4, 3))
 
 
-@few(80)
+@few(30)
 @given(
     image=st.one_of(anything, rows(2, 3, wild), rows(3, 1)), wrap=st.one_of(anything, names),
     filter=st.one_of(anything, names), whole=whole,
@@ -270,7 +270,7 @@ def use_camera(camera, size=(7, 5)):
         camera.view_depth(np.array([0.0, -1.0, 1.0, 1e-30, -0.25], np.float32))
 
 
-@few(80)
+@few(30)
 @given(eye=vectors(), target=vectors(tame), up=vectors(), a=anything, near=anything, far=anything)
 def test_cameras_take_or_refuse_anything(eye, target, up, a, near, far):
     placed = {"eye": eye, "target": target, "up": up}
@@ -283,7 +283,7 @@ def test_cameras_take_or_refuse_anything(eye, target, up, a, near, far):
     attempt(rj.orbit_direction, a, near)
 
 
-@few(80)
+@few(30)
 @given(view=st.one_of(rows(4, 4), anything), clip=st.one_of(rows(4, 4), anything),
        numbers=st.tuples(anything, anything, wild, wild), near=wild, far=wild)  # fmt: skip
 def test_matrix_cameras_take_or_refuse_anything(view, clip, numbers, near, far):
@@ -452,7 +452,7 @@ def test_whatever_is_rasterized_keeps_the_invariants(positions, faces, size, cul
     assert totals.drawn >= len(np.unique(seen.face_id[covered]))
 
 
-@few(80)
+@few(30)
 @given(positions=anything, faces=anything, size=st.one_of(anything, st.tuples(whole, whole)),
        name=names, quality=anything, threads=anything)  # fmt: skip
 def test_arguments_of_a_render_are_taken_or_refused(positions, faces, size, name, quality, threads):
@@ -516,7 +516,7 @@ def test_framebuffer_draws_or_refuses_anything(
     assert not np.isnan(target.depth).any()
 
 
-@few(80)
+@few(30)
 @given(a=anything, v=vectors(), u=vectors(), n=st.tuples(wild, wild, wild, wild, wild, wild),
        matrix=st.one_of(rows(4, 4, wild), rows(4, 4), anything), many=st.one_of(rows(3, 3, wild),
        anything), size=st.tuples(whole, whole))  # fmt: skip

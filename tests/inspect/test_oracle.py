@@ -81,7 +81,7 @@ def test_edge_function_is_positive_clockwise_on_the_screen():
 def test_top_left_rule_is_a_sample_moved_right_a_little_and_down_less():
     right, down = F(1, 10**7), F(1, 10**15)
     on_an_edge = 0
-    for triangle in random_fan(400, 1):
+    for triangle in random_fan(100, 1):
         for row in range(8):
             for column in range(8):
                 x, y = column + F(1, 2), row + F(1, 2)
@@ -89,7 +89,7 @@ def test_top_left_rule_is_a_sample_moved_right_a_little_and_down_less():
                 degenerate = oracle.edge(*triangle) == 0
                 assert oracle.covers(triangle, (x, y)) == (moved and not degenerate)
                 on_an_edge += 0 in oracle_edges(triangle, (x, y))
-    assert on_an_edge > 500
+    assert on_an_edge > 125
 
 
 def oracle_edges(triangle, point):
@@ -354,7 +354,7 @@ def test_areas_by_hand():
 
 def test_areas_of_the_pixels_sum_to_the_polygon_s():
     bent = [(0, 0), (6, 1), (3, 2.5), (5.75, 7)]  # not convex
-    for polygon in [M07, bent, bent[::-1], *random_fan(40, 8, grid=3)]:
+    for polygon in [M07, bent, bent[::-1], *random_fan(12, 8, grid=3)]:
         pixels = [(i, j) for i in range(*BOX) for j in range(*BOX)]
         areas = [oracle.pixel_area(polygon, *pixel) for pixel in pixels]
         assert sum(areas) == oracle.polygon_area(polygon)

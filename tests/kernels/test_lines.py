@@ -45,7 +45,7 @@ def random_colors(rng, count):
 
 
 def test_every_pair_on_a_grid_is_the_exact_line_in_pixels_and_colors():
-    side = 33 if JIT else 5
+    side = 21 if JIT else 5
     grid = np.array([(x, y) for y in range(side) for x in range(side)], np.int64)
     colors = random_colors(np.random.default_rng(1), len(grid))
     batch = max(16384 // side, 1)

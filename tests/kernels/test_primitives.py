@@ -464,7 +464,7 @@ def test_many_curves_are_the_exact_paths():
 
 def test_every_pixel_is_near_the_curve_and_the_curve_near_pixels():
     furthest = 0.0
-    for points in [*map(np.array, SMALL), *random_curves(8, 2000 if JIT else 30)]:
+    for points in [*map(np.array, SMALL), *random_curves(8, 500 if JIT else 30)]:
         size = size_around(points)
         image = bezier(points, size).any(axis=2)
         pixels = np.argwhere(image)[:, ::-1]

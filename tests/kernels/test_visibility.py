@@ -178,7 +178,7 @@ def test_shared_edge_is_drawn_once(a, b, c, d):
 def test_boxes_of_wide_triangles_are_cut_to_the_rows_that_they_reach(reach):
     rng, bits, batches = np.random.default_rng(27), 8, triangle_batches
     kept = all_rows = 0
-    for _ in range(6):
+    for _ in range(2):
         count = batches.BATCH
         # Thin ones through the tile, far longer than it.
         middle = rng.uniform(0, 64, (count, 1, 2))
