@@ -9,6 +9,7 @@ import struct
 import tarfile
 import zipfile
 import zlib
+from io import BufferedIOBase
 from pathlib import Path
 from typing import BinaryIO
 
@@ -111,7 +112,7 @@ def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
                 budget.take(f"its member {one.name[-80:]!r}", one.size * factor)
 
 
-def _take_content(opened: BinaryIO, factor: int, budget: MemoryBudget) -> None:
+def _take_content(opened: BufferedIOBase, factor: int, budget: MemoryBudget) -> None:
     """Count by unpacking."""
     while piece := opened.read(_PIECE):
         budget.take("what it holds", len(piece) * factor)

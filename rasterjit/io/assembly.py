@@ -14,6 +14,7 @@ from rasterjit.io.text.parts import Thing, thing_mesh
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import Light
 from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 
@@ -63,7 +64,7 @@ class Assembly:
 def scene_of_assembly(
     found: Assembly,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget | None = None,

@@ -528,7 +528,15 @@ def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0
     shifts = (width / 2.0 - pinhole.cx) / width, (pinhole.cy - height / 2.0) / width
     lens = pinhole.fx * wide / width
     return BlenderCamera(
-        place, "PERSP", lens, wide, "HORIZONTAL", *shifts, 6.0, pinhole.near, pinhole.far
+        place,
+        "PERSP",
+        lens,
+        wide,
+        "HORIZONTAL",
+        *shifts,
+        6.0,
+        usual_near(pinhole.near, pinhole.far),
+        pinhole.far,
     )
 
 

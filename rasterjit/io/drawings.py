@@ -17,7 +17,7 @@ from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.lines import Lines, strip_segments
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import with_face_scalars, with_face_values
+from rasterjit.scene.mesh import OnInvalid, with_face_scalars, with_face_values
 
 _POINT_BYTES, _SEGMENT_BYTES, _VALUE_BYTES = 96, 64, 12
 """What a point and a segment take besides attributes, and what a value of these does."""
@@ -70,7 +70,7 @@ class LineDrawing:
 def lines_of(
     drawing: LineDrawing,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     left_out: LeftOut,
     budget: MemoryBudget | None = None,
 ) -> Lines:
@@ -105,7 +105,7 @@ def drawing_of_path(
     name: str,
     path: Any,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     left_out: LeftOut,
     budget: MemoryBudget | None = None,
 ) -> LineDrawing | None:

@@ -498,6 +498,7 @@ def shipped_font() -> Font:
             "texts are drawn with the font that Pillow ships, and this Pillow was built without "
             f"FreeType ({error}), so it has none; that of PyPI has: pip install --force pillow"
         ) from error
+    assert isinstance(found, ImageFont.FreeTypeFont)  # As it was asked for by its size.
     return Font(found.font_bytes)
 
 

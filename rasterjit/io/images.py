@@ -113,7 +113,7 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
     if not arrays:
         raise ValueError("arrays must hold at least one array, got none")
     with replacing(place) as temporary:
-        np.savez_compressed(temporary, **arrays)
+        np.savez_compressed(temporary, allow_pickle=True, **arrays)
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
 from rasterjit.io.assembly import Assembly, scene_of_assembly
 from rasterjit.io.binvox import load_binvox
@@ -209,7 +209,7 @@ def load(
 def _load(
     file: Path,
     resources: Resources,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     on_damage: str,
     crease_angle: float,
     left_out: LeftOut,
@@ -424,13 +424,13 @@ def scene_to_add(what: Any) -> Scene:
     return scene
 
 
-def _is_trimesh(what: Any) -> bool:
+def _is_trimesh(what: Any) -> TypeGuard[trimesh.Trimesh | trimesh.Scene]:
     """Tell trimesh's objects, which only exist if somebody has imported it."""
     trimesh = sys.modules.get("trimesh")
     return trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene))
 
 
-def _checked_path(path: str | os.PathLike[str]) -> Path:
+def _checked_path(path: Any) -> Path:
     """Return the path of an existing file, or raise `MeshFileError`."""
     try:
         return existing_file("path", path)

@@ -193,7 +193,7 @@ def _is_old(path: Path) -> bool:
     """Tell whether nothing was written to a file, or anywhere in a folder, for long."""
     since = time.time() - LEFT_AFTER
     inside = (os.path.join(at, name) for at, *both in os.walk(path) for name in both[0] + both[1])
-    return all(os.lstat(one).st_mtime < since for one in (path, *inside))
+    return all(os.lstat(one).st_mtime < since for one in (os.fspath(path), *inside))
 
 
 def _put_back_if_left(aside: Path) -> None:

@@ -219,7 +219,7 @@ def _ranges(
     ends = np.array([stored.max(), stored.min()])
     if depth_format is None or depth_format.is_reversed:
         with np.errstate(over="ignore"):
-            nearest, farthest = np.float32(camera.view_depth(ends)).tolist()
+            nearest, farthest = np.asarray(camera.view_depth(ends), np.float32).tolist()
     else:
         metric = metric_depth(depth_format, camera, coverage, seen.shape[::-1])[seen]
         nearest, farthest = float(metric.min()), float(metric.max())

@@ -287,14 +287,16 @@ def _finish(
     for name in plan.facts.attributes.keys() & set(plan.outputs):
         attribute = plan.facts.attributes[name]
         of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+        if of_faces is None:
+            continue
         if of_vertices is None:
             result[name] = of_faces[face_id]
-        elif of_faces is not None:
+        else:
             has_none = np.isnan(result[name][..., 0])
             result[name][has_none] = of_faces[face_id[has_none]]
-    if "scalar" in result and shapes.scalars[1] is not None:
+    if "scalar" in result and (of_faces := shapes.scalars[1]) is not None:
         has_own = shapes.has_face_scalars[face_id]
-        result["scalar"][has_own] = shapes.scalars[1][face_id[has_own]]
+        result["scalar"][has_own] = of_faces[face_id[has_own]]
     if "nocs" in result:
         np.clip(result["nocs"], 0.0, 1.0, out=result["nocs"])
     if "distance" in result:
@@ -491,7 +493,7 @@ def metric_depth(
     """
     depth = np.full(coverage.face_id.shape, np.inf, np.float32)
     (width, height), (left, top) = size, corner
-    rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
+    rows = max(1, SAMPLES_AT_ONCE // coverage.face_id.shape[1])
     for row in range(0, len(depth), rows):
         band = slice(row, row + rows)
         if coverage.first_depth is None:

@@ -78,7 +78,7 @@ class FrameStats:
     face_id: InitVar[NDArray[np.int32] | int]
 
     def __post_init__(self, face_id: NDArray[np.int32] | int) -> None:
-        object.__setattr__(self, "_covered", face_id)
+        self.__dict__["_covered"] = face_id
 
     def __repr__(self) -> str:
         names = [field.name for field in fields(self)]
@@ -92,15 +92,14 @@ class FrameStats:
 
         0 if the edges alone are drawn and no other output asks for the faces.
         """
-        covered = self._covered
+        covered = self.__dict__["_covered"]
         if not isinstance(covered, int):
-            covered = int(np.count_nonzero(covered >= 0))
-            object.__setattr__(self, "_covered", covered)
+            covered = self.__dict__["_covered"] = int(np.count_nonzero(covered >= 0))
         return covered
 
     def of_part(self, part: Part, face_id: NDArray[np.int32] | None) -> FrameStats:
         """Return those of a frame that was cut out of another; its faces, if they were counted."""
-        shown = self._covered if face_id is None else face_id
+        shown = self.__dict__["_covered"] if face_id is None else face_id
         return replace(self, face_id=shown if isinstance(shown, int) else shown[part].copy())
 
 
@@ -739,7 +738,7 @@ class LayeredFrame(Frame):
         outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
-        colorbar: bool = False,
+        colorbar: bool | str = False,
     ) -> None:
         """
         Write all layers of outputs to a file that holds them exactly.
@@ -783,7 +782,7 @@ class LayeredFrame(Frame):
         layer : int
             0 is the nearest.
         """
-        return self._pick(x, y, (index_below("layer", layer, self.plan.surfaces),))
+        return self._pick(x, y, (index_below("layer", layer, self.plan.surfaces or 1),))
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

@@ -312,18 +312,20 @@ def coco(
         document["images"].append(
             {"id": image_id, "file_name": file_name, "width": width, "height": height}
         )
+        found = ((mask, named[mask.id]) for mask in masks)
+        wanted = ((mask, category) for mask, category in found if category is not None)
         document["annotations"] += [
             {
                 "id": len(document["annotations"]) + place,
                 "image_id": image_id,
-                "category_id": numbered[named[mask.id]],
+                "category_id": numbered[category],
                 "object_id": mask.id,
                 "segmentation": mask.compressed_rle(),
                 "bbox": list(mask.box),
                 "area": mask.area,
                 "iscrowd": 0,
             }
-            for place, mask in enumerate((m for m in masks if named[m.id] is not None), 1)
+            for place, (mask, category) in enumerate(wanted, 1)
         ]
     return document
 

@@ -246,16 +246,16 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
             f"16-bit .png; {name} is {array.shape} {array.dtype}: choose .exr or .npz"
         )
     values = array.astype(np.float64)
-    seen = np.isfinite(values) if channels == 1 else np.isfinite(values).all(axis=2)
+    seen = np.isfinite(values) if channels == 1 else np.all(np.isfinite(values), axis=2)
     row = row_of(name)
     unit, codes = row.unit, row.codes if row.channels == channels else "fitted"
     if codes == "vector":
         _refuse_scale(name, scale)
-        return _vectors(values, seen & values.any(axis=2), 1.0 / 32767, -32768.0 / 32767, unit)
+        return _vectors(values, seen & np.any(values, axis=2), 1.0 / 32767, -32768.0 / 32767, unit)
     if codes == "cube":
         _refuse_scale(name, scale)
         # Where nothing is, all are NaN or all are 0.
-        shown = seen & values.any(axis=2) if row.empty == 0 else seen
+        shown = seen & np.any(values, axis=2) if row.empty == 0 else seen
         return _vectors(values, shown, 1.0 / (MOST - 1), -1.0 / (MOST - 1), unit)
     if codes == "share":
         _refuse_scale(name, scale)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence, Set
-from typing import Literal, NamedTuple, NewType, TypeAlias
+from typing import Literal, NamedTuple, NewType, TypeAlias, get_args
 
 from rasterjit.outputs import motion_stage
 from rasterjit.pipeline.geometry import barycentric
@@ -70,7 +70,7 @@ class Output(NamedTuple):
     """The kernel that fills it; None: NumPy does."""
 
 
-TABLE: dict[OutputName, Output] = {
+TABLE: dict[str, Output] = {
     "color": Output(4, "uint8", 0, is_mixed=True),
     "depth": Output(1, "float32", math.inf, "scene units along the viewing axis", ("Z",)),
     "face_id": Output(1, "int32", -1),
@@ -134,16 +134,16 @@ _ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel=barycentric.fill_attribut
 UNKNOWN = Output(1, "float32", 0)
 """What is known of an output that no frame has."""
 
-OUTPUTS: tuple[OutputName, ...] = tuple(TABLE)
+OUTPUTS: tuple[OutputName, ...] = get_args(OutputName)
 """The names."""
 
-MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)
+MOTION_OUTPUTS = tuple(name for name in OUTPUTS if TABLE[name].needs_previous)
 """Those that compare what is seen with an earlier view."""
 
-MIXED_OUTPUTS = tuple(name for name, row in TABLE.items() if row.is_mixed)
+MIXED_OUTPUTS = tuple(name for name in OUTPUTS if TABLE[name].is_mixed)
 """Those that are mixed from all that a pixel shows."""
 
-LAYER_OUTPUTS = tuple(name for name, row in TABLE.items() if not row.is_mixed)
+LAYER_OUTPUTS = tuple(name for name in OUTPUTS if not TABLE[name].is_mixed)
 """Those that a layer of surfaces can hold."""
 
 

@@ -6,9 +6,29 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 AnyClass = TypeVar("AnyClass", bound=type)
+Given = TypeVar("Given")
+Kept = TypeVar("Kept")
+
+
+class Converted(Generic[Given, Kept]):
+    """
+    For type checkers: a field of a dataclass that is given as one type and kept as another.
+
+    At run time it is its default.
+    """
+
+    def __new__(cls, default: Given) -> Any:
+        """Return the default."""
+        return default
+
+    if TYPE_CHECKING:
+
+        def __get__(self, owner: object, kind: Any = None) -> Kept: ...
+
+        def __set__(self, owner: object, value: Given) -> None: ...
 
 
 class Guarded:
@@ -54,7 +74,8 @@ def _check_attribute(owner: Guarded, name: str) -> None:
 
 def says_replace(kind: AnyClass) -> AnyClass:
     """Have a frozen dataclass answer an assignment with how to make a changed copy instead."""
-    refuse = kind.__setattr__
+    changed: Any = kind
+    refuse = changed.__setattr__
 
     @functools.wraps(refuse)
     def answer(self: Any, name: str, value: Any) -> None:
@@ -63,7 +84,7 @@ def says_replace(kind: AnyClass) -> AnyClass:
         except dataclasses.FrozenInstanceError:
             raise dataclasses.FrozenInstanceError(_how_to_replace(self, name)) from None
 
-    kind.__setattr__ = answer
+    changed.__setattr__ = answer
     return kind
 
 

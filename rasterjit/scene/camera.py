@@ -350,7 +350,7 @@ class MatrixCamera(Projecting):
             raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
-        _freeze(self, _eye=self._find_eye())
+        self.__dict__["_eye"] = self._find_eye()
         if true_or_false("is_near_open", self.is_near_open) and _pinhole_planes(clip) is None:
             raise ValueError(
                 "is_near_open must be False where clip_from_view is no pinhole along view space's "
@@ -448,7 +448,8 @@ class MatrixCamera(Projecting):
         For a perspective it is the centre of projection, where clip x, y and w vanish together;
         for a parallel projection the origin of view space.
         """
-        return self._eye.copy()
+        eye: Float64 = self.__dict__["_eye"]
+        return eye.copy()
 
     def depth_coefficients(self) -> DepthCoefficients:
         """
@@ -493,7 +494,7 @@ class MatrixCamera(Projecting):
                 with np.errstate(over="ignore", invalid="ignore"):
                     rows[:, 3] -= _solve_origin(self.clip_from_view[[0, 1, 3]])
             eye = _solve_origin(rows)
-            within = np.isfinite(eye).all()
+            within = bool(np.isfinite(eye).all())
         except ValueError:
             within = False
         if not within:
@@ -588,7 +589,7 @@ def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
         _freeze(found, near=near)
         return found
     _freeze(found, is_near_open=False)
-    if near_steps:
+    if near_steps and isinstance(found, MatrixCamera):
         clip = found.clip_from_view.copy()
         clip[2, 2:] = transforms.perspective_depth(near, planes.far)
         clip.flags.writeable = False

@@ -30,6 +30,12 @@ from rasterjit.scene.validation import MaskedError, unmasked_array
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
 
+RGB: TypeAlias = tuple[float, float, float]
+"""Linear red, green and blue."""
+
+RGBA: TypeAlias = tuple[float, float, float, float]
+"""The same, and alpha."""
+
 # Pillow has the same names, but its import takes longer than most of this package's.
 _NAMES = Path(__file__).with_name("css_colors.txt").read_text(encoding="utf-8")
 NAMED_COLORS = {**dict(line.split() for line in _NAMES.splitlines()), "transparent": "#00000000"}

@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGBA, ColorLike, linear_color
 from rasterjit.scene.validation import (
     cut_short,
     finite_array,
@@ -57,7 +57,7 @@ class Contours:
 
     levels: Any = 10
     width: float = 1.0
-    color: ColorLike = "black"
+    color: Converted[ColorLike, RGBA] = Converted("black")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", _levels(self.levels))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
 from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.color import RGB, ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
@@ -28,9 +28,6 @@ from rasterjit.scene.warning import warn_caller
 
 MOST_ALLOWED = 0.001
 """Share of the texels of a sky that may be NaN or infinite; one of them always may."""
-
-Color: TypeAlias = tuple[float, float, float]
-"""Linear red, green and blue."""
 
 
 @says_replace
@@ -63,7 +60,11 @@ class Panorama:
         If texels were changed, with their number.
     """
 
-    image: ArrayLike
+    image: NDArray[np.float32]
+
+    if TYPE_CHECKING:
+
+        def __init__(self, image: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", _linear_panorama(self.image))
@@ -98,9 +99,9 @@ class SkyGradient:
     below. Three equal colours are one colour everywhere.
     """
 
-    zenith: Color
-    horizon: Color
-    ground: Color
+    zenith: RGB
+    horizon: RGB
+    ground: RGB
 
 
 @says_replace
@@ -133,10 +134,20 @@ class Environment:
         not a finite number, or ``background`` neither True nor False.
     """
 
-    sky: ArrayLike | Panorama | SkyGradient
+    sky: Panorama | SkyGradient
     intensity: float = 1.0
     rotation: float = 0.0
     background: bool = True
+
+    if TYPE_CHECKING:
+        # Reading gives a sky; the constructor takes what can be made one.
+        def __init__(
+            self,
+            sky: ArrayLike | Panorama | SkyGradient,
+            intensity: float = 1.0,
+            rotation: float = 0.0,
+            background: bool = True,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         if not isinstance(self.sky, (Panorama, SkyGradient)):

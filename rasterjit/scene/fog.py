@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGB, ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
 FogMode: TypeAlias = Literal["linear", "exp", "exp2"]
@@ -64,7 +64,7 @@ class Fog:
         mode needs or given that it has no use for.
     """
 
-    color: ColorLike = "#b4bec8"
+    color: Converted[ColorLike, RGB] = Converted("#b4bec8")
     mode: FogMode = "exp2"
     start: float | None = None
     end: float | None = None

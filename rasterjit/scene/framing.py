@@ -455,11 +455,11 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     return replace(camera, clip_from_view=clip)
 
 
-def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
+def _upright(up: ArrayLike, towards: Float64) -> Vector:
     """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
     upward = transforms.unit_vector("up", up)
     if not transforms.are_parallel(upward, towards):
-        return up
+        return triple_of(up)
     (x, y, z), (a, b, c) = upward.tolist(), towards.tolist()
     above = x * a + y * b + z * c > 0.0
     fallback = (0.0, 0.0, -1.0 if above else 1.0)

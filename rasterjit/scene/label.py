@@ -6,8 +6,8 @@ import os
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGBA, ColorLike, linear_color
 from rasterjit.scene.validation import (
     VectorLike,
     cut_short,
@@ -104,8 +104,8 @@ class Label:
     text: str
     size: float = 14.0
     anchor: Anchor = "center"
-    color: ColorLike = "black"
-    background: ColorLike | None = None
+    color: Converted[ColorLike, RGBA] = Converted("black")
+    background: Converted[ColorLike | None, RGBA | None] = Converted(None)
     hidden: bool = False
     offset: tuple[float, float] = (0.0, 0.0)
     font: str | os.PathLike[str] | None = None

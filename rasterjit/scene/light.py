@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGB, ColorLike, linear_color
 from rasterjit.scene.validation import VectorLike, bounded_number, one_of, positive_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -118,7 +118,7 @@ class AmbientLight:
         If the colour is not one, or the intensity is not in 0..1e30.
     """
 
-    color: ColorLike = "white"
+    color: Converted[ColorLike, RGB] = Converted("white")
     intensity: float = 0.1
 
     def __post_init__(self) -> None:
@@ -151,7 +151,7 @@ class DirectionalLight:
     """
 
     direction: VectorLike = (0.0, 0.0, -1.0)
-    color: ColorLike = "white"
+    color: Converted[ColorLike, RGB] = Converted("white")
     intensity: float = 1.0
     shadow: Shadow | None = None
 
@@ -196,7 +196,7 @@ class PointLight:
     """
 
     position: VectorLike
-    color: ColorLike = "white"
+    color: Converted[ColorLike, RGB] = Converted("white")
     intensity: float = 1.0
     range: float | None = None
     shadow: Shadow | None = None
@@ -248,7 +248,7 @@ class SpotLight:
 
     position: VectorLike
     direction: VectorLike = (0.0, 0.0, -1.0)
-    color: ColorLike = "white"
+    color: Converted[ColorLike, RGB] = Converted("white")
     intensity: float = 1.0
     inner_angle: float = 0.0
     outer_angle: float = 45.0

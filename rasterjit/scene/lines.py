@@ -141,11 +141,11 @@ class Lines(Mesh):
         self._unit: Unit = one_of("unit", unit, UNITS)
         self._caps: Cap = one_of("caps", caps, CAPS)
         _refuse_arrays(points)
+        self._pairs = segments if strips is None else _Strips(strips)
         super().__init__(
-            points, segments if strips is None else _Strips(strips), colors=colors,
-            attributes=attributes, scalars=scalars, colormap=colormap, range=range,
-            nan_color=nan_color, material=Material("unlit") if material is None else material,
-            on_invalid=on_invalid,
+            points, (), colors=colors, attributes=attributes, scalars=scalars,
+            colormap=colormap, range=range, nan_color=nan_color, on_invalid=on_invalid,
+            material=Material("unlit") if material is None else material,
         )  # fmt: skip
         self._widths = read_only(sizes_of("width", width, len(self), unit))
         self._dashes = read_only(_dash_array(dashes, unit))
@@ -205,7 +205,7 @@ class Lines(Mesh):
             tips = way[:, np.newaxis] + size * matrices[:, :3, :3].transpose(0, 2, 1)
             points.append(tips.reshape(-1, 3))
             segments.append(np.stack([np.repeat(numbers, 3), count + np.arange(3 * count)], axis=1))
-            colors.append(np.tile(np.append(AXIS_COLORS, np.ones((3, 1)), 1), (count, 1)))
+            colors.append(np.tile(np.hstack([AXIS_COLORS, np.ones((3, 1))]), (count, 1)))
         # There is one point more than there are segments, so these are colours of segments.
         return Lines(
             np.concatenate(points), np.concatenate(segments),
@@ -297,15 +297,15 @@ class Lines(Mesh):
 
     def _face_array(self, faces: Any) -> NDArray[np.int32]:
         """Return a face for each segment, with its second point twice."""
-        count = len(self._vertices)
-        if isinstance(faces, _Strips):
-            segments = _segments_of(faces.strips, count)
-        elif faces is None:
+        count, pairs = len(self._vertices), self.__dict__.pop("_pairs")
+        if isinstance(pairs, _Strips):
+            segments = _segments_of(pairs.strips, count)
+        elif pairs is None:
             if count < 2:
                 raise ValueError(f"points must be two or more without segments, got {count}")
             segments, _ = strip_segments(np.arange(count, dtype=np.int32), np.array([count]))
         else:
-            segments = index_rows(("segments", "points"), faces, count, 2)
+            segments = index_rows(("segments", "points"), pairs, count, 2)
         return np.ascontiguousarray(segments[:, [0, 1, 1]])
 
     def _store_colors(self, colors: ColorLike) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias, cast, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGB, RGBA, ColorLike, linear_color
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import (
@@ -77,7 +78,7 @@ MOST_SPECULAR = 1e6
 SHININESS_RANGE = (1e-6, 1e6)
 """Exponents of a highlight: from none to see, to one narrower than a float32 angle."""
 
-LIGHT_GREY = tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
+LIGHT_GREY: RGBA = tuple(np.array([0.8, 0.8, 0.8, 1.0], np.float32).tolist())
 """The colour of a surface that nothing is said about, linear."""
 
 BLACK = (0.0, 0.0, 0.0)
@@ -221,7 +222,7 @@ class Material:
     """
 
     shading: Shading = "phong"
-    base_color: ColorLike | None = None
+    base_color: Converted[ColorLike | None, RGBA | None] = Converted(None)
     specular: float = 0.25
     shininess: float = 50.0
     name: str | None = None
@@ -233,7 +234,7 @@ class Material:
     metallic_roughness_texture: Texture | None = field(default=None, kw_only=True)
     occlusion_texture: Texture | None = field(default=None, kw_only=True)
     occlusion_strength: float = field(default=1.0, kw_only=True)
-    emissive: ColorLike | None = field(default=None, kw_only=True)
+    emissive: Converted[ColorLike | None, RGB] = field(default=Converted(None), kw_only=True)
     emissive_texture: Texture | None = field(default=None, kw_only=True)
     alpha_mode: AlphaMode = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
@@ -244,13 +245,13 @@ class Material:
     clearcoat_roughness_texture: Texture | None = field(default=None, kw_only=True)
     clearcoat_normal_texture: Texture | None = field(default=None, kw_only=True)
     clearcoat_normal_scale: float = field(default=1.0, kw_only=True)
-    sheen_color: ColorLike | None = field(default=None, kw_only=True)
+    sheen_color: Converted[ColorLike | None, RGB] = field(default=Converted(None), kw_only=True)
     sheen_roughness: float = field(default=0.0, kw_only=True)
     sheen_color_texture: Texture | None = field(default=None, kw_only=True)
     sheen_roughness_texture: Texture | None = field(default=None, kw_only=True)
     specular_factor: float = field(default=1.0, kw_only=True)
     specular_factor_texture: Texture | None = field(default=None, kw_only=True)
-    specular_color: ColorLike | None = field(default=None, kw_only=True)
+    specular_color: Converted[ColorLike | None, RGB] = field(default=Converted(None), kw_only=True)
     specular_color_texture: Texture | None = field(default=None, kw_only=True)
     ior: float = field(default=IOR, kw_only=True)
     transmission: float = field(default=0.0, kw_only=True)
@@ -258,7 +259,9 @@ class Material:
     thickness: float = field(default=0.0, kw_only=True)
     thickness_texture: Texture | None = field(default=None, kw_only=True)
     attenuation_distance: float = field(default=math.inf, kw_only=True)
-    attenuation_color: ColorLike | None = field(default=None, kw_only=True)
+    attenuation_color: Converted[ColorLike | None, RGB] = field(
+        default=Converted(None), kw_only=True
+    )
 
     def __post_init__(self) -> None:
         one_of("shading", self.shading, SHADINGS)
@@ -363,7 +366,7 @@ class Material:
             ``base_color_texture``, and a light grey where there is neither.
         """
         if self.base_color is not None:
-            return cast("tuple[float, float, float, float]", self.base_color)
+            return self.base_color
         return (
             WHITE
             if true_or_false("has_colors", has_colors) or self.base_color_texture is not None
@@ -414,6 +417,12 @@ class UnsaidMaterial(Material):
         if self != UnsaidMaterial():
             return self
         return Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
+
+
+def with_textures(material: Material, textures: Mapping[str, Texture | None]) -> Material:
+    """Return a material with other textures, by field."""
+    changes: dict[str, Any] = dict(textures)
+    return replace(material, **changes)
 
 
 def _bright(name: str, value: ColorLike, most: float) -> tuple[float, float, float]:

@@ -680,7 +680,7 @@ class Mesh(Guarded, Previewed):
         result._is_closed = self._is_closed
         if can_be_posed:
             result._take_posable(self, split.sources)
-            result._normal_groups = read_only(normal_groups(result.vertices, result.normals))
+            result._normal_groups = read_only(normal_groups(result.vertices, split.normals))
         return result
 
     def _take_posable(self, other: Mesh, sources: NDArray[np.integer]) -> None:

@@ -314,7 +314,8 @@ class Node(Placed, Guarded):
         if parent is None and not self._children:
             self._transform = self._world_from_model = transform
             return
-        moved = [(self, _placed(self, transform, parent and parent._world_from_model))]
+        above = None if parent is None else parent._world_from_model
+        moved = [(self, _placed(self, transform, above))]
         for node, place in moved:
             moved += [(child, _placed(child, child._transform, place)) for child in node._children]
         self._transform = transform
@@ -323,7 +324,7 @@ class Node(Placed, Guarded):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or pickled: a node of its own at the same place, in no scene."""
-        alone = {"_parent": None, "_children": [], "_scene": None}
+        alone: dict[str, Any] = {"_parent": None, "_children": [], "_scene": None}
         if self._trs is not None and self._parent is not None:
             alone["_trs"] = None
         state = {**self.__dict__, **alone, "_transform": self._world_from_model}

@@ -215,8 +215,8 @@ def repaired_normals(
     count : int
         Number of vertices that were repaired.
     """
-    is_zero = ~normals.any(axis=1)
-    around = faces[is_zero[faces].any(axis=1)]
+    is_zero = ~np.any(normals, axis=1)
+    around = faces[np.any(is_zero[faces], axis=1)]
     made = smooth_normals(vertices, around, scale)
     is_zero &= made.any(axis=1)
     return np.where(is_zero[:, np.newaxis], made, normals), int(np.count_nonzero(is_zero))
@@ -329,11 +329,11 @@ def _count_edges(
         (cosines <= least + _COSINE_ROUNDING) & (cosines >= greatest - _COSINE_ROUNDING)
     )
     between = len(cosines) - creases - np.count_nonzero(cosines >= smooth)
-    return len(cosines), creases, between
+    return len(cosines), int(creases), int(between)
 
 
 def _add_at_corners(
-    sums: NDArray[np.float64], corners: NDArray[np.int32], vectors: NDArray[np.float64]
+    sums: NDArray[np.float64], corners: NDArray[np.integer], vectors: NDArray[np.float64]
 ) -> None:
     """Add every face's vector to the sums (3, n) at its three corners, in face order."""
     index = corners.ravel()
@@ -385,6 +385,7 @@ def crease_normals(
     creased = _creased_positions(positions, directions, means, angle)
 
     # Every vertex starts with the mean normal of its position.
+    base: NDArray[np.integer]
     if merge:
         base, sources = positions, first_of_position
     else:

@@ -8,8 +8,8 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGBA, ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
@@ -49,7 +49,7 @@ class Outline:
         If the colour is not one, the width or the angle is out of range, or an edge is unknown.
     """
 
-    color: ColorLike = "black"
+    color: Converted[ColorLike, RGBA] = Converted("black")
     width: int = 1
     edges: Sequence[EdgeKind] = EDGE_KINDS
     crease_angle: float = 40.0

@@ -44,6 +44,9 @@ class Rays(NamedTuple):
 class Projecting:
     """What every camera can do with points and pixels."""
 
+    _view_from_world: Float64
+    """Of one that stands at an eye and looks at a target."""
+
     def project(self: Camera, points: ArrayLike, size: tuple[int, int]) -> ProjectedPoints:
         """
         Return where points are in an image, and their depth.

@@ -125,7 +125,7 @@ class Points(Mesh):
             is_plain = colors is None and scalars is None
             material = self._PLAIN if is_plain else Material("unlit")
         super().__init__(
-            positions, None, colors=colors, normals=normals, attributes=attributes,
+            positions, (), colors=colors, normals=normals, attributes=attributes,
             scalars=scalars, colormap=colormap, range=range, nan_color=nan_color,
             material=material, on_invalid=on_invalid,
         )  # fmt: skip
@@ -208,7 +208,7 @@ class Points(Mesh):
         """Mark the points, (N,) bool, that are finite."""
         if not self.invalid_vertices:
             return np.ones(len(self.vertices), bool)
-        return np.isfinite(self.vertices).all(axis=1)
+        return np.all(np.isfinite(self.vertices), axis=1)
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """

@@ -810,7 +810,8 @@ def _copied(
     And those that are drawn, and the animations of all.
     """
     group = Node(None, transform, name)
-    drawn, copies = set(map(id, scene.nodes)), {}
+    drawn = set(map(id, scene.nodes))
+    copies: dict[int, Node] = {}
     for node in scene._all_nodes():
         above = group if node.parent is None else copies[id(node.parent)]
         copied = copies[id(node)] = _moved_copy(node, above, {})

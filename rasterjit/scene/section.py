@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGBA, ColorLike, linear_color
 from rasterjit.scene.validation import (
     VectorLike,
     in_short,
@@ -87,9 +87,9 @@ class SectionPlane:
     point: VectorLike
     normal: VectorLike
     cap: bool = True
-    cap_color: ColorLike | None = None
+    cap_color: Converted[ColorLike | None, RGBA | None] = Converted(None)
     lines: bool = False
-    line_color: ColorLike = "black"
+    line_color: Converted[ColorLike, RGBA] = Converted("black")
     line_width: int = 2
 
     def __post_init__(self) -> None:

@@ -208,7 +208,7 @@ class MorphTargets(Guarded):
         self._weights: NDArray[np.float64] | None = None
         if weights is not None:
             self._weights = morph_weights(weights, self._shape[0])
-        self._names = words("names", names)
+        self._names: tuple[str, ...] = words("names", names)
         if len(self._names) not in (0, self._shape[0]):
             raise ValueError(
                 f"names must have one for each of {self._shape[0]} targets, got {in_short(names)}"

@@ -229,7 +229,7 @@ class Texture:
     .. [1] The Khronos Group, "KHR_texture_transform".
     """
 
-    image: ArrayLike = field(repr=False)
+    image: NDArray[np.float32] = field(repr=False)
     wrap: Wrap | tuple[Wrap, Wrap] = field(default="repeat", kw_only=True)
     filter: Filter = field(default="trilinear", kw_only=True)
     color_space: ColorSpace = field(default="srgb", kw_only=True)
@@ -238,6 +238,22 @@ class Texture:
     rotation: float = field(default=0.0, kw_only=True)
     scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
     uv_set: UVSet = field(default=0, kw_only=True)
+
+    if TYPE_CHECKING:
+        # Reading gives an array; the constructor takes what can be made one.
+        def __init__(
+            self,
+            image: ArrayLike,
+            *,
+            wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+            filter: Filter = "trilinear",
+            color_space: ColorSpace = "srgb",
+            anisotropy: Anisotropy = 1,
+            offset: tuple[float, float] = (0.0, 0.0),
+            rotation: float = 0.0,
+            scale: tuple[float, float] = (1.0, 1.0),
+            uv_set: UVSet = 0,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
@@ -381,7 +397,7 @@ class Texture:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height, texels."""
-        return self.image.shape[1], self.image.shape[0]
+        return self.pyramid.size
 
     @property
     def is_opaque(self) -> bool:

@@ -715,7 +715,7 @@ def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     cofactors = np.empty((3, 3, len(matrices)))
     for k in range(3):
         cofactors[:, k] = cross(columns[(k + 1) % 3], columns[(k + 2) % 3])
-    determinants = dot(columns[0], cofactors[:, 0])
+    determinants = dot(columns[0], list(cofactors[:, 0]))
     with np.errstate(all="ignore"):
         inverses = np.ldexp(cofactors / determinants, exponents[:, 0, 0])
     usable = np.isfinite(inverses).all(axis=(0, 1))

@@ -79,10 +79,10 @@ def parts_of(matrix: NDArray[np.float64]) -> TRS:
     y = y or _perpendicular(x)
     z = cross(x, y)
     if dot(z, axes[2]) < 0.0:
-        lengths[0], x = -lengths[0], tuple(-part for part in x)
+        lengths[0], x = -lengths[0], (-x[0], -x[1], -x[2])
         z = cross(x, y)
     translation = rows[0][3], rows[1][3], rows[2][3]
-    return TRS(translation, rotation_of(x, y, z), tuple(lengths))
+    return TRS(translation, rotation_of(x, y, z), (lengths[0], lengths[1], lengths[2]))
 
 
 def _quaternion(value: ArrayLike) -> Quaternion:

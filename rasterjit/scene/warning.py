@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from types import FrameType
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -46,7 +47,8 @@ def warn_caller(
     """
     if kind in _SILENT.get():
         return
-    level, outermost, frame = 1, 1, sys._getframe()
+    level, outermost = 1, 1
+    frame: FrameType | None = sys._getframe()
     # Between frames of this package lie others, such as functools'.
     while frame is not None:
         if frame.f_globals.get("__name__", "").split(".")[0] == _PACKAGE:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace
+from rasterjit.scene.color import RGBA, ColorLike, linear_color
 from rasterjit.scene.validation import one_of
 
 WireframeMode: TypeAlias = Literal["overlay", "only"]
@@ -39,7 +39,7 @@ class Wireframe:
         If the colour is not one or the mode is unknown.
     """
 
-    color: ColorLike = "black"
+    color: Converted[ColorLike, RGBA] = Converted("black")
     mode: WireframeMode = "overlay"
 
     def __post_init__(self) -> None:

@@ -89,3 +89,26 @@ def test_a_version_is_measured(read, tmp_path):
     assert rows["attributes, methods of Effect"] == "2, 1"
     assert rows["lines of CHANGELOG.md"] == 2
     assert all(found == [] for found in named.values())
+
+
+def test_more_errors_of_mypy_than_a_room_may_have_are_told_and_no_others(monkeypatch):
+    monkeypatch.setattr(house, "MOST_TYPE_ERRORS", {"viewer": 2})
+    lines = ["rasterjit/a.py:1: error: One", "rasterjit/a.py:2: error: Two"]
+    assert house.beyond({"viewer": lines}) == []
+    assert house.beyond({"viewer": [*lines, lines[0]]})[1:] == [*lines, lines[0]]
+    assert house.beyond({"scene": lines[:1], "viewer": lines})[1:] == lines[:1]
+
+
+def test_mypy_reads_types_of_kernels_and_finds_errors_where_they_are_passed(read, tmp_path):
+    files = read(
+        runtime__state="float32, stored = 1, 2\n",
+        scene__a="from rasterjit.runtime.state import float32, stored\n"
+        "def kernel(rows: float32[:, ::1], depth: stored[::1], count: float32): ...\n"
+        "def use(rows: 'float32[3, 4]') -> None:\n    kernel(rows, rows, 2.0)\n"
+        "    kernel(1, rows, 2.0)\n",
+    )
+    (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text("utf-8"))
+    (tmp_path / ".ci").symlink_to(ROOT / ".ci")
+    errors = house.type_errors(tmp_path, files)
+    assert [line.split(":")[:2] for line in errors.pop("scene")] == [["rasterjit/scene/a.py", "5"]]
+    assert not errors

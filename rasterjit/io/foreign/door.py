@@ -31,6 +31,7 @@ from rasterjit.io.kinds import extension_of
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.memory import FileSizeError, MemoryBudget
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.warning import warn_caller
 
 _SECONDS, _SECONDS_OF_MEGABYTE = 10, 10
@@ -243,7 +244,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def read_isolated(
-    path: Path, resources: Resources, on_invalid: str, on_damage: str, left_out: LeftOut
+    path: Path, resources: Resources, on_invalid: OnInvalid, on_damage: str, left_out: LeftOut
 ) -> Any:
     """
     Return what `read_file` does, read in a process with limits.

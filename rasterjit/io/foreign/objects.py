@@ -12,6 +12,7 @@ from rasterjit.io.foreign.pyvista import things_of_pyvista
 from rasterjit.io.skipped import LeftOut
 from rasterjit.io.text.parts import Thing, scene_of_parts
 from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.scene import Scene
 
 _READERS: dict[str, Callable[[Any, str, LeftOut], list[Thing]]] = {
@@ -36,7 +37,9 @@ def foreign_name(what: Any) -> str:
     return f"{foreign_package(what)} {type(what).__name__}"
 
 
-def scene_of_foreign(what: Any, on_invalid: str, crease_angle: float, left_out: LeftOut) -> Scene:
+def scene_of_foreign(
+    what: Any, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
+) -> Scene:
     """
     Return a scene of what an object of another package holds, or raise `MeshFileError`.
 

@@ -24,9 +24,8 @@ def things_of_open3d(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
         raise MeshFileError(f"{source} must be a TriangleMesh, a PointCloud or a LineSet")
     is_tensor = hasattr(what, "vertex") or hasattr(what, "point")
     thing = (_of_tensors if is_tensor else _of_vectors)(kind, what, left_out)
-    held = thing.vertices if isinstance(thing, Part) else None
     if isinstance(thing, Part) and not len(thing.faces):
-        raise MeshFileError(f"{source} holds a mesh of {len(held)} vertices, no faces")
+        raise MeshFileError(f"{source} holds a mesh of {len(thing.vertices)} vertices, no faces")
     if isinstance(thing, LineDrawing) and not len(thing.segments):
         raise MeshFileError(f"{source} holds no lines")
     return [thing]

@@ -29,6 +29,7 @@ from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.skins import with_bound_shapes
 from rasterjit.io.trimesh.told import trimesh_told
 from rasterjit.io.trimesh.xml import note_what_is_not_read
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.transforms import compose
 
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
@@ -63,7 +64,7 @@ _SHOWN_OWN = ("xyz", "pcd", "las", "vtk")
 
 
 def read_file(
-    file: Path, resources: Resources, on_invalid: str, on_damage: str, left_out: LeftOut
+    file: Path, resources: Resources, on_invalid: OnInvalid, on_damage: str, left_out: LeftOut
 ) -> Sequence[Thing] | Assembly:
     """Return what a file holds, or raise `MeshFileError`; ``on_invalid`` is for curves."""
     extension = extension_of(file)
@@ -116,7 +117,7 @@ def modules_for(extension: str) -> tuple[str, ...]:
 
 
 def _read_by_trimesh(
-    file: Path, extension: str, resources: Resources, on_invalid: str, left_out: LeftOut
+    file: Path, extension: str, resources: Resources, on_invalid: OnInvalid, left_out: LeftOut
 ) -> Assembly:
     """Return what a file holds that trimesh reads."""
     loaded = _loaded(file, extension, resources, left_out)

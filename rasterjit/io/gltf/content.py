@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,9 +45,9 @@ from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
-from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.texture import UV_SETS, Texture, turned_over
+from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial, with_textures
+from rasterjit.scene.mesh import Mesh, OnInvalid
+from rasterjit.scene.texture import UV_SETS, ColorSpace, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
 _REPEAT = 10497
@@ -63,7 +62,7 @@ _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 MODE_NAMES = {mode: name for name, mode in MODES.items()}
 
-TEXTURES = {
+TEXTURES: dict[str, tuple[str, ColorSpace]] = {
     "base_color_texture": ("baseColorTexture", "srgb"),
     "normal_texture": ("normalTexture", "linear"),
     "metallic_roughness_texture": ("metallicRoughnessTexture", "linear"),
@@ -164,9 +163,9 @@ class MaterialReader:
 
     def _read_textures(
         self, values: dict[str, Any], is_unlit: bool, label: str
-    ) -> tuple[dict[str, Texture], list[int]]:
+    ) -> tuple[dict[str, Any], list[int]]:
         """Return the textures of a material by field, and their sets of texture coordinates."""
-        found: dict[str, Texture] = {}
+        found: dict[str, Any] = {}
         uv_sets: list[int] = []
         for field, (key, color_space) in (TEXTURES | layers.TEXTURES).items():
             if values.get(key) is None or (is_unlit and field != "base_color_texture"):
@@ -187,20 +186,22 @@ class MaterialReader:
                     continue
                 uv_sets.append(number)
             place = uv_sets.index(number)
-            found[field] = texture.with_uv_set(place) if place else texture
+            found[field] = texture.with_uv_set(UV_SETS[place]) if place else texture
         return found, uv_sets
 
-    def _texture(self, use: dict[str, Any], transform: dict[str, Any], color_space: str) -> Texture:
+    def _texture(
+        self, use: dict[str, Any], transform: dict[str, Any], color_space: ColorSpace
+    ) -> Texture:
         """Return one use of a texture; uses of one picture share its texels."""
         entry = self._file.entry("textures", needed(use, "index"))
         options = self._sampler(entry.get("sampler"))
         texture = self._first_readable(self._sources(entry), color_space, options)
         if not transform:
             return texture
-        offset = finite_numbers_of(transform, "offset", (0.0, 0.0))
-        scale = finite_numbers_of(transform, "scale", (1.0, 1.0))
+        x, y = finite_numbers_of(transform, "offset", (0.0, 0.0))
+        across, up = finite_numbers_of(transform, "scale", (1.0, 1.0))
         degrees = math.degrees(finite_of(transform, "rotation", 0.0))
-        return texture.with_transform(*turned_over(offset, degrees, scale))
+        return texture.with_transform(*turned_over((x, y), degrees, (across, up)))
 
     def _sources(self, entry: dict[str, Any]) -> list[tuple[str, Any]]:
         """Return the pictures that a texture names, those of extensions first, and what of."""
@@ -214,7 +215,7 @@ class MaterialReader:
         return found
 
     def _first_readable(
-        self, sources: list[tuple[str, Any]], color_space: str, options: dict[str, Any]
+        self, sources: list[tuple[str, Any]], color_space: ColorSpace, options: dict[str, Any]
     ) -> Texture:
         """Return the first picture that can be read, noting those before it."""
         for extension, number in sources[:-1]:
@@ -226,7 +227,7 @@ class MaterialReader:
         return self._picture(*sources[-1], color_space, options)
 
     def _picture(
-        self, extension: str, number: Any, color_space: str, options: dict[str, Any]
+        self, extension: str, number: Any, color_space: ColorSpace, options: dict[str, Any]
     ) -> Texture:
         """Return a picture as a texture, or raise ``ValueError`` naming it; each is read once."""
         self._file.entry("images", number)
@@ -317,7 +318,7 @@ class MeshReader:
         file: GltfFile,
         source: str,
         materials: MaterialReader,
-        on_invalid: str,
+        on_invalid: OnInvalid,
         crease_angle: float,
         left_out: LeftOut,
     ) -> None:
@@ -492,7 +493,7 @@ class MeshReader:
                 field: None if field in lost else one.with_uv_set(sets.index(own[one.uv_set]))
                 for field, one in used.items()
             }
-            self._moved[key] = replace(material, **moved)
+            self._moved[key] = with_textures(material, moved)
         return self._moved[key]
 
     def _without_faces(
@@ -532,7 +533,8 @@ class MeshReader:
             )
         if "indices" in primitive:
             vertices = vertices[corners]
-            rgba, normals = (None if one is None else one[corners] for one in (rgba, normals))
+            rgba = None if rgba is None else rgba[corners]
+            normals = None if normals is None else normals[corners]
             own = {name: values[corners] for name, values in own.items()}
         return Cloud(label, vertices, rgba, normals, own, material)
 
@@ -631,13 +633,13 @@ class MeshReader:
         what = "textures" if len(fields) == len(given) else ", ".join(fields)
         self._left_out.note(f"{what} of {label}, which has no coordinates for them")
         if (material, fields) not in self._plain:
-            self._plain[material, fields] = replace(material, **dict.fromkeys(fields))
+            self._plain[material, fields] = with_textures(material, dict.fromkeys(fields))
         return self._plain[material, fields]
 
 
 def _untextured(material: Material) -> Material:
     """Return a material without textures."""
-    return replace(material, **dict.fromkeys(TEXTURE_FIELDS))
+    return with_textures(material, dict.fromkeys(TEXTURE_FIELDS))
 
 
 def without_light(material: Material) -> Material:

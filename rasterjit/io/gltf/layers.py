@@ -24,6 +24,7 @@ from rasterjit.scene.material import (
     LARGEST_THICKNESS,
     Material,
 )
+from rasterjit.scene.texture import ColorSpace
 
 LEAST_DISTANCE = 1e-6
 """In place of 0, where a file says that light is tinted before it goes any way in a body."""
@@ -38,7 +39,7 @@ class Layer(NamedTuple):
     """What a number is called, what it is where the file does not say, and its largest value."""
     colors: Mapping[str, tuple[str, float, float]] = _NONE
     """The same of three numbers, which are alike where the file does not say."""
-    textures: Mapping[str, tuple[str, str]] = _NONE
+    textures: Mapping[str, tuple[str, ColorSpace]] = _NONE
     """What a texture is called, and what its numbers are."""
 
 

@@ -162,7 +162,8 @@ def _targets(
                     found[name][place] = rows
     if not found:
         found["POSITION"] = _nothing(file, len(targets), count, label)
-    return MorphTargets(**{_TARGETS[name]: rows for name, rows in found.items()})
+    fields: dict[str, Any] = {_TARGETS[name]: rows for name, rows in found.items()}
+    return MorphTargets(**fields)
 
 
 def _nothing(file: GltfFile, targets: int, count: int, label: str) -> NDArray[np.float32]:
@@ -178,7 +179,8 @@ def with_morph_weights(
     """Return meshes of an entry of the file with the weights and the names that it says."""
     if all(mesh.morph_targets is None for mesh in meshes):
         return list(meshes)
-    weights, names = None, ()
+    weights: tuple[float, ...] | None = None
+    names: tuple[str, ...] = ()
     try:
         if entry.get("weights") is not None:
             given = list_of(entry, "weights")

@@ -49,6 +49,7 @@ from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose, product_of
@@ -69,7 +70,7 @@ _ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEI
 
 
 def load_gltf(
-    path: Path, resources: Resources, on_invalid: str, crease_angle: float, left_out: LeftOut
+    path: Path, resources: Resources, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
 ) -> Scene:
     """
     Read a ``.gltf`` or ``.glb`` file.
@@ -107,7 +108,12 @@ class _GltfScene:
     """Turns the file's default scene into ``scene``."""
 
     def __init__(
-        self, file: GltfFile, source: str, on_invalid: str, crease_angle: float, left_out: LeftOut
+        self,
+        file: GltfFile,
+        source: str,
+        on_invalid: OnInvalid,
+        crease_angle: float,
+        left_out: LeftOut,
     ) -> None:
         self.scene = Scene()
         self._file = file
@@ -192,7 +198,8 @@ class _GltfScene:
 
         Note that what is no node does not move with one that an animation moves.
         """
-        missing, above = [], place
+        missing: list[FileNode] = []
+        above: FileNode | None = place
         while above is not None and above.number not in self._places:
             missing.append(above)
             above = above.above
@@ -327,16 +334,11 @@ class _GltfScene:
                 self.scene.lights.append(PointLight(position, color, intensity, range=reach))
             elif kind == "spot":
                 cone = object_of(light, "spot")
-                angles = (
-                    finite_of(cone, "innerConeAngle", 0.0),
-                    finite_of(cone, "outerConeAngle", math.pi / 4.0),
-                )
+                inner = math.degrees(finite_of(cone, "innerConeAngle", 0.0))
+                outer = math.degrees(finite_of(cone, "outerConeAngle", math.pi / 4.0))
                 self.scene.lights.append(
-                    SpotLight(
-                        position, direction, color, intensity, *map(math.degrees, angles),
-                        range=reach,
-                    )
-                )  # fmt: skip
+                    SpotLight(position, direction, color, intensity, inner, outer, reach)
+                )
             else:
                 self._left_out.note(f"{str(kind)[:80]} light")
         except (LookupError, ValueError) as error:

@@ -57,6 +57,7 @@ from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.skin import MorphTargets, Skin
 from rasterjit.scene.texture import Texture, turned_over
 from rasterjit.scene.trs import matrix_of
+from rasterjit.scene.validation import VectorLike
 
 FORMATS = (".glb", ".gltf")
 
@@ -234,7 +235,8 @@ class _Writer:
         """Add all nodes, parents before their children, and return the topmost."""
         drawn, order = set(map(id, scene.nodes)), []
         moved = {id(one.node) for every in self._animations for one in every.channels}
-        self._numbers = numbers = {}
+        numbers: dict[int, int] = {}
+        self._numbers = numbers
         every_node = list(scene._all_nodes())
         skinned: list[tuple[dict[str, Any], Skin]] = []
         for node in every_node:
@@ -382,7 +384,8 @@ class _Writer:
             )
         if isinstance(mesh, Lines):
             return self._once(key, "meshes", {"primitives": [self._lines(node, mesh)]})
-        corners = mesh.faces.ravel()
+        corners: NDArray[np.integer] = mesh.faces.ravel()
+        colors: NDArray[np.float32] | None
         # glTF colours vertices alone: with colours by face, each face gets its own.
         rows: Any = slice(None) if mesh.face_colors is None else corners
         if mesh.face_colors is not None:
@@ -458,7 +461,8 @@ class _Writer:
 
     def _lines(self, node: Node, mesh: Lines) -> dict[str, Any]:
         """Add segments, whose points are their own if they have colours; return their primitive."""
-        ends, rows, colors = mesh.segments.ravel(), slice(None), mesh.shown_vertex_colors()
+        ends, colors = mesh.segments.ravel(), mesh.shown_vertex_colors()
+        rows: Any = slice(None)
         if mesh.unit != "pixel" or (mesh.widths != _USUAL_WIDTH).any() or len(mesh.dashes):
             self.left_out.note("widths and dashes of lines")
         if mesh.face_colors is not None:
@@ -655,7 +659,8 @@ class _Writer:
             self.left_out.note(f"shadow of a {type(light).__name__}")
         # As reading divides by it: a white surface sends back 1/pi of what falls on it.
         entry: dict[str, Any] = {"color": list(light.color), "intensity": light.intensity * math.pi}
-        position, direction = (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)
+        position: VectorLike = (0.0, 0.0, 0.0)
+        direction: VectorLike = (0.0, 0.0, -1.0)
         if isinstance(light, DirectionalLight):
             entry["type"], direction = "directional", light.direction
         else:

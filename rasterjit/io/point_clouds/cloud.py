@@ -14,6 +14,7 @@ from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.points import Points
 
 INTENSITY = "intensity"
@@ -82,7 +83,7 @@ def default_size(count: int) -> float:
 def points_of(
     cloud: Cloud,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     left_out: LeftOut,
     budget: MemoryBudget | None = None,
 ) -> Points:

@@ -158,7 +158,7 @@ def material_from_mtl(
     if "ks" in said:
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
         specular = float(srgb_to_linear(ks).mean())
-    if "ns" in said:
+    if "ns" in said and material.glossiness is not None:
         shininess = min(max(material.glossiness, 1.0), MOST_SHININESS)
         if material.glossiness <= 1.0:
             # Exporters write 0 for no highlight; an exponent of 1 would wash over the whole object.
@@ -252,11 +252,11 @@ class MtlLibrary:
         else:
             missing = named_as_mtl(line) or [_before_comment(line)]
         for name in missing:
-            error = said[name]
-            if isinstance(error, RefusedFileError):
-                self._left_out.note(f"MTL file: {reason_of(error)}")
+            why = said[name]
+            if isinstance(why, RefusedFileError):
+                self._left_out.note(f"MTL file: {reason_of(why)}")
             else:
-                self._left_out.note(f"MTL file {shown_name(name)}: {reason_of(error)}")
+                self._left_out.note(f"MTL file {shown_name(name)}: {reason_of(why)}")
 
     def _read(self, content: bytes) -> None:
         """Keep the materials of an MTL file, unless one before has those of their names."""
@@ -308,7 +308,7 @@ class MtlLibrary:
     def texture(self, material: str) -> Texture | None:
         """Return the texture of a material: colour and opacity in one; None if it has none."""
         uses = self.said[material].said
-        key = tuple(uses.get(kind) for kind in _MAPS)
+        key = uses.get("map_kd"), uses.get("map_d")
         if key not in self._textures:
             self._textures[key] = self._join(*key, f"material {material!r}")
         return self._textures[key]
@@ -319,16 +319,17 @@ class MtlLibrary:
         """Return a texture of the pictures that can be read, laid as the first of them is."""
         color = self._pixels(of_color, "map_Kd", label)
         opacity = self._pixels(of_opacity, "map_d", label)
-        laid = of_opacity if color is None else of_color
+        first = of_opacity if color is None else of_color
+        laid = {} if first is None else first.laid()
         for use, key, pixels in ((of_color, "map_Kd", color), (of_opacity, "map_d", opacity)):
             if use is not None and pixels is not None:
-                kept = use.laid() if use.laid() == laid.laid() else {}
+                kept = laid if use.laid() == laid else {}
                 for option, said in use.options.items():
                     is_channel = key == "map_d" and option == _CHANNEL and said[0] in "rgbm"
                     if not is_channel and _LAID.get(option) not in kept:
                         self._left_out.note(f"option {option} of {key} of {label}")
         if opacity is None:
-            return None if color is None else Texture(color, **laid.laid())
+            return None if color is None else Texture(color, **laid)
         alpha = _channel(opacity, of_opacity)
         if color is None:
             color = np.full((*alpha.shape, 3), 255, np.uint8)
@@ -337,7 +338,7 @@ class MtlLibrary:
         color = color[..., np.newaxis] if color.ndim == 2 else color
         red_green_blue = color[..., :3] if color.shape[2] >= 3 else np.repeat(color[..., :1], 3, 2)
         alpha = resized(alpha, (color.shape[1], color.shape[0]))
-        return Texture(np.dstack([red_green_blue, alpha]), **laid.laid())
+        return Texture(np.dstack([red_green_blue, alpha]), **laid)
 
     def _pixels(self, use: PictureUse | None, key: str, label: str) -> NDArray[Any] | None:
         """Return a picture's pixels; None, with a note if it has a name and cannot be read."""
@@ -380,7 +381,7 @@ def _channel(opacity: NDArray[Any], use: PictureUse | None) -> NDArray[Any]:
 
 def _is_one(words: list[str] | None) -> bool:
     """Tell the number 1 in an MTL file."""
-    return bool(words) and _is_number(words[-1], 1.0)
+    return bool(words and _is_number(words[-1], 1.0))
 
 
 class PictureUse(NamedTuple):

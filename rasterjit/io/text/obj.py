@@ -301,7 +301,8 @@ class _ObjFile:
         for part in self._meshes(names) if len(self._counts) else ():
             count += 1
             yield part
-        for element in (*self._drawings(names), *self._clouds(names)):
+        others: list[Thing] = [*self._drawings(names), *self._clouds(names)]
+        for element in others:
             count += 1
             yield element
         if count:
@@ -433,7 +434,7 @@ class _ObjFile:
         is_even = bool((counts == counts[0]).all())
         corners, _ = triangles(counts, by_size=is_even)
         faces = which[corners]
-        bare = has_none[faces].any(axis=1) if has_normals else None
+        bare = np.any(has_none[faces], axis=1) if has_normals else None
         return Part(name, table[:, :3], faces, normals, uv, colors, material, bare=bare)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,9 +15,9 @@ from rasterjit.io.point_clouds.cloud import Cloud, points_of
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material, with_textures
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
+from rasterjit.scene.mesh import Mesh, OnInvalid, with_face_scalars, with_face_values
 from rasterjit.scene.scene import Scene
 
 COLORS_BESIDE = "colours beside a material or texture coordinates"
@@ -82,7 +82,7 @@ Thing: TypeAlias = Part | Cloud | LineDrawing
 def scene_of_parts(
     parts: Iterable[Thing],
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget,
@@ -98,7 +98,7 @@ def scene_of_parts(
 def thing_mesh(
     thing: Thing,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget,
@@ -114,7 +114,7 @@ def thing_mesh(
 def mesh_of_part(
     part: Part,
     source: str,
-    on_invalid: str,
+    on_invalid: OnInvalid,
     crease_angle: float,
     left_out: LeftOut,
     budget: MemoryBudget,
@@ -158,7 +158,7 @@ def _usable_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[A
 
 
 def _with_all_normals(
-    mesh: Mesh, bare: NDArray[np.bool_] | None, crease_angle: float, on_invalid: str
+    mesh: Mesh, bare: NDArray[np.bool_] | None, crease_angle: float, on_invalid: OnInvalid
 ) -> Mesh:
     """Return a mesh in which faces with a corner without a normal have made ones."""
     if mesh.normals is None:
@@ -169,9 +169,13 @@ def _with_all_normals(
     faces = np.where(bare[:, np.newaxis], made.faces + len(mesh.vertices), mesh.faces)
     used, which = np.unique(faces, return_inverse=True)
 
-    def of_both(one: NDArray[Any] | None, other: NDArray[Any] | None) -> NDArray[Any] | None:
+    def of_both(one: NDArray[Any], other: NDArray[Any]) -> NDArray[Any]:
         """Return the rows in use of two arrays of vertices."""
-        return None if one is None else np.concatenate([one, other])[used]
+        return np.concatenate([one, other])[used]
+
+    def if_given(one: NDArray[Any] | None, other: NDArray[Any] | None) -> NDArray[Any] | None:
+        """Return the same, or None if the mesh has no such values."""
+        return None if one is None or other is None else of_both(one, other)
 
     attributes = {
         name: of_both(values, made.vertex_attributes[name])
@@ -179,8 +183,8 @@ def _with_all_normals(
     }
     both = Mesh(
         of_both(mesh.vertices, made.vertices), which.reshape(-1, 3),
-        normals=of_both(mesh.normals, made.normals), uv=of_both(mesh.uv, made.uv),
-        colors=of_both(mesh.vertex_colors, made.vertex_colors), attributes=attributes,
+        normals=if_given(mesh.normals, made.normals), uv=if_given(mesh.uv, made.uv),
+        colors=if_given(mesh.vertex_colors, made.vertex_colors), attributes=attributes,
         material=mesh.material, on_invalid=on_invalid,
     )  # fmt: skip
     return with_face_values(both, mesh.face_colors, mesh.face_attributes)
@@ -200,7 +204,7 @@ def without_textures(name: str, material: Material, left_out: LeftOut) -> Materi
     if not fields:
         return material
     left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
-    return replace(material, **dict.fromkeys(fields))
+    return with_textures(material, dict.fromkeys(fields))
 
 
 def meant_names(names: Sequence[str], groups: Iterable[Sequence[str]]) -> list[str]:

@@ -12,7 +12,7 @@ import re
 from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,9 @@ _TYPES = {
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 
-_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_ORDERS: dict[str, Literal["=", "<", ">"]] = {
+    "ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">",
+}  # fmt: skip
 
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 _COLORS = (("red", "green", "blue", "alpha"), ("red", "green", "blue"))
@@ -361,8 +363,9 @@ def _check(
 ) -> None:
     """Report rows that do not fit, and mark them as damaged."""
     bad = element.there & ~fits
+    numbers = np.zeros(len(bad), np.int64) if element.lines is None else element.lines
     for row in np.flatnonzero(bad).tolist():
-        damage.line(lines, int(element.lines[row]), f"as many numbers as {what} has")
+        damage.line(lines, int(numbers[row]), f"as many numbers as {what} has")
     element.there &= ~bad
 
 
@@ -467,7 +470,9 @@ def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], lis
                 number = float(np.frombuffer(data, one.count_kind, 1, at)[0])
                 count = int(number) if number >= 0 and number.is_integer() else -1
             else:
-                order = "big" if one.count_kind.str[0] == ">" else "little"
+                order: Literal["big", "little"] = (
+                    "big" if one.count_kind.str[0] == ">" else "little"
+                )
                 is_signed = one.count_kind.kind == "i"
                 count = int.from_bytes(data[at : at + size], order, signed=is_signed)
             if count < 0:
@@ -654,8 +659,8 @@ def _part(
         _, number = np.unique(uv, axis=0, return_inverse=True)
         numbers = np.column_stack([corners, number.reshape(-1)])
     elif uv_names := vertex.names(*_UV):
-        pair = next(one for one in _UV if set(one) == uv_names)
-        uv = vertex.table(pair)[corners]
+        table = vertex.table(next(one for one in _UV if set(one) == uv_names))
+        uv = None if table is None else table[corners]
     # A vertex for each that differs.
     which, picked = corners, None
     if uv is not None or not vertex.there.all():
@@ -689,12 +694,12 @@ def _part(
         colors = linear_rgba(srgb_bytes(colors), False)
     # Other attributes of the faces.
     known = {str(_corner_name(face)), str(of_corners), *_NUMBER, *face_colors}
-    of_faces = {
+    face_attributes = {
         name: values[rows[of_polygons]] for name, values in face.attributes(left_out, known).items()
     }
     return Part(
         name, positions.astype(np.float64), which[cut], normals, uv, colors, material, attributes,
-        of_faces,
+        face_attributes,
     )  # fmt: skip
 
 

@@ -201,7 +201,7 @@ def beam_part(
     defaults = lattice.get("pid", element.get("pid")), lattice.get("pindex", element.get("pindex"))
     places = np.array([int(one.attrib["vindex"]) for one in balls], np.int64)
     ends = np.concatenate([ends, np.column_stack([places, places])])
-    sizes = [float(one.get("r") or lattice.get("ballradius", "nan")) for one in balls]
+    sizes = [float(one.get("r", "") or lattice.get("ballradius", "nan")) for one in balls]
     radii = np.concatenate([radii, np.column_stack([sizes, sizes]).reshape(-1, 2)])
     is_flat = np.concatenate([is_flat, np.zeros((len(balls), 2), bool)])
     _check_vertices(name, ends, len(vertices))

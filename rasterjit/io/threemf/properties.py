@@ -176,50 +176,51 @@ class Properties:
                 row[place] = _place(said[place], len(layer.colors))
         colors = [layer.colors[row] for layer, row in zip(layers, rows.T, strict=True)]
         has_material = layers[0].is_material
-        textured = [place for place, layer in enumerate(layers) if layer.texture is not None]
+        textured = {
+            place: (layer.texture, layer.uv[rows[:, place]])
+            for place, layer in enumerate(layers)
+            if layer.texture is not None and layer.uv is not None
+        }
         names: list[str | None] = [None] * len(rows)
         if not textured:
             mixed = _blend(colors, methods, has_material)
             return Look(mixed, names, None, [None], np.zeros(len(rows), np.int64))
-        place = textured[-1]
-        uv = layers[place].uv[rows[:, place]]
-        shown = self._mixable(layers, textured, rows)
-        textures, which = self._mixed_textures(colors, methods, has_material, shown, layers)
+        uv = textured[max(textured)][1]
+        plain = [place for place in range(len(layers)) if place not in textured]
+        shown = self._mixable(textured)
+        textures, which = self._mixed_textures(colors, methods, has_material, shown, plain)
         return Look(np.ones((len(rows), 4), np.float32), names, uv, textures, which)
 
     def _mixable(
-        self, layers: list[_Layer], textured: list[int], rows: NDArray[np.int64]
-    ) -> list[int]:
-        """Return which textures lie texel upon texel on the last one; note the others."""
-        last = textured[-1]
-        of_last, uv = layers[last].texture, layers[last].uv[rows[:, last]]
-        shown = [
-            place
-            for place in textured
-            if layers[place].texture.size == of_last.size
-            and np.array_equal(layers[place].uv[rows[:, place]], uv)
-        ]
+        self, textured: dict[int, tuple[Texture, NDArray[np.float64]]]
+    ) -> dict[int, Texture]:
+        """Return the textures that lie texel upon texel on the last one; note the others."""
+        last, uv = textured[max(textured)]
+        shown = {
+            place: texture
+            for place, (texture, at) in textured.items()
+            if texture.size == last.size and np.array_equal(at, uv)
+        }
         self._left_out.note("texture below another of a multi-property", len(textured) - len(shown))
         return shown
 
     def _mixed_textures(
-        self, colors: list[_Floats], methods: list[str], has_material: bool, shown: list[int],
-        layers: list[_Layer],
+        self, colors: list[_Floats], methods: list[str], has_material: bool,
+        shown: dict[int, Texture], plain: list[int],
     ) -> tuple[list[Texture | None], NDArray[np.int64]]:  # fmt: skip
         """Return textures with the colours below and above mixed in, and which each entry shows."""
-        plain = [place for place in range(len(layers)) if layers[place].texture is None]
         kept = sorted({*plain, *shown})
         beside = np.concatenate([colors[place] for place in plain] or [colors[0]], axis=1)
         kinds, which = np.unique(beside, axis=0, return_inverse=True)
         if len(kinds) > _MOST_MIXED:
             self._left_out.note("colour of a multi-property under a texture", len(kinds) - 1)
             kinds, which = kinds.mean(axis=0, keepdims=True), np.zeros(len(beside), np.int64)
-        texture = layers[shown[-1]].texture
+        texture = shown[max(shown)]
         made: list[Texture | None] = []
         for kind in kinds.reshape(len(kinds), -1, 4):
             constant = dict(zip(plain, kind, strict=False))
             stack = [
-                layers[place].texture.image
+                shown[place].image
                 if place in shown
                 else np.broadcast_to(constant[place], texture.image.shape)
                 for place in kept
@@ -242,7 +243,7 @@ class Properties:
                 content = self._package.content(element.get("path", ""))
                 self._textures[number] = Texture(
                     self._decoder.decode("picture", content, label, ()),
-                    wrap=tuple(_TILES[one] for one in tiles),
+                    wrap=(_TILES[tiles[0]], _TILES[tiles[1]]),
                     filter=_FILTERS[element.get("filter", "auto")],
                 )
             except Exception as error:

@@ -22,7 +22,7 @@ from rasterjit.io.text.parts import Part, mesh_of_part
 from rasterjit.io.threemf.package import Package, attribute, children, local_name
 from rasterjit.io.threemf.parts import beam_part, surface_parts
 from rasterjit.io.threemf.properties import GROUPS, Properties
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, OnInvalid
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 
@@ -38,7 +38,7 @@ _PLACE_BYTES = 16_384
 
 
 def load_3mf(
-    path: Path, resources: Resources, on_invalid: str, crease_angle: float, left_out: LeftOut
+    path: Path, resources: Resources, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
 ) -> Scene:
     """
     Read a ``.3mf`` file, in its own unit.
@@ -111,7 +111,7 @@ class _SceneBuilder:
     """Builds the scene of the root model."""
 
     def __init__(
-        self, package: Package, path: Path, resources: Resources, on_invalid: str,
+        self, package: Package, path: Path, resources: Resources, on_invalid: OnInvalid,
         crease_angle: float, left_out: LeftOut,
     ) -> None:  # fmt: skip
         self._package = package

@@ -18,11 +18,11 @@ from rasterjit.io.text.mtl import MOST_SHININESS, MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import linear_rgba
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import AlphaMode, Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.texture import Texture
+from rasterjit.scene.texture import ColorSpace, Texture
 
-ALPHA_MODES = {"MASK": "mask", "BLEND": "blend"}
+ALPHA_MODES: dict[str, AlphaMode] = {"MASK": "mask", "BLEND": "blend"}
 
 _DIELECTRIC = 0.04
 """Reflectance of a non-metal seen head-on, as glTF 2.0 fixes it (appendix B)."""
@@ -94,7 +94,7 @@ def colors_from_trimesh(
     """
     visual = mesh.visual
     if visual.kind in ("vertex", "face"):
-        colors = np.asarray(getattr(visual, f"{visual.kind}_colors"))
+        colors = getattr(visual, f"{visual.kind}_colors")
         rows = len(mesh.vertices) if visual.kind == "vertex" else len(mesh.faces)
     else:
         attributes = getattr(visual, "vertex_attributes", None)
@@ -109,7 +109,7 @@ def colors_from_trimesh(
     return linear_rgba(colors, linear_bytes)
 
 
-def _from_gltf(material: Any, textures: dict[str, Texture | None]) -> Material:
+def _from_gltf(material: Any, textures: dict[str, Any]) -> Material:
     """Return a metallic-roughness material of glTF as one of ours."""
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
     red, green, blue, alpha = _base_color(material, True)
@@ -145,7 +145,7 @@ def _share(factor: float | None) -> float:
     return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
 
 
-def _from_pbr(material: Any, textures: dict[str, Texture | None], left_out: LeftOut) -> Material:
+def _from_pbr(material: Any, textures: dict[str, Any], left_out: LeftOut) -> Material:
     """
     Translate a metallic-roughness material, its colours in sRGB, to Blinn-Phong.
 
@@ -205,7 +205,7 @@ class TextureReader:
         self._budget = budget
         self._known: dict[tuple[int, str], Texture | None] = {}
 
-    def read(self, image: Any, label: str, color_space: str = "srgb") -> Texture | None:
+    def read(self, image: Any, label: str, color_space: ColorSpace = "srgb") -> Texture | None:
         """Return a Pillow image as a texture; None if there is none to show."""
         if image is None or is_placeholder(image):
             return None

@@ -27,6 +27,7 @@ from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
@@ -62,7 +63,7 @@ class TrimeshAdapter:
         self,
         source: str,
         from_file: bool,
-        on_invalid: str,
+        on_invalid: OnInvalid,
         crease_angle: float,
         left_out: LeftOut,
         budget: MemoryBudget | None = None,
