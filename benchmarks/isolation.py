@@ -47,7 +47,7 @@ def laz(path: Path, size: int) -> None:
     import laspy
 
     file = laspy.create(point_format=3, file_version="1.2")
-    file.x, file.y, file.z = np.random.default_rng(1).random((3, size // 12)) * 100.0
+    file.x, file.y, file.z = np.random.default_rng(1).random((3, int(size / 5.3))) * 100.0
     file.write(path)
 
 

@@ -62,6 +62,9 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
             mesh: Any = meshio.read(path)
+    except MemoryError:
+        # VTK, which would need as much, ends the process.
+        raise
     except (Exception, SystemExit) as error:
         if is_vtk and find_spec("pyvista") is not None:
             return _by_pyvista(path, left_out)
