@@ -233,18 +233,12 @@ def gradients() -> MadeScene:
 
 
 SCENES: dict[str, Callable[[], MadeScene]] = {
-    "floor": floor,
-    "wires": wires,
-    "slivers": slivers,
-    "near-and-far": near_and_far,
-    "far-from-origin": far_from_origin,
-    "coplanar": coplanar,
-    "highlights": highlights,
-    "shadows": shadows,
-    "glass": glass,
-    "wireframe": wireframe,
-    "gradients": gradients,
-}
+    function.__name__.replace("_", "-"): function
+    for function in (
+        floor, wires, slivers, near_and_far, far_from_origin, coplanar, highlights, shadows, glass,
+        wireframe, gradients,
+    )
+}  # fmt: skip
 """What makes each scene, by its name on the command line."""
 
 MADE_FOR = {

@@ -86,6 +86,7 @@ from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.lens import Lens
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
@@ -465,31 +466,49 @@ def explain(
         print_profile(measured)
 
 
+@dataclasses.dataclass(frozen=True)
+class AccuracyOptions:
+    """
+    What a study tries, and where it writes.
+
+    Parameters
+    ----------
+    made : str, optional
+        A scene made for some of the settings, in place of FILE: floor, wires, slivers,
+        near-and-far, far-from-origin, coplanar, highlights, shadows, glass, wireframe, gradients.
+    knobs : tuple of str, optional
+    budget : float, optional
+        How long it may take; default: 75. What there is no time for is left out and named.
+    max_error : float, optional
+        The error that is wanted, root mean square of linear light: the fastest quality that holds
+        it is recommended. Default: what buys most error for its time.
+    lens : Lens, optional
+        As render takes it.
+    calibrate : bool
+        Measure this machine once, for time_budget; takes a minute, or three if kernels have to be
+        compiled.
+    output : Path, optional
+        Folder of the report; made if it does not exist.
+    size : (int, int), optional
+        Size of the picture, pixels; default 640x480.
+    """
+
+    made: str | None = option(made_scene_type, "--scene", metavar="NAME")
+    knobs: tuple[str, ...] | None = option(
+        knobs_type, metavar="NAMES",
+        help=f"Settings to try, separated by commas; default: all: {', '.join(LEVELS)}.",
+    )  # fmt: skip
+    budget: float | None = option(FiniteType(0.0, min_open=True), metavar="SECONDS")
+    max_error: float | None = option(FiniteType(0.0, min_open=True), metavar="ERROR")
+    lens: Lens | None = option(lens_type, metavar="LENS")
+    calibrate: bool = flag()
+    output: Path | None = option(click.Path(path_type=Path), "-o", "--output", metavar="FOLDER")
+    size: tuple[int, int] | None = option(size_type, metavar="WxH")
+
+
 @program.command(short_help="Measure what accuracy costs and buys.")
 @click.argument("file", type=click.Path(path_type=Path), required=False)
-@click.option("--scene", "made", type=made_scene_type, metavar="NAME",
-              help="A scene made for some of the settings, in place of FILE: floor, wires, "
-                   "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
-                   "wireframe, gradients.")  # fmt: skip
-@click.option("--knobs", type=knobs_type, metavar="NAMES",
-              help="Settings to try, separated by commas; default: all: "
-                   f"{', '.join(LEVELS)}.")  # fmt: skip
-@click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
-              help="How long it may take; default: 75. What there is no time for is left out "
-                   "and named.")  # fmt: skip
-@click.option("--max-error", type=FiniteType(0.0, min_open=True), metavar="ERROR",
-              help="The error that is wanted, root mean square of linear light: the fastest "
-                   "quality that holds it is recommended. Default: what buys most error for its "
-                   "time.")  # fmt: skip
-@click.option("--lens", type=lens_type, metavar="LENS",
-              help="As render takes it.")  # fmt: skip
-@click.option("--calibrate", is_flag=True,
-              help="Measure this machine once, for time_budget; takes a minute, or three if "
-                   "kernels have to be compiled.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
-              help="Folder of the report; made if it does not exist.")  # fmt: skip
-@click.option("--size", type=size_type, metavar="WxH",
-              help="Size of the picture, pixels; default 640x480.")  # fmt: skip
+@options_of(AccuracyOptions)
 @view_options
 @look_options
 @unsettled_options
@@ -497,9 +516,7 @@ def explain(
 @quiet_option
 @debug_option
 @click.pass_context
-def accuracy(
-    context: click.Context, file: Path | None, made: str | None, calibrate: bool, **rest: Any
-) -> None:
+def accuracy(context: click.Context, file: Path | None, **rest: Any) -> None:
     """
     Measure what each accuracy setting costs in time and buys in error.
 
@@ -510,7 +527,8 @@ def accuracy(
     """
     from rasterjit.cli.accuracy import calibrate_machine, study_files, study_scene
 
-    if calibrate:
+    asked = gather(AccuracyOptions, rest)
+    if asked.calibrate:
         if file is not None:
             raise click.UsageError("--calibrate draws scenes of its own and writes no report")
         kept = ("calibrate", "threads", "quiet", "debug")
@@ -520,11 +538,11 @@ def accuracy(
         )
         calibrate_machine(rest["threads"], rest["quiet"])
         return
-    if (file is None) == (made is None):
+    if (file is None) == (asked.made is None):
         raise click.UsageError("give either a FILE or --scene NAME")
-    if rest["output"] is None:
+    if asked.output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    if made is not None:
+    if asked.made is not None:
         refuse_idle(READING, "--scene reads no file")
     shown = described(rest)
     if file is not None and file.is_dir():
@@ -537,7 +555,7 @@ def accuracy(
                 f"{len(together.failures)} of {count} mesh files could not be studied"
             )
         return
-    found = study_scene(made or file, shown, rest)
+    found = study_scene(asked.made or file, shown, rest)
     if found.interrupted:
         context.exit(INTERRUPTED)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -290,6 +290,55 @@ def retried(take: Callable[[], T], what: str, again: Callable[[], bool] | None =
         f"all workers that held {what} were lost, {MOST_ATTEMPTS} times: see their logs, and their "
         "memory limit"
     )
+
+
+class SentTask:
+    """What a worker does, with what all tasks share; `TaskFarm` begins it anew if need be."""
+
+    def __init__(self, function: Callable[..., Any], *arguments: Any, **how: Any) -> None:
+        self.function, self.arguments, self.how = function, arguments, how
+        self.future: Future | None = None
+
+
+class TaskFarm:
+    """
+    Tasks of a cluster that take the same scene; where it is lost with its workers, it is sent anew.
+
+    Parameters
+    ----------
+    client : Client
+    shared : SharedScene
+    """
+
+    def __init__(self, client: Client, shared: SharedScene) -> None:
+        self._client, self._shared = client, shared
+        self._sent: Future | None = None
+
+    def begin(self, task: SentTask) -> SentTask:
+        """Begin a task, with the scene that every worker has, and return it."""
+        if self._sent is None:
+            self._sent = send(self._shared, self._client)
+        task.future = submit(
+            task.function, self._sent, *task.arguments, client=self._client, **task.how
+        )
+        return task
+
+    def result(self, task: SentTask) -> Any:
+        """Return what a task gives when it is done, begun anew where the scene was lost."""
+
+        def again() -> bool:
+            # An earlier task may have seen to it already.
+            is_lost = self._sent is not None and self._sent.status != "finished"
+            self._sent = None if is_lost else self._sent
+            self.begin(task)
+            return is_lost
+
+        return retried(lambda: result_of(task.future, self._client), "the scene", again)
+
+    def end(self, tasks: Iterable[SentTask]) -> None:
+        """End tasks, and let the scene go."""
+        cancel([*(task.future for task in tasks), self._sent], self._client)
+        self._sent = None
 
 
 class SharedScene:

@@ -14,14 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import (
+    SentTask,
     SharedScene,
-    cancel,
+    TaskFarm,
     check_client,
     count_threads,
-    result_of,
-    retried,
-    send,
-    submit,
 )
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
@@ -145,50 +142,26 @@ class TileFarm:
     def __init__(self, client: Client, what: Any, arguments: dict[str, Any], threads: int) -> None:
         self._client = client
         self._task: tuple[Any, ...] = what, arguments, threads
-        self._sent: Any = None
 
     def run(
         self, function: Callable[..., Any], regions: Sequence[Region], *more: Any
     ) -> Iterator[tuple[Region, Any]]:
         """Yield what a function gives of each region on a worker, in order, few ahead."""
         ahead = AHEAD * count_threads(self._client)
-        self._send(more)
-        begun: deque[tuple[Region, Any]] = deque()
+        farm = TaskFarm(self._client, SharedScene(_region_renderer, *self._task, *more))
+        begun: deque[tuple[Region, SentTask]] = deque()
         waiting = iter(regions)
         try:
             while True:
                 while len(begun) < ahead and (region := next(waiting, None)) is not None:
-                    begun.append((region, self._begin(function, region)))
+                    begun.append((region, farm.begin(SentTask(function, region))))
                 if not begun:
                     return
-                region, future = begun.popleft()
-                yield region, self._take(function, region, future, more)
-                del future
+                region, task = begun.popleft()
+                yield region, farm.result(task)
+                del task
         finally:
-            cancel([*(future for _, future in begun), self._sent], self._client)
-
-    def _send(self, more: tuple[Any, ...]) -> None:
-        """Send the scene, and what else all tasks need, to every worker."""
-        self._sent = send(SharedScene(_region_renderer, *self._task, *more), self._client)
-
-    def _begin(self, function: Callable[..., Any], region: Region) -> Any:
-        """Begin a tile."""
-        return submit(function, self._sent, region, client=self._client)
-
-    def _take(
-        self, function: Callable[..., Any], region: Region, future: Any, more: tuple[Any, ...]
-    ) -> Any:
-        """Return what a task gives, begun anew if the scene was lost with the workers."""
-
-        def again() -> bool:
-            nonlocal future
-            is_lost = self._sent.status != "finished"
-            if is_lost:
-                self._send(more)
-            future = self._begin(function, region)
-            return is_lost
-
-        return retried(lambda: result_of(future, self._client), "the scene", again)
+            farm.end(task for _, task in begun)
 
 
 def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:

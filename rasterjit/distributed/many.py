@@ -16,14 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import (
+    SentTask,
     SharedScene,
-    cancel,
+    TaskFarm,
     check_client,
     count_threads,
-    result_of,
-    retried,
-    send,
-    submit,
 )
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import Outputs
@@ -49,7 +46,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import one_of, thread_count
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 Drawn = tuple[dict[str, NDArray[Any]], FrameStats, dict[str, str]]
 """What a worker sends back of a frame: its arrays, statistics, and what there is to warn of."""
@@ -188,7 +185,7 @@ def as_drawn(one: Begun) -> Drawn:
 class FrameTask(NamedTuple):
     """Frames that a worker draws in one go."""
 
-    number: int
+    task: SentTask
     cameras: list[Camera]
     """Of the frames that are not taken."""
     drawn: deque[Drawn | Exception]
@@ -213,45 +210,32 @@ class Farm:
         self, client: Client, scene: Scene, options: FrameRequest, threads: int, pace: GrowingPace
     ) -> None:
         self.pace = pace
-        self._client, self._scene, self._options = client, scene, options
-        self._shared = share_scene(scene, options, threads)
-        self._sent: Future | None = None
-        self._begun: dict[int, Future] = {}
+        self._scene, self._options = scene, options
+        self._farm = TaskFarm(client, share_scene(scene, options, threads))
+        self._begun: set[SentTask] = set()
         self._count = 0
         self._told: set[str] = set()
 
     def __enter__(self) -> Farm:
-        self._send()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        cancel([*self._begun.values(), self._sent], self._client)
+        self._farm.end(self._begun)
         self._begun.clear()
-        self._sent = None
 
     def submit(self, cameras: list[Camera]) -> FrameTask:
-        """Begin frames, in one task."""
+        """Begin frames, in one task; those of earlier ones go first."""
         self._count += 1
-        self._begin(self._count, cameras)
-        return FrameTask(self._count, cameras, deque())
+        task = self._farm.begin(SentTask(draw_frames, list(cameras), priority=-self._count))
+        self._begun.add(task)
+        return FrameTask(task, cameras, deque())
 
     def take(self, begun: FrameTask) -> Frame:
         """Return the next frame of a task when it is done, wherever that is."""
-        number, cameras, drawn = begun
-
-        def again() -> bool:
-            # An earlier frame may have seen to it already.
-            is_lost = self._sent.status != "finished"
-            if is_lost:
-                self._send()
-            self._begin(number, cameras)
-            return is_lost
-
-        if number in self._begun:
-            drawn += retried(
-                lambda: result_of(self._begun[number], self._client), "the scene", again
-            )
-            del self._begun[number]
+        task, cameras, drawn = begun
+        if task in self._begun:
+            drawn += self._farm.result(task)
+            self._begun.remove(task)
         one = drawn.popleft()
         if isinstance(one, Exception):
             raise one
@@ -259,16 +243,6 @@ class Farm:
         frame = FarFrame(one, self._scene, cameras.pop(0), self._options)
         self.pace.see(frame, None)
         return frame
-
-    def _begin(self, number: int, cameras: list[Camera]) -> None:
-        """Send a task; those of earlier frames go first."""
-        self._begun[number] = submit(
-            draw_frames, self._sent, list(cameras), client=self._client, priority=-number
-        )
-
-    def _send(self) -> None:
-        """Send the scene to every worker."""
-        self._sent = send(self._shared, self._client)
 
 
 def farm_out(

@@ -2,6 +2,8 @@
 Tell by a lock whether who writes something is still there: it ends with the process that holds it.
 
 Numbers of processes tell nothing: containers that share a folder have the same ones.
+
+``filelock`` is no part of the core install, empties the file that it locks, and locks no folders.
 """
 
 from __future__ import annotations
@@ -15,7 +17,6 @@ import threading
 import weakref
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from rasterjit import forks
 
@@ -51,12 +52,7 @@ class Lock:
     def __enter__(self) -> Lock:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
