@@ -57,6 +57,8 @@ def pytest_configure(config):
     sys.dont_write_bytecode = False
     _share_store(config)
     config.stash[SPENT] = {}
+    if not (jit.DISABLED or jit.CHECKED):
+        jit.Helper.__call__ = _call_helper
     if TUNE is not None:
         TUNE(MOST_ARENAS, 2)
     # What is collected stays: looking for garbage finds little.
@@ -65,6 +67,13 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
     config.addinivalue_line("markers", "every_case: keeps all its cases, whatever --cases says")
     config.addinivalue_line("markers", "takes_long: skipped unless EVERY_TEST is set")
+
+
+def _call_helper(helper, *arguments):
+    # Numba is imported by the first that is called.
+    from helpers import call
+
+    return call(helper, *arguments)
 
 
 def _share_store(config):
