@@ -9,11 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ways
-from changes import CHANGES, FAR_OFF, SIZE, Asked, changing_scene, placed, walk
-from rasterjit.rendering.sharing import BY_KERNEL
+from changes import CHANGES, EFFECTS, FAR_OFF, SIZE, Asked, changing_scene, placed, walk
 
 import rasterjit as rj
-from rasterjit.rendering import kept
+from rasterjit.rendering import together
 
 pytestmark = pytest.mark.needs_jit
 
@@ -29,7 +28,7 @@ CAMERAS = {
 @pytest.fixture(autouse=True)
 def shelf(monkeypatch):
     """Return the shelf of batches, on which nothing lies yet."""
-    own = kept.Shelf()
+    own = together.Shelf()
     monkeypatch.setattr("rasterjit.rendering.batch.SHELF", own)
     return own
 
@@ -87,6 +86,20 @@ def test_a_frame_after_a_change_is_that_of_a_fresh_renderer(name):
         assert {way: ways.told(frame) for way, frame in before.items()} == was
 
 
+@pytest.mark.parametrize("field", EFFECTS)
+def test_a_frame_after_another_effect_is_that_of_a_fresh_renderer(field):
+    scene, asked = changing_scene(), Asked()
+    without = getattr(scene, field)
+    with renderers() as drawing:
+        seen = set()
+        for value in (*EFFECTS[field], without):
+            setattr(scene, field, value)
+            for _ in range(2):
+                frame, _ = drawing.check(scene, [walk(1), walk(2)], asked)
+            seen.add(frame.color.tobytes())
+    assert len(seen) == 3
+
+
 @pytest.mark.parametrize("outputs", [("color", "object_id"), ("linear", "normal", "depth")])
 def test_frames_after_any_changes_are_those_of_a_fresh_renderer(outputs):
     random = np.random.default_rng(6)
@@ -104,7 +117,7 @@ def test_frames_after_any_changes_are_those_of_a_fresh_renderer(outputs):
 
 
 def test_frames_of_cameras_of_all_kinds_are_those_of_a_fresh_renderer():
-    scene, asked = changing_scene(), Asked(BY_KERNEL)
+    scene, asked = changing_scene(), Asked(together.BY_KERNEL)
     with renderers() as drawing:
         for camera in CAMERAS.values():
             drawing.check(scene, [walk(1), camera, walk(2), camera, camera], asked)

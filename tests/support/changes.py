@@ -59,6 +59,7 @@ def changing_scene():
     scene.lights = [
         rj.PointLight((4.0, 5.0, 6.0), intensity=30.0, range=20.0),
         rj.DirectionalLight((-0.2, -1.0, -0.3)),
+        rj.AmbientLight(intensity=0.1),
     ]
     return scene
 
@@ -137,6 +138,7 @@ CHANGES = {
     "shadows of the other": lambda s, a: light(s, 0, shadow=rj.Shadow(size=32)),
     "cone": lambda s, a: s.lights.append(rj.SpotLight((0.0, 3.0, 3.0), (0.0, -1.0, -1.0))),
     "ambient": lambda s, a: s.lights.append(rj.AmbientLight(intensity=0.3)),
+    "brighter all around": lambda s, a: light(s, 2, intensity=0.4),
     "no lights": lambda s, a: s.lights.clear(),
     # What it asks for besides.
     "fog": lambda s, a: give(s, fog=rj.Fog(mode="exp", density=0.2)),
@@ -180,6 +182,24 @@ CHANGES = {
     "draft": lambda s, a: a.ask(quality=rj.Quality.draft()),
 }  # fmt: skip
 """Each changes a scene, or what is asked of frames."""
+
+GRADIENT = rj.Environment.gradient()
+EFFECTS = {
+    "fog": (rj.Fog(density=0.2), rj.Fog("gray", "exp", density=0.3, height=0.2, falloff=0.5)),
+    "tone_map": (rj.ToneMap("neutral", 0.5), rj.ToneMap("reinhard", 0.9)),
+    "environment": (GRADIENT, replace(GRADIENT, intensity=2.0)),
+    "vignette": (rj.Vignette(), rj.Vignette(0.2)),
+    "section": (PLANE, replace(PLANE, point=(0.2, 0.0, 0.0))),
+    "outline": (rj.Outline(), rj.Outline("red")),
+    "wireframe": (rj.Wireframe(), rj.Wireframe("red")),
+    "eye_dome": (rj.EyeDome(), rj.EyeDome(0.1)),
+    "ambient_occlusion": (rj.AmbientOcclusion(), rj.AmbientOcclusion(0.2)),
+    "lights": (
+        [rj.SpotLight((-1.2, 4, -1), (0, -1, 0))],
+        [rj.SpotLight((-1.2, 4, -1), (0, -1, 0), outer_angle=9.0)],
+    ),
+}  # fmt: skip
+"""Two values of what a scene may have, by the name of the field."""
 
 
 def walk(number):
