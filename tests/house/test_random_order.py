@@ -35,7 +35,8 @@ class Order:
         print("order", json.dumps([item.name for item in session.items]))
 
 for options in ([], ["--random-order-seed=1"], ["--random-order-seed=2"]):
-    pytest.main(["--collect-only", "-q", *options, sys.argv[1]], plugins=[Order()])
+    shuffling = ["-p", "random_order.plugin", *options]
+    pytest.main(["--collect-only", "-q", *shuffling, sys.argv[1]], plugins=[Order()])
 """
 
 
@@ -46,7 +47,11 @@ def test_orders_differ_and_what_compiles_for_others_is_first(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", COLLECT, str(tmp_path)],
         cwd=tmp_path, capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])},
+        # The other plug-ins of these tests take longer to start than all that is tested here.
+        env={
+            **os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path]),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        },
     )  # fmt: skip
     lines = [line for line in done.stdout.splitlines() if line.startswith("order ")]
     written, *shuffled = (json.loads(line.removeprefix("order ")) for line in lines)

@@ -328,11 +328,11 @@ def test_checked_indices_find_boxes_beyond_the_tile():
 
 
 COUNT_MASKED_STORES = """
-import re
+import re, sys
 from rasterjit.pipeline.visibility.nearest import draw_planned
 from rasterjit.runtime import compiler, store
 
-for kind in draw_planned.declared:
+for kind in draw_planned.declared[: int(sys.argv[1])]:
     assembly = compiler.assembly(draw_planned, kind, store.host())
     stores = re.findall("\\tv(?:p?maskmov[^\\n]*\\\\)|p?blendv[^\\n]*)$", assembly, re.MULTILINE)
     print(sum("maskmov" in line for line in stores), sum("blendv" in line for line in stores))
@@ -342,12 +342,13 @@ for kind in draw_planned.declared:
 @pytest.mark.skipif(
     platform.machine().lower() not in ("x86_64", "amd64"), reason="masked stores of x86"
 )
-def test_rows_are_blended_where_masked_stores_are_slow():
+@pytest.mark.parametrize("forms", [1, pytest.param(3, marks=pytest.mark.takes_long)])
+def test_rows_are_blended_where_masked_stores_are_slow(forms):
     asked = {"NUMBA_CPU_NAME": "znver3", "NUMBA_CPU_FEATURES": "", "NUMBA_BOUNDSCHECK": "0"}
     done = subprocess.run(
-        [sys.executable, "-c", COUNT_MASKED_STORES],
+        [sys.executable, "-c", COUNT_MASKED_STORES, str(forms)],
         capture_output=True, text=True, check=True, env=os.environ | asked,
     )  # fmt: skip
     counts = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
-    assert len(counts) == 3
+    assert len(counts) == forms
     assert all(masked == 0 < blended for masked, blended in counts), counts

@@ -450,8 +450,15 @@ def soup_in_a_tile(seed, count, kind):
     return Faces(faces, *none), screen, viewport
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
-@pytest.mark.parametrize("count", [LEAST_ORDERED + 50, 700, 2 * ORDERED + 100])
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        (np.float32, LEAST_ORDERED + 50), (np.float64, LEAST_ORDERED + 50), (np.int32, 700),
+        (np.float32, 2 * ORDERED + 100),
+        pytest.param(np.float64, 2 * ORDERED + 100, marks=pytest.mark.takes_long),
+        pytest.param(np.int32, 2 * ORDERED + 100, marks=pytest.mark.takes_long),
+    ],
+)  # fmt: skip
 def test_order_changes_no_bit(kind, count):
     faces, screen, viewport = soup_in_a_tile(31, count, kind)
     listed, only = np.arange(count, dtype=np.int32), np.zeros(1, np.int32)
