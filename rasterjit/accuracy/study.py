@@ -516,7 +516,7 @@ class Studio:
             # The first quarter of some samples errs twice as much as all of them, by chance.
             error = root_mean_square(light_of(frame) - before) / math.sqrt(3.0)
         # The samples are for colour: buffers come from the pixel centre.
-        buffers = self.draw(replace(reference_quality(), samples=1), self._buffers)
+        buffers = self.draw(replace(Quality.reference(), samples=1), self._buffers)
         found = measures.reference_of(self.scene, frame, buffers)
         error = 0.0 if samples == STEPS[-1] else error
         return found._replace(samples=samples, seconds=took, error=error)
@@ -529,7 +529,7 @@ class Studio:
             yield from zip(STEPS, steps, strict=True)
             return
         for samples in STEPS:
-            yield samples, self.draw(replace(reference_quality(), samples=samples), outputs)
+            yield samples, self.draw(replace(Quality.reference(), samples=samples), outputs)
 
     def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> Contestant:
         """Compile what a quality needs, measure its errors and see how long it takes, about."""
@@ -570,11 +570,6 @@ def _in_turns(attempts: Iterable[Attempt]) -> list[Attempt]:
         turn = turns[attempt.setting] = turns.get(attempt.setting, 0) + 1
         order[attempt] = turn
     return sorted(order, key=order.__getitem__)
-
-
-def reference_quality() -> Quality:
-    """Return the quality that errors are measured against."""
-    return Quality.reference()
 
 
 def _without_compiling(frame: Frame) -> Stages:

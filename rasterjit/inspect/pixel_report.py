@@ -320,9 +320,11 @@ def _place(place: NDArray[np.float64]) -> str:
 def _face_table(pixel: PixelExplanation) -> Table:
     """Return the faces at the pixel, nearest first."""
     faces = pixel.faces
-    table = _table("faces that cover the centre, nearest first", "face", "object")
-    for name in ("depth (scene units)", "stored depth", ""):
-        table.add_column(name, justify="left" if not name else "right")
+    table = _table(
+        "faces that cover the centre, nearest first", ("face", "object"),
+        ("depth (scene units)", "stored depth"),
+    )  # fmt: skip
+    table.add_column("")
     depths = _coordinates(np.array([[face.depth] for face in faces]))
     stored = _coordinates(np.array([[face.stored_depth] for face in faces]), STORED_DECIMALS)
     listed = list(zip(faces, depths, stored, strict=True))
@@ -341,9 +343,8 @@ def _position_table(face: FaceAtPixel) -> Table:
     """Return the vertices in every space."""
     count = face.distinct
     whose = {1: "centre", 2: "ends", 3: "vertices"}[count]
-    table = _table(f"the {whose} of {face.kind} {face.face}", "space", "vertex")
-    for axis in ("x", "y", "z", "w"):
-        table.add_column(axis, justify="right")
+    title = f"the {whose} of {face.kind} {face.face}"
+    table = _table(title, ("space", "vertex"), ("x", "y", "z", "w"))
     table.add_column("outside of")
     outside = [", ".join(words) for words in face.outcodes]
     names = [str(vertex) for vertex in face.mesh_vertices]
@@ -378,10 +379,8 @@ def _edge_table(face: FaceAtPixel) -> Table:
     table = _table(
         f"at the pixel's centre, edge functions in squares of {step}\n"
         "(covered where each, plus its bias, is 0 or more)",
-        "vertex",
-    )
-    for name in ("edge opposite it", "bias"):
-        table.add_column(name, justify="right")
+        ("vertex",), ("edge opposite it", "bias"),
+    )  # fmt: skip
     table.add_column("so the centre is")
     table.add_column("weight on screen", justify="right")
     if not face.clipped:
@@ -396,8 +395,7 @@ def _edge_table(face: FaceAtPixel) -> Table:
 
 def _weight_table(face: FaceAtPixel) -> Table:
     """Return the weights of a clipped face's own vertices: its piece has others."""
-    table = _table("the weights of the whole face", "vertex")
-    table.add_column("with perspective", justify="right")
+    table = _table("the weights of the whole face", ("vertex",), ("with perspective",))
     for vertex, weight in zip(face.mesh_vertices, face.weights, strict=True):
         table.add_row(str(vertex), _weight(weight))
     return table
@@ -405,9 +403,7 @@ def _weight_table(face: FaceAtPixel) -> Table:
 
 def _color_table(pixel: PixelExplanation) -> Table:
     """Return the terms of the colour."""
-    table = _table("colour, linear light", "term")
-    for name in ("red", "green", "blue"):
-        table.add_column(name, justify="right")
+    table = _table("colour, linear light", ("term",), ("red", "green", "blue"))
     light = pixel.light
     if light is not None:
         if light.texture is not None:
@@ -462,14 +458,16 @@ def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]
         yield name, np.sum([part.color for part in others], axis=0)
 
 
-def _table(title: str, *columns: str) -> Table:
-    """Return a table that prints without colour, with its first columns on the left."""
+def _table(title: str, left: Iterable[str], right: Iterable[str]) -> Table:
+    """Return a table that prints without colour, with columns on the left and on the right."""
     from rich import box
     from rich.table import Table
 
     table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for column in columns:
+    for column in left:
         table.add_column(column)
+    for column in right:
+        table.add_column(column, justify="right")
     return table
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from rasterjit.viewer import switches
@@ -24,7 +24,10 @@ FARTHEST = 1e6
 LONGEST_KEY = 32
 """Characters of a key's name."""
 
-Fields = dict[str, Callable[[Any], bool]]
+Allows = Callable[[Any], bool]
+"""Tells whether something that came is allowed."""
+
+Fields = dict[str, Allows]
 """Names, and what each must be."""
 
 MODIFIERS = ("Alt", "Control", "Meta", "Shift")
@@ -83,7 +86,7 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
     if kind == "resize":
         return _size(said)
     if kind == SHOWN:
-        fields: Fields = {"number": lambda number: _is_whole(number, 1, sent)}
+        fields: Fields = {"number": whole(1, sent)}
     elif kind in FIELDS:
         fields = FIELDS[kind]
     else:
@@ -96,9 +99,9 @@ def read_message(text: Any, sent: int) -> dict[str, Any] | None:
 def _size(said: dict[str, Any]) -> dict[str, Any] | None:
     """Return a new size; one with too many pixels becomes a smaller one of the same shape."""
     width, height, ratio = (said.get(name) for name in ("pwidth", "pheight", "ratio"))
-    if not (_is_whole(width, 1, FARTHEST) and _is_whole(height, 1, FARTHEST)):
+    if not all(map(whole(1, FARTHEST), (width, height))):
         return None
-    if not _is_number(ratio, LEAST_RATIO, LARGEST_RATIO):
+    if not number(LEAST_RATIO, LARGEST_RATIO)(ratio):
         return None
     share = min(1.0, math.sqrt(MOST_PIXELS / (width * height)), LONGEST_SIDE / max(width, height))
     width, height = (max(1, math.floor(side * share)) for side in (width, height))
@@ -107,96 +110,65 @@ def _size(said: dict[str, Any]) -> dict[str, Any] | None:
     return {"type": "resize", **size}
 
 
-def _is_number(value: Any, low: float, high: float) -> bool:
-    """Tell whether something is a number in a range; no number is none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
-
-
-def _is_whole(value: Any, low: float, high: float) -> bool:
-    """Tell whether something is a whole number in a range."""
-    return isinstance(value, int) and _is_number(value, low, high)
-
-
-def _is_place(value: Any) -> bool:
-    return _is_number(value, -FARTHEST, FARTHEST)
-
-
-def _is_button(value: Any) -> bool:
-    return _is_whole(value, 0, MOST_BUTTONS)
-
-
-def _are_buttons(value: Any) -> bool:
-    return isinstance(value, list) and len(value) <= MOST_BUTTONS and all(map(_is_button, value))
-
-
-def _are_modifiers(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) <= len(MODIFIERS)
-        and all(isinstance(one, str) and one in MODIFIERS for one in value)
+def number(low: float, high: float) -> Allows:
+    """Return what allows numbers in a range; no number is none."""
+    return lambda value: (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
     )
 
 
-def _is_key(value: Any) -> bool:
-    return isinstance(value, str) and 1 <= len(value) <= LONGEST_KEY
+def whole(low: float, high: float) -> Allows:
+    """Return what allows whole numbers in a range."""
+    in_range = number(low, high)
+    return lambda value: isinstance(value, int) and in_range(value)
 
 
-def _is_point(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(_is_number(one, -FARTHEST_EYE, FARTHEST_EYE) for one in value)
-    )
+def word_of(known: Collection[str]) -> Allows:
+    """Return what allows some words."""
+    return lambda value: isinstance(value, str) and value in known
 
 
-def _is_switched(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) <= MOST_SWITCHED
-        and all(isinstance(one, str) and one in switches.KEYS.values() for one in value)
+def list_of(allowed: Allows, most: int, least: int = 0) -> Allows:
+    """Return what allows lists of so many things, each allowed."""
+    return lambda value: (
+        isinstance(value, list) and least <= len(value) <= most and all(map(allowed, value))
     )
 
 
 def _are_modes(value: Any) -> bool:
+    """Tell whether something is a mode, or None, for each of some effects."""
     return isinstance(value, dict) and all(
-        key in switches.MODED and (mode is None or _is_mode(key, mode))
+        key in switches.MODED and (mode is None or word_of(switches.MODED[key].modes)(mode))
         for key, mode in value.items()
     )
 
 
-def _is_mode(key: str, mode: Any) -> bool:
-    return isinstance(mode, str) and mode in switches.MODED[key].modes
-
-
-def _is_object(value: Any) -> bool:
-    return _is_whole(value, 0, LARGEST_NUMBER)
-
-
-def _are_objects(value: Any) -> bool:
-    return isinstance(value, list) and len(value) <= MOST_LISTED and all(map(_is_object, value))
-
-
+_PLACE, _OBJECT = number(-FARTHEST, FARTHEST), whole(0, LARGEST_NUMBER)
+_BUTTON, _MODIFIERS = whole(0, MOST_BUTTONS), list_of(word_of(MODIFIERS), len(MODIFIERS))
+_POINT = list_of(number(-FARTHEST_EYE, FARTHEST_EYE), 3, 3)
 _POINTER = {
-    "x": _is_place, "y": _is_place, "button": _is_button, "buttons": _are_buttons,
-    "modifiers": _are_modifiers,
+    "x": _PLACE, "y": _PLACE, "button": _BUTTON, "buttons": list_of(_BUTTON, MOST_BUTTONS),
+    "modifiers": _MODIFIERS,
 }  # fmt: skip
-_WHEEL = {
-    "x": _is_place, "y": _is_place, "dx": _is_place, "dy": _is_place, "modifiers": _are_modifiers
-}  # fmt: skip
-_KEY = {"key": _is_key, "modifiers": _are_modifiers}
+_WHEEL = {"x": _PLACE, "y": _PLACE, "dx": _PLACE, "dy": _PLACE, "modifiers": _MODIFIERS}
+_KEY = {
+    "key": lambda value: isinstance(value, str) and 1 <= len(value) <= LONGEST_KEY,
+    "modifiers": _MODIFIERS,
+}
 
 FIELDS: dict[str, Fields] = {
     "pointer_down": _POINTER, "pointer_move": _POINTER, "pointer_up": _POINTER, "wheel": _WHEEL,
     "key_down": _KEY, "key_up": _KEY,
-    "pick": {"x": _is_place, "y": _is_place},
+    "pick": {"x": _PLACE, "y": _PLACE},
     "view": {
-        "eye": _is_point, "target": _is_point, "up": _is_point,
-        "fov_y": lambda angle: _is_number(angle, LEAST_FOV, LARGEST_FOV),
+        "eye": _POINT, "target": _POINT, "up": _POINT, "fov_y": number(LEAST_FOV, LARGEST_FOV),
     },
     "look": {
-        "kind": lambda kind: isinstance(kind, str) and kind in NAMES,
-        "switched": _is_switched, "modes": _are_modes,
+        "kind": word_of(NAMES), "modes": _are_modes,
+        "switched": list_of(word_of(switches.KEYS.values()), MOST_SWITCHED),
     },
-    "visibility": {"hidden": _are_objects, "only": lambda one: one is None or _is_object(one)},
+    "visibility": {
+        "hidden": list_of(_OBJECT, MOST_LISTED), "only": lambda one: one is None or _OBJECT(one),
+    },
 }  # fmt: skip
 """What viewers know, and which fields of what kind each has."""
