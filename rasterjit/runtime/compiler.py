@@ -1,6 +1,20 @@
 """
 From a kernel's Python to object code. Imported when something compiles, and Numba with it.
 
+The problem: Numba's own way from a decorated function to a call takes seconds at first, checks
+every argument at each call, and keeps code that is tied to its version. A frame calls dozens of
+kernels, each within microseconds, in processes that may have no Numba at all.
+
+The idea: all code is called alike, whatever its arguments are. A caller packs these into a *state
+block*, a row of 64-bit words (``state.py``), and calls an address with three whole numbers. An
+example: ``scale(row: float32[::1], factor: float32)`` has the words ::
+
+    [address of row's numbers, their count, bits of factor]
+
+and becomes ``int64 entry(int64 state, int64 first, int64 stop)``: load the three words, make an
+array and a number of them, run the body, return 0. A stage gets a block of samples by ``first`` and
+their count by ``stop``.
+
 Numba turns Python into LLVM's language (``numba_internals``), helpers and all. What follows is done
 with llvmlite's public interface: one entry point of a fixed C signature,
 ``int64 kernel(int64 state, int64 first, int64 stop)``, whose arguments lie in a state block
@@ -171,12 +185,14 @@ def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callabl
     """
     if isinstance(value, RawKernel):
         return with_instructions(value.function), [types.int64]
+    # What the function takes.
     dispatcher, is_stage = _dispatcher(value, target), isinstance(value, Stage)
     argument_types = [numba_type(field) for field in kind.fields]
     if is_stage:
         argument_types[:1] = [argument_types[0], types.int64]
     returned: list[Any] = []
 
+    # Load its arguments from the words of the state block, and call it.
     @intrinsic
     def run(typing_context: Any, state: Any, block: Any, count: Any) -> Any:
         resolved = types.Dispatcher(dispatcher).get_call_type(typing_context, argument_types, {})

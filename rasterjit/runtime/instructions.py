@@ -1,4 +1,36 @@
-"""What the intrinsics are in LLVM's language. Imported when something compiles."""
+"""
+What the intrinsics are in LLVM's language. Imported when something compiles.
+
+The problem: LLVM turns loops into vector instructions by itself, if it can prove that this changes
+nothing. Of the inner loops of a rasterizer it rarely can: which samples a row of a triangle covers
+depends on the data, and it must not touch the others. What it makes of them also differs from CPU
+to CPU, and from version to version.
+
+The idea: the few loops in which a frame spends its time are written here as instructions for
+``LANES`` neighbouring samples, so many on every CPU. LLVM has vectors of any length as types: on a
+CPU with narrower registers it splits them, and each lane computes what scalar code would. So the
+bits are the same everywhere. In Python (``intrinsics.py``) each has a twin of a few lines that says
+what it does; kernels call it by that name, and run it where nothing is compiled.
+
+How to read it. An ``@intrinsic`` is called twice. First with Numba's *types* of its arguments: it
+returns a signature, and the function ``generate``. That is called with LLVM's *values* of the
+arguments, and a ``builder``: each of its methods appends one instruction to the kernel that is
+being compiled, and returns the value that the instruction will have. Nothing is computed here.
+
+An example: ``spread(row, start, value)`` writes a number to ``LANES`` places of a row. ::
+
+    filled = _all(builder, number, LANES)             # a vector of 8 equal lanes
+    place = builder.gep(data, [index])                # &row[start]
+    builder.store(filled, bitcast(place), align=4)    # one store, at any address
+
+becomes, for float32 and AVX2, ``vbroadcastss ymm0, xmm0`` and ``vmovups [rdi], ymm0``; two stores
+of 16 bytes for older CPUs and for ARM.
+
+Words of this file: ``_all`` spreads a value over lanes; ``_from`` counts on from one by a step,
+lane by lane; ``_repeat`` is a loop, whose values are handed from turn to turn, as LLVM knows no
+variables that change; ``field`` and ``words`` read the record behind an array; a *mask* is a vector
+of bits that says which lanes count. ``_Tile`` writes under one.
+"""
 
 from __future__ import annotations
 
@@ -445,6 +477,7 @@ def draw_box(
     def draw(
         context: Any, builder: Any, signature: Any, arguments: Any, lanes: int, is_mixed: bool
     ) -> None:
+        # What the lanes of the first row begin with, and what each row adds.
         first, stride, rows, columns, edges, plane, face = arguments[2:9]
         tile = _Tile(context, builder, signature, arguments)
         edge, real = _elements(builder, edges, 9), _elements(builder, plane, 11)

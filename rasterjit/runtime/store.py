@@ -1,11 +1,19 @@
 """
 The store of machine code: a file for each form of a kernel, and what brings one into memory.
 
-A file is named by a hash over all that decides its content: the sources of the kernel, of the files
-of ours that it imports and of the compiler, the types of its arguments, and the target CPU; then by
-the versions of Numba and llvmlite. It begins with a checksum over its name and its content. Damaged
-and missing entries are compiled again. Files are written under another name and moved into place,
-so that none is ever seen half written, whoever else writes.
+The problem: a frame needs dozens of kernels, and each takes half a second to compile. Code that is
+kept must never be used where it does not belong: for other sources, another CPU, another type.
+
+The idea: a file is named by a hash over all that decides its content: the sources of the kernel, of
+the files of ours that it imports and of the compiler, the types of its arguments, and the target
+CPU; then by the versions of Numba and llvmlite. Nothing has to be compared, nothing is ever out of
+date: whoever edits a kernel looks for another name. An example: ``encode_rows`` of
+``pipeline/encode.py`` lies in ``encode_rows_<24 digits>.<8 digits of versions>.kernel``; after any
+edit of that file the digits are others, and it is compiled again.
+
+A file begins with a checksum over its name and its content. Damaged and missing entries are
+compiled again. Files are written under another name and moved into place, so that none is ever
+seen half written, whoever else writes. Who compiles holds a lock; others wait for a minute.
 
 Where Numba is missing, an entry of any version will do: the bits are the same.
 
