@@ -1,5 +1,5 @@
 """
-The stations that every frame passes: compiled functions over arrays and records.
+The stages of a frame: compiled functions over arrays and records.
 
 =====================================  =========================================================
 file                                   stage

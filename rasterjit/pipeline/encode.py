@@ -1,12 +1,11 @@
 """
-Turn linear light into sRGB ``uint8``; or into codes of another curve, if a scene asks for one.
+Encode linear light as sRGB ``uint8``, or by another transfer function.
 
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
-up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
-half numbers a bucket, which holds at most one threshold, and the low half tells on which side of
-it. One look into a table and one sum, no branch: every float32 has a bucket, so nothing is held to
-a range first. What is darker than code 1 or brighter than 255 is rare; all others share 6.5 KiB of
-the table. Below zero and NaN give 0, above one gives 255.
+up. Positive floats sort like their bits: the high half of the bits is the index of a bucket, which
+holds at most one threshold; the low half decides on which side of it a value lies. So encoding is
+one table lookup and one addition, without branch or clamping, as every float32 has a bucket. Codes
+1 to 254 use 6.5 KiB of the table. Negative values and NaN give 0, above one gives 255.
 
 References
 ----------
@@ -36,7 +35,7 @@ BUCKETS = 1 << (32 - BUCKET_BITS)
 INFINITY_BITS = 0x7F800000
 
 Encoding: TypeAlias = Literal["srgb", "gamma 2.2", "as is"]
-"""What codes show: light by sRGB's curve, by the power 1 / 2.2, or numbers as they are."""
+"""Transfer functions: sRGB's, the power 1 / 2.2, or none."""
 
 
 def reaches_code(bits: int, code: int, encoding: Encoding = "srgb") -> bool:
@@ -77,7 +76,7 @@ def encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
     start of the bucket; below is what low bits at or beyond a threshold lack to the next code, 0
     where the whole bucket has one.
     """
-    # Behind infinity, the last value of code 255, the codes begin again at 0.
+    # After infinity, the last value of code 255, codes are 0: NaN and negative values.
     places = np.append(code_thresholds(encoding).view(np.int32), np.int32(INFINITY_BITS + 1))
     first = -(-places.astype(np.int64) >> BUCKET_BITS)
     buckets_of_codes = np.diff(first, prepend=0, append=BUCKETS)
@@ -89,14 +88,14 @@ def encoding_table(encoding: Encoding = "srgb") -> np.ndarray:
 
 
 def code_of(color: NDArray[np.float32], encoding: Encoding = "srgb") -> int:
-    """Return a linear RGBA colour, (4,), as a pixel: what `encode_rows` makes of it."""
+    """Return a linear RGBA colour, (4,), as a pixel, encoded as by `encode_rows`."""
     *light, alpha = (value if value > 0.0 else 0.0 for value in color.tolist())
     red, green, blue = (bisect.bisect_right(code_thresholds(encoding), value) for value in light)
     return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 
 def codes_of(light: NDArray[np.float32], encoding: Encoding = "srgb") -> NDArray[np.uint32]:
-    """Return the codes of linear values of any shape, uint32: what `encode` makes of them."""
+    """Return the codes of linear values of any shape, uint32, as by `encode`."""
     return code_thresholds(encoding).searchsorted(light, side="right").astype(np.uint32)
 
 
@@ -126,7 +125,7 @@ def encode_alpha(value):
 
 @helper
 def encode_light(red, green, blue, table, alpha, color):
-    """Encode a span of pixels, given by channel, beside an alpha code that stands in its byte."""
+    """Encode a span of pixels, given by channel, with a constant alpha code, shifted into place."""
     size = color.shape[0]
     if size < LANES:
         for i in range(size):
@@ -139,7 +138,7 @@ def encode_light(red, green, blue, table, alpha, color):
         return
     for i in range(0, size - LANES, LANES):
         encode_lanes(red, green, blue, table, i, alpha, color)
-    # Some once more, instead of a few one by one.
+    # Overlap the last vector, instead of a scalar loop for the rest.
     encode_lanes(red, green, blue, table, size - LANES, alpha, color)
 
 
@@ -208,7 +207,7 @@ def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, 
 
 @helper
 def over(alpha, own, behind):
-    """Return straight RGBA of a colour with straight alpha over another one."""
+    """Composite a straight-alpha colour over another one; return straight RGBA."""
     one, none = np.float32(1.0), np.float32(0.0)
     if alpha >= one:
         return own[0], own[1], own[2], one

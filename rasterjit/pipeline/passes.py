@@ -1,8 +1,8 @@
 """
-A pass is a stage and where its arguments come from; `ShadingNeeds` decide which passes shade.
+Define shading passes (a stage and its arguments), and `ShadingNeeds`, which select them.
 
-Lists of passes are made before anything is drawn: `explain` reads them, `bind` hands them the
-arrays of a picture. So a list is written once.
+Lists of passes are made before anything is drawn: `explain` reads them, `bind` gives them the
+arrays of a picture.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rasterjit.runtime.jit import Stage
 
 
 class ShadingArrays(NamedTuple):
-    """What the passes of a picture read."""
+    """Arrays of a picture that passes read."""
 
     geometry: Geometry | None
     """None: vertices are shaded."""
@@ -29,16 +29,16 @@ class ShadingArrays(NamedTuple):
     viewer: NDArray[np.float32]
     """(4,) float32: ``placement.toward_viewer``."""
     seen: Placement
-    """The placement that normals are found with: of no back faces, where these are not told."""
+    """The placement for normals; all faces are front-facing where sides do not matter."""
     lit_base: NDArray[np.float32]
-    """``surface.materials`` as light falls on them: white where colours are multiplied later."""
+    """``surface.materials`` for lighting: white where colours are multiplied later."""
 
 
 Arguments: TypeAlias = Callable[[ShadingArrays], tuple[Any, ...]]
 
 
 class Pass(NamedTuple):
-    """A row of the list of what shades a picture."""
+    """A shading pass: a stage, and how to get its arguments from a picture's arrays."""
 
     stage: Stage
     arguments: Arguments
@@ -71,9 +71,9 @@ class KernelRow(NamedTuple):
 
     kernel: Any
     variant: str = ""
-    """What is compiled into it because the frame has it; empty if it has one form."""
+    """Its compiled variant; empty if there is only one."""
     condition: str = ""
-    """What must happen for it to be called; empty if it always is."""
+    """Condition for it to be called; empty: always."""
 
     @property
     def name(self) -> str:
@@ -101,16 +101,16 @@ class ImitatedNeeds(NamedTuple):
 
 class ShadingNeeds(NamedTuple):
     """
-    What decides which passes shade a picture.
+    Requirements of a picture that select its shading passes.
 
-    What arrays hold (`kinds`, `flat`, `vertex_colors` ...) is told of all objects of the scene;
-    what is read of them, of those in view: see `survey.shading_needs`.
+    Contents of arrays (`kinds`, `flat`, `vertex_colors` ...) are those of all objects of the scene;
+    what is read of them depends on those in view: see `survey.shading_needs`.
     """
 
     lights: int | None
     """How many there are; None: nothing is lit."""
     highlights: bool = False
-    """Whether lights are mirrored by Blinn-Phong materials."""
+    """Whether any Blinn-Phong material has a specular highlight."""
     renormalizes: bool = False
     imitated: ImitatedNeeds | None = None
     """None: pyrender is not imitated."""
@@ -125,7 +125,7 @@ class ShadingNeeds(NamedTuple):
     gouraud: bool = False
     """Whether the light on vertices is read."""
     diffuse_apart: bool = False
-    """Whether that without highlights is read too."""
+    """Whether the vertices' diffuse light is read separately too."""
     vertex_colors: bool = False
     face_colors: bool = False
     some_in_float32: bool = False
@@ -136,11 +136,11 @@ class ShadingNeeds(NamedTuple):
     contours: bool = False
     textures: bool = False
     mipped: bool = False
-    """Whether any texture has levels to choose from."""
+    """Whether any texture is mipmapped."""
     kinds: tuple[int, ...] = ()
     """The kinds of texture that any object has."""
     apart: tuple[int, ...] = ()
-    """Those that any object has at coordinates of their own."""
+    """Kinds of texture that have their own coordinates on any object."""
     maps: bool = False
     alphas: bool = False
     """Whether samples have an alpha of their own."""
@@ -149,9 +149,9 @@ class ShadingNeeds(NamedTuple):
     microfacets: bool = False
     points: bool = False
     through: bool = False
-    """Whether light goes through any object."""
+    """Whether any object transmits light."""
     layers: bool = False
-    """Whether anything lies over microfacets: coats, sheens or dielectrics."""
+    """Whether any material has a clearcoat, sheen or custom specular."""
     coats: bool = False
     sheens: bool = False
     dielectrics: bool = False
@@ -163,12 +163,12 @@ class ShadingNeeds(NamedTuple):
 
     @property
     def multiplies_vertex_colors(self) -> bool:
-        """Whether colours of vertices multiply what is seen, not what light falls on."""
+        """Whether vertex colours multiply the lit colour, not the base colour."""
         return self.imitated is not None and self.vertex_colors
 
     @property
     def reads_places_alone(self) -> bool:
-        """Whether weights would be found for texture coordinates alone, of samples on faces."""
+        """Whether only texture coordinates would need weights, for samples on their faces."""
         others = self.is_lit or self.vertex_colors or self.fields or self.mipped
         return self.textures and self.on_faces and not others
 
@@ -177,7 +177,7 @@ class ShadingNeeds(NamedTuple):
         return self.textures and self.maps and kind in self.kinds
 
     def of_vertices(self, has_highlights: bool) -> ShadingNeeds:
-        """Return what decides how vertices are lit: without facets, with highlights or not."""
+        """Return the needs of lighting vertices: without microfacets, with highlights or not."""
         return self._replace(microfacets=False, layers=False, highlights=has_highlights)
 
     def of(self, surface: Surface, lighting: Lighting | None) -> ShadingNeeds:

@@ -1,5 +1,5 @@
 """
-The records that cross from the caller into the kernels; an effect keeps its own.
+Define the records (named tuples of arrays) passed to kernels; effects define their own.
 
 Each is a ``NamedTuple`` of arrays and numbers. No kernel is given ``None``: where a field is
 ``None``, the stages that would read it are not in the list. Letters: V vertices, E vertices made
@@ -15,14 +15,14 @@ from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
 
 class Viewport(NamedTuple):
     """
-    Where normalized device coordinates land, and on which grid.
+    The viewport transform from NDC to pixels, the sub-pixel grid and the guard band.
 
-    A picture may be a part of a larger one: its vertices are snapped as the whole would snap them,
-    then moved by whole pixels, so that every integer that follows is the one of the whole picture.
+    A picture may be a part of a larger one: its vertices are snapped as in the whole, then moved by
+    whole pixels, so that all integers derived are those of the whole picture.
 
-    ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the grid that their
-    coordinates are counted on. They are the same but for 0 sub-pixel bits, where a second unit per
-    pixel is needed to name a pixel's centre.
+    ``subpixel_bits`` is
+    the grid that vertices are rounded to, ``grid_bits`` the unit of their coordinates. They are
+    equal except for 0 sub-pixel bits, where a pixel's centre needs a second unit per pixel.
     """
 
     width: int64
@@ -38,8 +38,7 @@ class Viewport(NamedTuple):
     grid_bits: int64
     """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
     reach: int64 = 0
-    """How far around a pixel's centre its samples may lie, in those units; 0: there is one sample,
-    at the centre."""
+    """Largest distance of samples from a pixel's centre, in those units; 0: one sample, centred."""
     left: int64 = 0
     """Columns of the whole picture before the first of this part."""
     top: int64 = 0
@@ -49,8 +48,8 @@ class Viewport(NamedTuple):
     bottom: int64 = 0
     """Rows of the whole picture below this part."""
     spacing: float64 = 1.0
-    """How far apart the samples lie that are shaded by themselves, pixels: 1, but for the pictures
-    that a supersampled frame is the mean of; a power of two, so that it rounds nothing."""
+    """Distance between shaded samples, pixels: 1, less in the pictures that a supersampled frame
+    averages; a power of two, so that it rounds nothing."""
 
 
 class ScreenVertices(NamedTuple):
@@ -82,16 +81,16 @@ class Faces(NamedTuple):
 
 
 class Objects(NamedTuple):
-    """Which faces belong to which object, and which way its front faces turn."""
+    """The faces of each object, and the winding that is culled."""
 
     face_starts: int64[::1]
     """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
     culled_turns: int8[::1]
-    """(O,) int8: faces that turn this way on the screen are dropped: +1, -1, or 0 for none."""
+    """(O,) int8: faces of this winding on the screen are culled: +1, -1, or 0 for none."""
 
 
 class Geometry(NamedTuple):
-    """What it takes to find where on a face a sample lies."""
+    """Projected geometry: inputs for the barycentric weights of samples."""
 
     faces: int32[:, ::1]
     """(F, 3) int32, vertex numbers."""
@@ -100,15 +99,14 @@ class Geometry(NamedTuple):
     codes: uint8[:]
     """(V+E,) uint8, outcodes."""
     w: float64[:]
-    """(V+E,) float64, clip space | (0,): faces that were not clipped are interpolated on the
-    screen."""
+    """(V+E,) float64, clip space | (0,): affine interpolation on faces that were not clipped."""
     clip_positions: float64[:, ::1]
     """(V, 4) float64 | (0, 4) if no vertex has a ``CLIPPED`` code and nothing else reads them."""
     viewport: Viewport
 
 
 class Placement(NamedTuple):
-    """Where the objects stand, relative to the eye so that nothing is lost far from the origin."""
+    """The objects' transforms, relative to the eye for precision far from the origin."""
 
     face_starts: int64[::1]
     """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
@@ -152,7 +150,7 @@ class Textures(NamedTuple):
 
 
 class AlphaTests(NamedTuple):
-    """What leaves out holes: a sample whose alpha is below the cutoff is not covered."""
+    """Inputs of the alpha test: a sample whose alpha is below the cutoff is discarded."""
 
     cutoffs: float32[::1]
     """(O,) float32; 0 for an object without holes."""
@@ -167,7 +165,7 @@ class AlphaTests(NamedTuple):
     textures: Textures
     """With a table of no rows: their alpha is 1."""
     geometry: Geometry = None
-    """Of the picture that is drawn; None as long as its vertices are not on the screen."""
+    """That of the picture; None until its vertices are projected."""
 
 
 UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4
@@ -178,24 +176,24 @@ MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 
 
 class Alphas(NamedTuple):
-    """Which objects have an alpha of their own: that of material, colours and texture."""
+    """The objects that are alpha-blended."""
 
     is_blended: Any
-    """(O,) uint8: 1 where what lies behind an object is seen through it."""
+    """(O,) uint8: 1 where an object is blended with what lies behind it."""
 
 
 class Maps(NamedTuple):
-    """What textures and factors give the objects besides a base colour: see ``surface.maps``."""
+    """Material maps besides base colour, and their factors: see ``surface.maps``."""
 
     factors: Any
     """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
     counts: Any
     """(14,) int64, number of objects with a texture of each kind, as ``textures`` numbers them."""
     tangents: Any
-    """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
-    texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
+    """(V, 2, 4) float32, model space: tangent and sign of the bitangent, for faces whose texture is
+    not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
     coordinates: Any
-    """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
+    """For each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
 class Levels(NamedTuple):
@@ -230,38 +228,36 @@ class Microfacets(NamedTuple):
     factors: Any
     """(O, 2) float32: metallic, roughness."""
     parts: Any
-    """(2,) float32: how much of the light that goes into a surface is shown, and of that mirrored;
-    1 and 1, but for who asks for one of them alone."""
+    """(2,) float32: factors on the diffuse and the specular light; 1 and 1, except for outputs of
+    one of them alone."""
 
 
 class Layers(NamedTuple):
-    """What glTF's extensions lay over the objects; a kind that no object in view has is None."""
+    """Material layers of glTF's extensions; a kind that no object in view has is None."""
 
     coats: Any
     """(O, 10) float32: rows from COAT on, see ``surface.samples``."""
     coat_scales: Any
-    """(O, 1) float32: factor on x and y of the varnish's normals."""
+    """(O, 1) float32: factor on x and y of the clearcoat's normal map."""
     coat_tangents: Any
-    """As ``Maps.tangents``, for the normal maps of varnish."""
+    """As ``Maps.tangents``, for the normal maps of clearcoats."""
     sheens: Any
     """(O, 4) float32: red, green, blue, roughness."""
     dielectrics: Any
     """(O, 5) float32: rows from HEAD_ON_RED on."""
     stand_ins: Any
-    """(O, 9) float32: rows from LAYER_RED on of a white mirror, lit where an object is by
-    microfacets."""
+    """(O, 9) float32: rows from LAYER_RED on of a white mirror, lit for microfacet materials."""
     albedo: Any
     """``lighting.sheen.ALBEDO`` as an array."""
 
 
 IOR, MIRRORED, EDGE, INSIDE, PER_DISTANCE = 0, 1, 2, 3, 6
-"""Columns of ``Through.factors``: MIRRORED is the share of light straight on that is mirrored, EDGE
-a factor on all that is; INSIDE, three, the colour that light has which went through the body for a
-distance, PER_DISTANCE one over that."""
+"""Columns of ``Through.factors``: MIRRORED is F0, EDGE a factor on all specular reflection; INSIDE,
+three, the attenuation colour at the attenuation distance, PER_DISTANCE one over that."""
 
 
 class Through(NamedTuple):
-    """How light goes through the objects."""
+    """Transmission and volume of the objects."""
 
     rows: Any
     """(O, 2) float32: transmission; thickness in units of the mesh."""
@@ -270,7 +266,7 @@ class Through(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """What the objects look like."""
+    """The objects' materials and vertex attributes."""
 
     materials: Any
     """(O, 7) float32: red, green, blue, alpha (linear), specular, shininess, shading model."""
@@ -287,23 +283,21 @@ class Surface(NamedTuple):
     textures: Textures | None
     """None -> no object has a texture."""
     maps: Maps | None = None
-    """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
+    """Normal maps, emission ... | None -> nothing."""
     alphas: Alphas | None = None
-    """What it takes to find the alpha of a sample | None -> all are opaque."""
+    """Alpha-blended objects | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
     fields: Fields | None = None
     """Scalars of vertices | None -> none."""
     points: Any = None
-    """The points in view, and how lines of sight run: ``points.PointsSeen.read`` | None ->
-    none."""
+    """The points in view, and the camera's rays: ``points.PointsSeen.read`` | None -> none."""
     in_float32: Any = None
-    """(O,) uint8: 1 where an object shows colours of its vertices that are mixed in float32 | None
-    -> none does."""
+    """(O,) uint8: 1 where vertex colours are interpolated in float32 | None -> nowhere."""
     through: Through | None = None
-    """How light goes through the objects | None -> through none in view."""
+    """Transmission | None -> none in view."""
     layers: Layers | None = None
-    """Varnish, fibres, own mirrors | None -> none in view."""
+    """Clearcoat, sheen, custom specular | None -> none in view."""
 
 
 class Imitated(NamedTuple):
@@ -312,7 +306,7 @@ class Imitated(NamedTuple):
     taken: Any
     """(O, L) uint8: 1 where a light falls on an object."""
     faces_viewer: Any
-    """(O,) uint8: 1 where normals point to the viewer | None -> nowhere."""
+    """(O,) uint8: 1 where normals are turned to the viewer | None -> nowhere."""
     are_squares: Any = None
     """(O,) uint8: 1 where two triangles stand for a point each | None -> nowhere."""
     gains: Any = None
@@ -335,7 +329,7 @@ class Lighting(NamedTuple):
     highlights: Any
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
-    """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
+    """Not 0: interpolated normals are normalized; 0: used as they are."""
     imitated: Imitated | None = None
     """What else pyrender's shader is given, see ``lighting.pyrender`` | None -> it is not
     imitated."""

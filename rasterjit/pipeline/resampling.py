@@ -1,8 +1,8 @@
 """
-Filter a picture for another one that shows the same directions elsewhere.
+Resample a picture under a warp, for another projection of the same view.
 
-A pixel of the other one covers a parallelogram of the picture. Its colour is the mean of places
-spread evenly over that, as many as it is long and wide in samples, each of them bilinear.
+A pixel of the target covers a parallelogram of the source. Its colour is the mean of bilinear taps
+spread evenly over that, about one per source sample along each side.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
 MOST_TAPS = np.float64(16.0)
-"""Places along each side of a pixel."""
+"""Most taps along each side of a pixel."""
 
 
 @helper
 def taps_along(across, down):
-    """Return how many places cover a side that goes so far across and down, samples."""
+    """Return the number of taps along a side of the given extent across and down, samples."""
     length = np.sqrt(across * across + down * down)
     return np.int64(clamped(np.ceil(length - 1e-3), np.float64(1.0), MOST_TAPS))
 
 
 @helper
 def mixed(a, b, c, d, across, down):
-    """Return what lies between four values; of equal ones, exactly that."""
+    """Interpolate bilinearly between four values; equal ones give exactly themselves."""
     upper, lower = a + across * (b - a), c + across * (d - c)
     return np.float64(upper + down * (lower - upper))
 
@@ -38,7 +38,7 @@ def filter_rows(
     target: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write the mean of what some rows of pixels cover of a picture.
+    Write the filtered colours of some rows of pixels.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def filter_rows(
                 v = (np.float64(j) + 0.5) * step_y - 0.5
                 for i in range(across):
                     u = (np.float64(i) + 0.5) * step_x - 0.5
-                    # Between the centres of samples; the outermost ones go on outside.
+                    # Between the centres of samples; clamp to the edge.
                     left = clamped(x + u * xx + v * yx - 0.5, 0.0, right_end)
                     top = clamped(y + u * xy + v * yy - 0.5, 0.0, lower_end)
                     first, upper = np.int64(left), np.int64(top)

@@ -1,11 +1,10 @@
 """
-Draw many views in a row, in machine code: what Python does for one frame, for each of them.
+Draw a batch of views in machine code, without returning to Python between them.
 
-All that a view reads lies in memory of the thread that draws it, at the same place for each view,
-so that the state blocks of the kernels and stages that draw it are made once. Of every view a few
-arrays are loaded into that memory (`LOAD_FROM` ...: matrices, lights), then these are called by
-their addresses. A view with more faces to cut, or with longer lists, than there is room for is left
-out and noted: it is drawn as any frame.
+All views of a thread use the same memory, so that argument blocks of kernels and stages are packed
+once. For each view a few arrays are copied into that memory (`LOAD_FROM` ...: matrices, lights),
+then the kernels are called by address. A view that exceeds the capacity for clipped faces or tile
+lists is skipped and reported: the caller draws it as a single frame.
 """
 
 from __future__ import annotations
@@ -19,33 +18,32 @@ from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import WORD, float32, float64, int32, int64, uint8, uint32
 
 LOAD_FROM, LOAD_STEP, LOAD_TO, LOAD_WORDS = range(4)
-"""Columns of what is loaded: the address of the first view's words, bytes from one view to the
-next, the address that they go to, how many there are."""
+"""Columns of a copy: address of the first view's words, stride between views in bytes, target
+address, number of words."""
 
 (
     TRANSFORM, FIND_CLIPPED, TRANSFORM_POSITIONS, COUNT_VERTICES, CLIP, PROJECT_CLIPPED, SET_UP,
     START_LISTS, BIN, FIND_TILE_DEPTHS, DRAW_TILES, SET_UP_SAMPLES, START_SAMPLES, BIN_SAMPLES,
     END_OF_SAMPLES,
 ) = range(15)  # fmt: skip
-"""Rows of the kernels that find what is seen, by the words of ``jit.Bound``. The last three list
-what reaches any sample of a pixel; they are there if pixels have several. Then how many there
-are."""
+"""Rows of the visibility kernels, as words of ``jit.Bound``. The last three build the lists for
+several samples a pixel, and exist only then. Then the number of rows."""
 
 CALL_ADDRESS, CALL_STATE, CALL_BLOCK, CALL_NUMBER, CALL_WHEN, CALL_LEAST, CALL_MOST = range(7)
-"""Columns of what is called then: machine code, its state; the address of a block of samples, which
-is emptied before, or 0; the address of a word that is told the view's number, or 0; the address of
-a word that must be between the next two, or 0."""
+"""Columns of a call after visibility: machine code, its state; the address of a block of samples to
+clear first, or 0; the address of a word to which the view's number is written, or 0; the address of
+a word that must lie between the next two for the call to happen, or 0."""
 
 LIMIT_OF, LIMIT = range(2)
-"""Columns of what must hold when all is called: the address of a word, and the most that it may be;
-else there was no room for something."""
+"""Columns of a check after all calls: the address of a word, and its largest value; above it, some
+capacity was exceeded."""
 
 OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, INVALID, COVERED, CUT, LIT, LIT_WHITE, TOTALS = range(10)
 """Columns of the totals: faces, as ``setup`` counts them; pixels that show a face; faces that were
 cut; what `count_white` counts. The last is how many columns there are."""
 
 LEAST_WHITE = 254
-"""Codes of red, green and blue from here on show nothing any more."""
+"""Least code of red, green and blue that counts as white (overexposed)."""
 
 RATIO, BETWEEN, SCALED = range(3)
 """Ways from stored to metric depth, see `measure_depths`."""
@@ -53,7 +51,7 @@ RATIO, BETWEEN, SCALED = range(3)
 
 @helper
 def load_view(number, loads):
-    """Copy what is a view's own to where it is read."""
+    """Copy a view's arrays to the memory that kernels read."""
     for k in range(loads.shape[0]):
         source = loads[k, LOAD_FROM] + number * loads[k, LOAD_STEP]
         for n in range(loads[k, LOAD_WORDS]):
@@ -62,7 +60,7 @@ def load_view(number, loads):
 
 @helper
 def cut_faces(finding, cutting):
-    """Cut faces at the near and far plane and the guard band; return how many, -1 for no room."""
+    """Clip faces to the near and far plane and the guard band; return how many, -1: no room."""
     counts, vertex_starts, piece_starts, lengths, room = cutting
     count = call_bound(finding[FIND_CLIPPED])
     if count == 0:
@@ -143,7 +141,7 @@ def list_for_samples(finding, cutting, listing, cut):
 
 @helper
 def is_called(call):
-    """Tell whether something is called in this view."""
+    """Tell whether a call happens in this view."""
     if call[CALL_WHEN] == 0:
         return True
     value = load_int64(call[CALL_WHEN])
@@ -152,7 +150,7 @@ def is_called(call):
 
 @helper
 def call_all(calls, limits, number):
-    """Call what follows when the faces are known; return whether there was room for all of it."""
+    """Run the calls that follow visibility; return whether no capacity was exceeded."""
     for k in range(calls.shape[0]):
         if not is_called(calls[k]):
             continue
@@ -171,7 +169,7 @@ def call_all(calls, limits, number):
 
 @helper
 def count_covered(face_id):
-    """Return on how many pixels there is a face."""
+    """Return the number of pixels covered by a face."""
     covered = np.int64(0)
     for row in range(face_id.shape[0]):
         some = np.int32(0)
@@ -228,7 +226,7 @@ def draw_views(
     for n in range(chosen.shape[0]):
         load_view(chosen[n, 0], loads)
         cut = find_faces(finding, cutting, listing, tile_depths)
-        # What is called then may write over the faces.
+        # Later calls may overwrite the faces.
         covered = count_covered(face_id)
         if cut >= 0:
             cut = list_for_samples(finding, cutting, listing_samples, cut)
@@ -247,7 +245,7 @@ def begin_mix(
     sharing: int64[::1], rows: int64, behind: float32[:, :, ::1], mixed: float32[:, :, ::1]
 ):
     """
-    List the faces of some rows whose pixels have several samples, and begin with what is behind.
+    List the faces of some rows with several samples a pixel, and start sums with the background.
 
     Parameters
     ----------
@@ -273,7 +271,7 @@ def begin_mix(
 @kernel
 def keep_picture(number: int64, picture: uint32[::1], pictures: uint32[:, ::1]):
     """
-    Copy a view's output to its place.
+    Copy a view's output into the batch's array.
 
     Parameters
     ----------
@@ -295,7 +293,7 @@ def keep_numbers(
     kept: int32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write what a table tells of the faces of a view, -1 where nothing is.
+    Write a per-face table's value at each pixel, -1 where nothing is.
 
     Parameters
     ----------
@@ -385,7 +383,7 @@ def measure_distances(
     distances: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Write how far the points of a view are from its eye, inf where nothing is.
+    Write the distance from the eye at each pixel, inf where nothing is.
 
     Parameters
     ----------

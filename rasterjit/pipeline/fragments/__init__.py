@@ -1,1 +1,1 @@
-"""Fragments: pixels that show several faces, beside each other or behind each other."""
+"""Fragments: pixels with several faces, by antialiasing or by transparency."""

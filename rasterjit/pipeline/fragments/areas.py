@@ -1,15 +1,14 @@
 """
-Find which area of each pixel shows which face: the exact limit of ever more samples.
+Compute exact area coverage: the visible area of each face in each pixel.
 
-Of every triangle that reaches a pixel, the part inside the pixel's square is a convex polygon. What
-another triangle hides of it is convex as well: the part of the other where it is nearer, for depth
-is linear on the screen and two planes meet in a line. So what is seen of a triangle is a convex
-polygon minus convex polygons, which a few cuts along straight lines leave as convex pieces.
+A triangle clipped to a pixel's square is a convex polygon. The part hidden by another triangle is
+convex too: where the other is nearer, bounded by a line, since depth is linear on the screen. So
+the visible part is a convex polygon minus convex polygons, computed as a list of convex pieces.
 Vertices are those on the sub-pixel grid; everything after is float64, until areas become
 shares: whole numbers of parts, as those of samples are, of which there are 2**24 in a pixel.
 
-Of triangles whose depths differ by less than a float32 tells apart, all over the pixel, the lower
-face is nearer, as it is for samples.
+If depths differ by less than float32 resolves all over the pixel, the lower face number is nearer,
+as it is for samples.
 
 References
 ----------
@@ -32,25 +31,25 @@ from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64
 
 MOST_CORNERS = 40
-"""Corners that a piece may have."""
+"""Most corners of a piece."""
 
 MOST_PIECES = 512
-"""Pieces that what is seen of a triangle in a pixel may fall into."""
+"""Most pieces of a triangle's visible part in a pixel."""
 
 CORNERS = 3
 """Polygons with fewer corners have no area."""
 
 LEAST_AREA = 2.0**-46
-"""Pieces with a smaller share of a pixel are left out: they are what rounding made."""
+"""Smaller pieces, in pixels, are dropped: they come from rounding."""
 
 PARTS = 1 << 24
 """
-Parts of a pixel. A share is a whole number of them: a float32 that is 1 if, and only if, no other
-face and no background shows, and 0 if nothing does.
+Parts of a pixel. Coverage is a whole number of them: as float32 it is 1 exactly if nothing else
+is visible in the pixel, and 0 exactly if the face is not.
 """
 
 DEPTH_STEP = 2.0**-24
-"""Depths are told apart by more than this, of themselves: half a step of float32."""
+"""Depths are equal within this relative difference: half a step of float32."""
 
 FACE, DEPTH, SLOPE_X, SLOPE_Y = 0, 1, 2, 3
 """Columns of a triangle: face; stored depth at its first corner, and the slopes of the depth."""
@@ -72,7 +71,7 @@ def area_of(polygon, count):
 
 @helper
 def cut(polygon, count, line, target):
-    """Write what of a convex polygon has ``a x + b y + c >= 0``; return its number of corners."""
+    """Clip a convex polygon to the half plane ``a x + b y + c >= 0``; return its corner count."""
     a, b, c = line
     kept = np.int64(0)
     if count == 0:
@@ -104,7 +103,7 @@ def edge_line(polygon, count, n):
 
 @helper
 def turned(line):
-    """Return a line whose other side is positive."""
+    """Return a line with its sign flipped."""
     return -line[0], -line[1], -line[2]
 
 
@@ -117,7 +116,7 @@ def copy_polygon(polygon, count, target):
 
 @helper
 def cut_to_pixel(triangle, column, row, spare, target):
-    """Write the part of a triangle in a pixel, from the pixel's corner; return its corners."""
+    """Clip a triangle to a pixel, relative to the pixel's corner; return its number of corners."""
     for n in range(3):
         spare[n, 0], spare[n, 1] = triangle[X + n] - column, triangle[Y + n] - row
     count = cut(spare, np.int64(3), (1.0, 0.0, 0.0), target)
@@ -137,7 +136,7 @@ def depth_at(triangle, x, y):
 
 @helper
 def depth_line(one, other, column, row):
-    """Return by how much one triangle is nearer than another in a pixel: a line, and how near."""
+    """Return how much nearer one triangle is than another in a pixel: a line, and depth's size."""
     a, b = one[SLOPE_X] - other[SLOPE_X], one[SLOPE_Y] - other[SLOPE_Y]
     here, there = depth_at(one, column, row), depth_at(other, column, row)
     return (a, b, here - there), max(abs(here), abs(there))
@@ -145,7 +144,7 @@ def depth_line(one, other, column, row):
 
 @helper
 def is_tied(line, size):
-    """Return whether two depths are the same everywhere in the pixel, as far as float32 tells."""
+    """Return whether two depths are equal all over the pixel, to float32."""
     a, b, c = line
     most = max(max(abs(c), abs(c + a)), max(abs(c + b), abs(c + a + b)))
     return most <= DEPTH_STEP * size
@@ -154,11 +153,10 @@ def is_tied(line, size):
 @helper
 def find_levels(count, candidates, triangles, column, row, levels):
     """
-    Write whose depths count for each candidate: those of the first that it is tied with, or its
-    own.
+    Write whose depths stand for each candidate's: those of the first that it is tied with.
 
-    A tie with one and another does not tie these. Compared by their own depths, three faces might
-    hide each other in a ring, and none would be seen.
+    Ties are not transitive: compared by their own depths, three faces might hide each other in a
+    cycle, and none would be visible.
     """
     for n in range(count):
         levels[n] = n
@@ -175,9 +173,9 @@ def find_levels(count, candidates, triangles, column, row, levels):
 @helper
 def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
     """
-    Take a convex polygon away from pieces; return how many are left, -1 if there is no room.
+    Subtract a convex polygon from pieces; return how many are left, -1 without room.
 
-    ``lists`` is where they lie and where those that are left go: 0 and 1, or 1 and 0.
+    ``lists`` has the source and target list: (0, 1) or (1, 0).
     """
     source, target = lists
     left = np.int64(0)
@@ -185,7 +183,7 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
         piece, size = pieces[source, n], sizes[source, n]
         if size + hiding_size >= MOST_CORNERS:
             return np.int64(-1)
-        # See whether it is touched at all.
+        # Skip a piece that the polygon does not touch.
         copy_polygon(piece, size, spare[0])
         inside, side = size, 0
         for k in range(hiding_size):
@@ -218,7 +216,7 @@ def subtract(pieces, sizes, count, hiding, hiding_size, spare, lists):
 
 @helper
 def seen_area(n, candidates, count, triangles, column, row, polygons, corners, levels, work):
-    """Return the area that is seen of a candidate in a pixel; -1 if it falls into too many."""
+    """Return the visible area of a candidate in a pixel; -1 if it has too many pieces."""
     pieces, sizes, spare = work
     face, level = triangles[candidates[n], FACE], triangles[candidates[levels[n]]]
     copy_polygon(polygons[n], corners[n], pieces[0, 0])
@@ -294,7 +292,7 @@ def reach_of(triangle, polygon, corners, column, row):
 def find_candidates(
     in_row, many, triangles, column, row, candidates, polygons, corners, work, question
 ):  # fmt: skip
-    """List the triangles in a pixel that none in front covers wholly; return how many."""
+    """List the triangles in a pixel that no nearer one hides completely; return how many."""
     count, floor = np.int64(0), -np.inf
     for n in range(many):
         triangle = triangles[in_row[n]]
@@ -314,7 +312,7 @@ def find_candidates(
             floor = max(floor, lowest)
         candidates[count], corners[count] = in_row[n], size
         count += 1
-    # Once more with the last floor.
+    # Once more, with the final depth bound.
     kept = np.int64(0)
     for n in range(count):
         triangle = triangles[candidates[n]]
@@ -330,7 +328,7 @@ def find_candidates(
 
 @helper
 def share_pixel(count, candidates, triangles, column, row, polygons, corners, levels, work, areas):
-    """Write the areas of candidates, those of a face added to its first; False without room."""
+    """Write the visible areas of candidates, summed per face at its first; False without room."""
     find_levels(count, candidates, triangles, column, row, levels)
     for n in range(count):
         area = seen_area(
@@ -355,7 +353,7 @@ def write_pixel(count, candidates, triangles, areas, shown, shares, rest, row, i
     """Write the faces of a pixel and their shares, as far as there is room; return how many."""
     faces, before, total = np.int64(0), np.int64(0), 0.0
     for n in range(count):
-        # Sums are rounded, not shares: then shares and what is left are the whole pixel.
+        # Round running sums, not shares: then shares and the rest add up to the pixel.
         total += areas[n]
         upto = min(np.int64(total * PARTS + 0.5), np.int64(PARTS))
         if upto > before:
@@ -368,7 +366,7 @@ def write_pixel(count, candidates, triangles, areas, shown, shares, rest, row, i
 
 
 def scratch_memory(most: int) -> tuple[Any, ...]:
-    """Return the memory that a thread needs for tiles of at most so many triangles."""
+    """Return a thread's memory for tiles of at most that many triangles."""
     return (
         np.empty((most, TRIANGLE_COLUMNS), np.float64),
         np.empty(most, np.int64),
@@ -398,7 +396,7 @@ def find_areas(
     question: Question,
 ):  # fmt: skip
     """
-    Find the faces of each pixel of some rows, and the share of its area that shows them.
+    Find the faces visible in each pixel of some rows, and their area coverage.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """
-Find the faces that the pixels of a row of tiles show, when they show more than one.
+Find the fragments of bands of pixel rows: several samples, layers or areas per pixel.
 
-Rows with so many fragments that they take more than ``MOST_BYTES`` are cut into bands with fewer
-rows.
+A band is a row of tiles, or fewer rows where fragments would take more than ``MOST_BYTES``.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Memory, Workers
 
 FIRST_GUESS = 16
-"""Layers that there is room for at first; more are made where a band has more."""
+"""Initial capacity, layers; grown where a band has more."""
 
 MOST_LAYERS = 4096
-"""Transparent surfaces behind each other that are sorted; more are an error, never left out."""
+"""Most transparent layers of a pixel; more are an error, never dropped."""
 
 MOST_BYTES = 1 << 28
-"""Memory that the layers of one band may take, of each thread."""
+"""Most memory for the layers of one band, per thread."""
 
 BYTES_PER_SHARE = 8
 """A face number and its share, 32 bits each."""
@@ -58,14 +57,14 @@ References
 
 
 class Finder(NamedTuple):
-    """What it takes to find the faces of an image, without shading them."""
+    """Inputs for finding the faces of an image, without shading."""
 
     geometry: Geometry
     alpha_tests: AlphaTests | None
 
 
 AnyFinder = TypeVar("AnyFinder", bound=NamedTuple)
-"""A `Finder`, or what else has its fields."""
+"""A `Finder`, or another tuple with its fields."""
 
 
 class Lists(NamedTuple):
@@ -74,13 +73,13 @@ class Lists(NamedTuple):
     starts: NDArray[np.int64]
     """(tiles + 1,)."""
     middles: NDArray[np.int64]
-    """(tiles,): where the transparent ones begin."""
+    """(tiles,): start of the transparent ones."""
     parted: NDArray[np.int32]
     """(M,)."""
     faces: Faces
     screen: ScreenVertices
     depth_type: Any
-    """What depths are rounded to before they are compared."""
+    """Type that depths are rounded to before they are compared."""
     points: tuple[NDArray[Any], NDArray[np.int32]]
     """Depth and face number, (H, W), of opaque points that are no triangles; (0, 0) without."""
     first_depth: NDArray[Any]
@@ -101,7 +100,7 @@ class Band(NamedTuple):
 
 
 def sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
-    """Return what moves each sample to the pixel's centre, (N, 2), units of the sub-pixel grid."""
+    """Return the offset from each sample to the pixel's centre, (N, 2), sub-pixel units."""
     return np.array(SAMPLE_POSITIONS[samples], np.int32) * -((1 << grid_bits) // STEPS)
 
 
@@ -113,7 +112,7 @@ def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
 
 
 def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
-    """Return what it takes to see a frame whose samples may lie anywhere in their pixels."""
+    """Return the `Finder` of a frame whose samples may lie anywhere in their pixels."""
     geometry = finder.geometry
     geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
     alpha_tests = (
@@ -131,7 +130,7 @@ def part_lists(
         raise ValueError("coverage must hold the lists of its tiles, got none")
     starts, binned = lists.starts, lists.binned
     if viewport.reach != lists.reach:
-        # More triangles reach a tile if samples lie beside the centres.
+        # More triangles touch a tile if samples lie off the centres.
         starts, binned, _, _ = draw.set_up_and_bin(
             lists.faces, lists.objects, coverage.screen, viewport, workers, skipped=lists.skipped
         )
@@ -149,7 +148,7 @@ def part_lists(
 
 
 def peeling_kernels(depth_type: Any, has_holes: bool) -> Rows:
-    """Return the kernels that find the nearest surfaces of each pixel, one behind the other."""
+    """Return the kernels of depth peeling."""
     rows = kernels_of(1, depth_type)
     if has_holes:
         rows += rows_where("", fragments.drop_holes, alpha_test.find_alphas)
@@ -157,7 +156,7 @@ def peeling_kernels(depth_type: Any, has_holes: bool) -> Rows:
 
 
 def kernels_of(samples: int | str, depth_type: Any) -> Rows:
-    """Return the kernels that part the lists of tiles and find the faces at samples, or areas."""
+    """Return the kernels that split the tiles' lists and find faces at samples, or areas."""
     found = KernelRow(fragments.find_layers, draw.depth_variant(depth_type))
     if samples == "area":
         found = KernelRow(areas.find_areas)
@@ -165,7 +164,7 @@ def kernels_of(samples: int | str, depth_type: Any) -> Rows:
 
 
 def no_points(depth_type: Any) -> tuple[NDArray[Any], NDArray[np.int32]]:
-    """Return what `Lists.points` are where all that is drawn has triangles."""
+    """Return the empty `Lists.points` of a picture without such points."""
     return np.empty((0, 0), depth_type), np.empty((0, 0), np.int32)
 
 
@@ -241,7 +240,7 @@ def find_layers(
 def find_areas(
     rows: tuple[int, int], lists: Lists, finder: Finder, memory: Memory
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the faces that show in each pixel, their shares, and the share that shows none."""
+    """Return the faces visible in each pixel, their area coverage, and that of the background."""
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own, deepest = areas.scratch_memory(int(np.diff(lists.starts).max())), np.empty(3, np.int64)

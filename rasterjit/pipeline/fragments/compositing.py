@@ -1,13 +1,12 @@
 """
-Lay the colours of a pixel over each other, or mix them, in linear light.
+Composite the layers of a pixel (over operator), or average its samples, in linear light.
 
-What is summed up is premultiplied: colour times alpha. What changes nothing leaves every bit of a
-colour as it is: a layer with alpha 0, what lies behind one with alpha 1, and the mean of samples
-that all show the same.
+Sums are of premultiplied colours. No-ops keep every bit of a colour: a layer with alpha 0, anything
+behind one with alpha 1, and the mean of equal samples.
 
-With several samples a pixel shows several faces, each shaded once. Where something is transparent,
-the share of a face depends on the alpha of those before it, so `list_faces` keeps for each sample
-which faces it shows; ``weights`` mixes opaque ones.
+With several samples a pixel has several faces, each shaded once. With transparency, the weight of a
+face depends on the alpha of those in front, so `list_faces` keeps the faces of each sample;
+``weights`` handles opaque ones.
 
 References
 ----------
@@ -24,22 +23,22 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, int32
 
 THROUGH = 3
-"""Column of a sum: the share of light that comes through from behind."""
+"""Column of a sum: transmittance, the share of light from behind."""
 
 MOST_THROUGH = np.float32(1.0 - 2.0**-24)
-"""What comes through a layer that is seen, at most: less than 1, which says that none is."""
+"""Largest transmittance of a visible layer: less than 1, which stands for no layer."""
 
 
 @helper
 def passed(through, alpha):
-    """Return what of some light comes through a layer whose alpha is not 0."""
+    """Return the transmittance behind a layer whose alpha is not 0."""
     return min(through * (np.float32(1.0) - alpha), MOST_THROUGH)
 
 
 @kernel
 def start_sums(sums: float32[:, :, ::1]):
     """
-    Begin with nothing in front.
+    Clear the sums: no layer yet.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ def lay_under(
     colors: float32[:, :, ::1], faces: int32[:, :], behind: int32[:, :], sums: float32[:, :, ::1]
 ):
     """
-    Lay a layer behind those that were laid before.
+    Composite a layer behind those before it (front to back).
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ def lay_under(
             if faces[row, i] >= 0:
                 alpha = clamped(colors[row, i, 3], np.float32(0.0), np.float32(1.0))
                 share = through * alpha
-                # What is not seen is not multiplied: its colour may be infinite.
+                # Do not multiply what is hidden: its colour may be infinite.
                 if share > none:
                     for k in range(3):
                         sums[row, i, k] += share * colors[row, i, k]
@@ -89,7 +88,7 @@ def lay_under(
 
 @helper
 def over_background(total, through, color):
-    """Return straight RGBA of a premultiplied sum over a colour with straight alpha."""
+    """Composite a premultiplied sum over a straight-alpha colour; return straight RGBA."""
     one, none = np.float32(1.0), np.float32(0.0)
     if through == none:
         return total[0], total[1], total[2], one
@@ -110,7 +109,7 @@ def over_background(total, through, color):
 @kernel
 def finish_sums(sums: float32[:, :, ::1], linear: float32[:, :, ::1]):
     """
-    Lay the sums over what lies behind all layers.
+    Composite the sums over what lies behind all layers.
 
     Parameters
     ----------
@@ -147,7 +146,7 @@ def seen_share(share, value):
 
 @helper
 def number_of(face, shown, count, row, i):
-    """Return the number of a face among those of a pixel, which it joins if it is not there."""
+    """Return the index of a face in a pixel's list, appending it if it is new."""
     if face < 0:
         return np.int32(NOTHING), count
     layer = np.int64(0)
@@ -162,7 +161,7 @@ def number_of(face, shown, count, row, i):
 @kernel
 def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], shown: int32[:, :, ::1]):
     """
-    List the faces that the samples of each pixel show, and number them.
+    List the distinct faces of each pixel's samples, and replace faces by their indices.
 
     Parameters
     ----------
@@ -210,7 +209,7 @@ def are_alike(opaque, transparent, row, i):
 
 @helper
 def sample_color(sample, opaque, transparent, colors, behind, row, i):
-    """Return what a sample shows, linear RGBA with straight alpha."""
+    """Return the colour of a sample, linear RGBA with straight alpha."""
     one, none = np.float32(1.0), np.float32(0.0)
     red, green, blue, through = none, none, none, one
     for level in range(transparent.shape[1]):
@@ -243,7 +242,7 @@ def mix_samples(
     linear: float32[:, :, ::1],
 ):
     """
-    Write the mean of what the samples of each pixel show.
+    Write the mean colour of each pixel's samples.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
 """
-Leave out what a depth buffer would not have let through, faces being drawn one after the other.
+Emulate OpenGL's unsorted blending with depth writes: drop fragments that fail the depth test.
 
-OpenGL lays a transparent face over what was drawn before it, and writes its depth. So a face that
-lies behind another is seen through that only if it was drawn first. Faces are drawn in the order
-of their numbers.
+OpenGL blends a transparent face over what was drawn before, and writes its depth. So a face behind
+another is visible through it only if it was drawn first. Faces are drawn in order of their numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from rasterjit.runtime.state import int32
 @kernel
 def keep_drawn(transparent: int32[:, :, :, :]):
     """
-    Leave out faces behind others that were drawn before them.
+    Drop faces behind others that were drawn before them.
 
     Parameters
     ----------

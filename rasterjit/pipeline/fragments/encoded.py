@@ -1,10 +1,9 @@
 """
-Mix colours as 8-bit sRGB codes: lay them over each other, or average them, in whole numbers.
+Composite or average colours as 8-bit sRGB codes, in integers.
 
-A colour is a pixel of the picture: red, green, blue and alpha from the lowest byte up, alpha
-straight. Codes are mixed as if they were light and the result is rounded to codes, half up, each
-time that one colour is laid over another. What changes nothing leaves every bit: a colour with
-alpha 0, what lies behind one with alpha 255, the mean of samples that show the same.
+A colour is a packed pixel: red, green, blue and alpha from the lowest byte up, alpha straight.
+Codes are blended as if they were linear, and rounded half up after each blend. No-ops keep every
+bit: a colour with alpha 0, anything behind alpha 255, the mean of equal samples.
 
 References
 ----------
@@ -23,10 +22,10 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
 FULL = 255
-"""Alpha of what is opaque, and the largest code."""
+"""Largest code; alpha of opaque colours."""
 
 ALPHA = 24
-"""Where in a pixel its alpha begins."""
+"""Bit shift of alpha in a pixel."""
 
 
 @helper
@@ -67,7 +66,7 @@ def over(front, behind):
 
 @helper
 def mixed_channel(front, behind, shift, alpha):
-    """Return one channel of a pixel over an opaque one, in its place."""
+    """Return one channel of a pixel over an opaque one, shifted into place."""
     own = np.uint32(np.uint32(front >> shift) & np.uint32(FULL))
     other = np.uint32(np.uint32(behind >> shift) & np.uint32(FULL))
     through = np.uint32(np.uint32(FULL) - alpha)
@@ -80,7 +79,7 @@ def mixed_channel(front, behind, shift, alpha):
 
 @disjoint_helper
 def lay_over_opaque(front, behind):
-    """Lay a row of pixels over opaque ones, in place; without branches."""
+    """Composite a row of pixels over opaque ones, in place; branchless."""
     for i in range(behind.shape[0]):
         alpha = np.uint32(front[i] >> np.uint32(ALPHA))
         behind[i] = (
@@ -93,7 +92,7 @@ def lay_over_opaque(front, behind):
 
 @helper
 def lay_over(front, behind):
-    """Lay a row of pixels over others, in place."""
+    """Composite a row of pixels over others, in place."""
     for i in range(np.uintp(behind.shape[0])):
         behind[i] = over(front[i], behind[i])
 
@@ -110,7 +109,7 @@ def is_opaque(color):
 @kernel
 def hide_behind(stack: uint32[:, :, ::1], level: int64, behind: int32[:, :]):
     """
-    Find what is hidden by a layer or by those before it.
+    Mark the pixels that are hidden by a layer or by those before it.
 
     Parameters
     ----------
@@ -135,7 +134,7 @@ def hide_behind(stack: uint32[:, :, ::1], level: int64, behind: int32[:, :]):
 @kernel
 def lay_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
     """
-    Lay layers over each other, from the farthest to the nearest.
+    Composite layers back to front.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def lay_codes(stack: uint32[:, :, ::1], color: uint32[:, ::1]):
 
 @helper
 def sample_code(sample, opaque, transparent, colors, behind, row, i):
-    """Return what a sample shows, as a pixel."""
+    """Return the colour of a sample, as a pixel."""
     layer = opaque[sample, row, i]
     color = colors[layer, row, i] if layer >= 0 else behind[row, i]
     for level in range(transparent.shape[1] - 1, -1, -1):
@@ -177,7 +176,7 @@ def mix_codes(
     color: uint32[:, ::1],
 ):
     """
-    Write the mean of what the samples of each pixel show.
+    Write the mean of the codes of each pixel's samples.
 
     Parameters
     ----------
@@ -266,7 +265,7 @@ def write_mean_codes(
 @kernel
 def decode_rows(color: uint32[:, :], light: float32[::1], linear: float32[:, :, ::1]):
     """
-    Write what codes stand for.
+    Decode sRGB codes to linear light.
 
     Parameters
     ----------

@@ -1,18 +1,17 @@
 """
-Find, at every sample, the transparent surfaces in front of the opaque one, nearest first.
+Build the sorted layers of transparent fragments (an A-buffer [1]_) in front of the opaque surface.
 
-Triangles are drawn as ``visibility`` draws them, with the same exact coverage and the same bits of
-depth, so that transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each
-transparent triangle is drawn alone into a small square; then the rows that it covers are inserted
-into the layers, an A-buffer [1]_: the first layer holds the nearest surface of every sample, the
-next one the second nearest, and so on. A row of samples at once is compared with a layer; surfaces
-that are farther go on to the next. So fragments are sorted while they come, without branches, and
-intersecting triangles change places from sample to sample.
+Triangles are rasterized as by ``visibility``, with the same coverage and bits of depth, so that
+transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each transparent
+triangle is rasterized into a scratch tile; its rows are then inserted into the layers: the first
+holds the nearest surface of every sample, the next the second nearest, and so on. A row of samples
+is compared with a layer at once, and farther fragments go on to the next layer: an insertion sort
+without branches, per sample, so intersecting triangles are right.
 
-A tile has a layer only once a sample needs it. Fragments beyond the last layer that there is room
-for are counted and dropped; the caller sees the count and comes again with more room.
+A tile gets a layer once a sample needs it. Fragments beyond the last available layer are counted
+and dropped; the caller sees the count and tries again with more.
 
-Where a surface has a hole at a pixel, `drop_holes` takes it out of the pixel's layers.
+`drop_holes` removes fragments that fail the alpha test.
 
 References
 ----------
@@ -68,7 +67,7 @@ def split_lists(
     is_blended: uint8[::1], parted: int32[::1], middles: int64[::1],
 ):  # fmt: skip
     """
-    Put the opaque triangles of each tile's list before the transparent ones.
+    Partition each tile's list: opaque triangles first, then transparent ones.
 
     Parameters
     ----------
@@ -107,9 +106,9 @@ def split_lists(
 @disjoint_helper
 def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
     """
-    Take what a triangle covers of a row, as far as nothing opaque hides it; empty the row.
+    Move a triangle's row out of the scratch tile, where nothing opaque hides it; clear the row.
 
-    Returns whether there is any; the samples are counted.
+    Returns whether any sample is left; counts the samples.
     """
     found = np.int32(0)
     for i in range(drawn.shape[0]):
@@ -125,19 +124,19 @@ def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, face
 
 @helper
 def clear_beside(drawn, empty, row, first):
-    """Empty the columns beside a box that triangles are drawn in by whole groups."""
+    """Clear the columns beside a box, to which whole groups of columns were drawn."""
     for k in range(SMALL_PIXELS):
         drawn[row, np.uintp(first + k)] = empty
 
 
 @disjoint_helper
 def exchange_row(layer_depths, layer_faces, depths, empty, faces):
-    """Leave the nearer surface in the layer and take the other one; return if any is left."""
+    """Keep the nearer fragments in the layer, and carry the others on; return if any is left."""
     found = np.int32(0)
     for i in range(depths.shape[0]):
         here, there = layer_depths[i], depths[i]
         face_here, face_there = layer_faces[i], faces[i]
-        # What is empty lies deepest and changes places with nothing: in a layer its face is -1.
+        # Empty samples are deepest and are never exchanged: in a layer their face is -1.
         is_nearer = (there > here) | ((there == here) & (face_there < face_here))
         layer_depths[i] = there if is_nearer else here
         layer_faces[i] = face_there if is_nearer else face_here
@@ -153,7 +152,7 @@ def clear_layer(layers, empty, sample, level, left, right):
     """Empty some columns of a layer."""
     depths, faces = layers
     for row in range(depths.shape[2]):
-        # Rows are cut from the whole array: of any other Numba forgets that they are contiguous.
+        # Slice rows from the whole array: from a view, Numba forgets that they are contiguous.
         depth_row = depths[sample, level, row, left:right]
         face_row = faces[sample, level, row, left:right]
         for i in range(depth_row.shape[0]):
@@ -166,7 +165,7 @@ def clear_layer(layers, empty, sample, level, left, right):
 def insert_triangle(
     n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
 ):  # fmt: skip
-    """Insert what one triangle covers of a tile into its layers; return how many are in use."""
+    """Insert the fragments of one triangle into a tile's layers; return how many are in use."""
     # A wide triangle's box begins where its block of columns does, which may be left of the tile.
     left = max(np.int64(whole[LEFT, n]) - window[0], np.int64(0))
     right = np.int64(whole[RIGHT, n]) - window[0]
@@ -234,15 +233,15 @@ def copy_row(source, target):
 
 
 class Alone(NamedTuple):
-    """What it takes to draw a triangle alone, and to insert it into layers."""
+    """Memory to rasterize a triangle into a scratch tile, and to insert it into layers."""
 
     depths: stored[:, ::1]
-    """A tile of its own, empty."""
+    """The scratch tile, cleared."""
     numbers: int32[:, ::1]
     counts: int32[:, ::1]
     """(64, 64): the transparent surfaces of each sample."""
     carried_depths: stored[::1]
-    """(64,): a row on its way through the layers."""
+    """(64,): the row being carried through the layers."""
     carried_faces: int32[::1]
     draw: int64[::1]
     """How to call ``nearest.draw_planned`` for that tile."""
@@ -250,10 +249,9 @@ class Alone(NamedTuple):
 
 def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
     """
-    Return what a thread needs to find layers, given what it draws with.
+    Return a thread's state for building layers, given its `TileDrawer`.
 
-    Keep both that are returned as long as they are used: machine code holds addresses of their
-    memory.
+    Keep both results alive while they are in use: machine code holds addresses of their memory.
     """
     depth_type = drawer.scratch[0].dtype
     tile = (
@@ -271,7 +269,7 @@ def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
 
 @helper
 def put_points(points, window, scratch):
-    """Put what is no triangle into a tile, where it is nearer."""
+    """Depth-test discs and spheres into a tile."""
     depth, face_id = points
     left, top, right, bottom = window
     if depth.shape[0] == 0:
@@ -306,7 +304,7 @@ def find_layers(
     scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
 ):  # fmt: skip
     """
-    Find the opaque surface and the transparent ones before it, for some rows of the frame.
+    Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
 
     Parameters
     ----------
@@ -379,7 +377,7 @@ def drop_holes(
     first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], question: Question,
 ):  # fmt: skip
     """
-    Leave the layers of each pixel that have no hole there, nearest first.
+    Remove from each pixel the layers that fail the alpha test, keeping their order.
 
     Parameters
     ----------
@@ -411,7 +409,7 @@ def drop_holes(
 def without_holes(
     first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], alpha_tests: AlphaTests
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
-    """Return the layers of some rows, (K, R, W), less those that have a hole at a pixel."""
+    """Return the layers of some rows, (K, R, W), without fragments that fail the alpha test."""
     kept = np.empty(faces.shape, np.int64)
     test = AlphaTest(alpha_tests)
     drop_holes(first_row, faces, kept, test.question)

@@ -1,5 +1,5 @@
 """
-Mix the codes of objects that have one colour each: where a sample shows one, nothing is shaded.
+Average samples of objects with one constant colour each, as sRGB codes, without shading.
 
 The bits are those of ``weights``: means of at most 16 codes are exact in float32, too.
 """
@@ -12,12 +12,12 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, uint32
 
 COLUMNS = 16
-"""Pixels of a row that are looked at together: mostly all their samples show the same."""
+"""Pixels of a row tested together: mostly all their samples are equal."""
 
 
 @disjoint_helper
 def widen(least, most, faces):
-    """Return the least and the greatest number of two and of some faces."""
+    """Extend a range of face numbers by some faces."""
     for i in range(faces.shape[0]):
         least = min(least, faces[i])
         most = max(most, faces[i])
@@ -46,7 +46,7 @@ def owner_of(face, face_starts):
 
 @helper
 def mean_code(opaque, row, column, codes, behind, face_starts, owner):
-    """Return the mean of the codes that a pixel shows, half up, and the last object in it."""
+    """Return the mean code of a pixel's samples, half up, and the last object in it."""
     count = np.uint32(opaque.shape[0])
     red = green = blue = count >> np.uint32(1)
     code = behind
@@ -73,7 +73,7 @@ def mix_plain_codes(
     color: uint32[:, ::1],
 ):  # fmt: skip
     """
-    Write the mean of the codes that each pixel of some rows shows.
+    Write the mean code of each pixel of some rows.
 
     Parameters
     ----------

@@ -1,16 +1,14 @@
 """
-Mix the opaque faces of a pixel by the shares of it that show them, in linear light or in codes.
+Resolve opaque faces: average the faces of a pixel by coverage, in linear light or in sRGB codes.
 
-A pixel shows several faces, each shaded once. Layers hold them: the first face of every pixel, the
-second one ... `share_samples` lists the faces of several samples with the share of the samples that
-show them; ``areas`` lists those of exact areas. The layers are shaded as any image of faces is, and
-`mix_shares` is where their colours go.
+Each face of a pixel is shaded once. Faces are stored in layers: the first face of every pixel, the
+second one ... `share_samples` lists the faces of several samples with their coverage, ``areas``
+those of exact areas. Layers are shaded like any visibility buffer, and `mix_shares` sums colours.
 
-What is summed up is premultiplied: colour times alpha. A pixel that shows one face, or none, keeps
-every bit of its colour.
+Sums are premultiplied. A pixel with one face, or none, keeps every bit of its colour.
 
-Whole pictures are added up here as well, for their mean in linear light. A product of two float32
-is exact in float64 and a sum of some hundred of them nearly so; the mean of equal colours has their
+Whole pictures are accumulated here as well, for their mean in linear light. A product of two
+float32 is exact in float64 and a sum of some hundred nearly so; the mean of equal colours has their
 bits.
 """
 
@@ -36,12 +34,12 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
 BLOCK_COLUMNS = 128
-"""Columns whose samples are listed at once."""
+"""Columns whose samples are listed together."""
 
 
 @disjoint_helper
 def start_shares(faces, part, shown, shares, rest):
-    """Write what a row of pixels shows at the first sample, which is a part of the pixel."""
+    """Start the layers of a row with the faces at the first sample, of weight ``part``."""
     none = np.float32(0.0)
     for i in range(faces.shape[0]):
         face = faces[i]
@@ -53,9 +51,9 @@ def start_shares(faces, part, shown, shares, rest):
 @helper
 def add_to_layer(face, here, share, part):
     """
-    Add a face to a layer if it is there already, or if the layer has none yet.
+    Add a sample's face to a layer that holds the same face, or none.
 
-    Returns the layer's face and its share, and the face if it is left to the layers behind.
+    Returns the layer's face and coverage, and the face if it must go on to the next layer.
     """
     is_here = (face == here) | (here < 0)
     more = share + part
@@ -80,7 +78,7 @@ def add_first(faces, part, shown, shares, rest, others):
 
 @disjoint_helper
 def add_sample(faces, part, shown, shares, others):
-    """Add the faces of a sample to a layer; return whether any are left to the layers behind."""
+    """Add the faces of a sample to a layer; return whether any must go on to the next layer."""
     found = np.int32(NOTHING)
     for i in range(faces.shape[0]):
         shown[i], shares[i], others[i] = add_to_layer(faces[i], shown[i], shares[i], part)
@@ -90,7 +88,7 @@ def add_sample(faces, part, shown, shares, others):
 
 @disjoint_helper
 def clear_layer(shown, shares):
-    """Begin with a row of a layer that holds no face."""
+    """Clear a row of a layer."""
     for i in range(shown.shape[0]):
         shown[i] = NOTHING
         shares[i] = np.float32(0.0)
@@ -116,7 +114,7 @@ def are_alike(opaque, row, left, right):
 
 @helper
 def share_part(opaque, row, left, right, at, shown, shares, rest, others):
-    """List the faces of a part of a row with their shares; return how many layers have any."""
+    """List the faces of a part of a row with their coverage; return the number of layers in use."""
     samples, count = np.int64(opaque.shape[0]), right - left
     part, used = np.float32(1.0) / np.float32(samples), np.int64(1)
     if are_alike(opaque, row, left, right):
@@ -136,7 +134,7 @@ def share_part(opaque, row, left, right, at, shown, shares, rest, others):
             if layer == used:
                 clear_layer(shown[layer, at, left:right], shares[layer, at, left:right])
                 used += 1
-            # What is left over goes back and forth between two rows: arrays must not overlap.
+            # Leftover faces alternate between two rows: arrays must not overlap.
             goes_on = add_sample(
                 others[(layer - 1) & 1, :count], part, shown[layer, at, left:right],
                 shares[layer, at, left:right], others[layer & 1, :count],
@@ -155,7 +153,7 @@ def share_samples(
     others: int32[:, ::1],
 ):
     """
-    List the faces that the samples of each pixel show, with the share of the samples that do.
+    List the faces of each pixel's samples, with their coverage.
 
     Parameters
     ----------
@@ -197,7 +195,7 @@ def share_samples(
 
 @helper
 def is_mixed(share, rest):
-    """Return whether a pixel shows more than one face, or a face and what is behind all."""
+    """Return whether a pixel shows more than one face, or a face and the background."""
     one = np.float32(1.0)
     return (share != one) & (rest != one)
 
@@ -207,7 +205,7 @@ def start_span(
     red, green, blue, alphas, has_alpha, shares, rest, mixed_red, mixed_green, mixed_blue,
     mixed_alpha,
 ):  # fmt: skip
-    """Lay the first faces of a span of pixels, as far as they show them, over what is behind."""
+    """Start the sums of a span of pixels: its first faces and the background, by coverage."""
     for i in range(shares.shape[0]):
         own, other = shares[i], rest[i]
         mixed = is_mixed(own, other)
@@ -225,7 +223,7 @@ def start_span(
 
 @disjoint_helper
 def add_span(red, green, blue, shares, mixed_red, mixed_green, mixed_blue):
-    """Add the shares of another face to a span of pixels; one with a share of 0 adds nothing."""
+    """Add another face to the sums of a span of pixels, by coverage; coverage 0 adds nothing."""
     for i in range(shares.shape[0]):
         share = shares[i]
         mixed_red[i] += seen_share(share, red[i])
@@ -235,7 +233,7 @@ def add_span(red, green, blue, shares, mixed_red, mixed_green, mixed_blue):
 
 @disjoint_helper
 def divide_row(shares, rest, red, green, blue, alphas):
-    """Divide the mixed pixels of a row by their alpha; without branches."""
+    """Divide the mixed pixels of a row by their alpha; branchless."""
     one, none = np.float32(1.0), np.float32(0.0)
     for i in range(shares.shape[0]):
         alpha = alphas[i]
@@ -248,7 +246,7 @@ def divide_row(shares, rest, red, green, blue, alphas):
 
 @disjoint_helper
 def shows_both(rest):
-    """Return whether any pixel of a row shows a face and what is behind all."""
+    """Return whether any pixel of a row shows a face and the background."""
     found = np.int32(0)
     for i in range(rest.shape[0]):
         found |= np.int32((rest[i] != np.float32(0.0)) & (rest[i] != np.float32(1.0)))
@@ -261,7 +259,7 @@ def mix_shares(
     rest: float32[:, ::1], mixed: float32[:, :, ::1],
 ):  # fmt: skip
     """
-    Mix the faces of one pixel after the other into a band of rows, those of the first layer first.
+    Add the shaded faces to the sums of a band of rows, layer by layer.
 
     Parameters
     ----------
@@ -310,7 +308,7 @@ def finish_mix(
     color: uint32[:, ::1],
 ):
     """
-    Write mixed light.
+    Write resolved colours, linear.
 
     Parameters
     ----------
@@ -341,7 +339,7 @@ def finish_mix(
 def finish_codes(
     shares: float32[:, ::1], rest: float32[:, ::1], mixed: float32[:, :, ::1], color: uint32[:, ::1]
 ):
-    """Write mixed codes, as `finish_mix` writes light: (R, W) uint32."""
+    """Write resolved colours as codes, as `finish_mix` writes light: (R, W) uint32."""
     for row in range(rest.shape[0]):
         red, green, blue, alpha = mixed[row, 0], mixed[row, 1], mixed[row, 2], mixed[row, 3]
         if shows_both(rest[row]):
@@ -367,7 +365,7 @@ def code_samples(block: Block, count, shown: int64, table: int32[::1]):
 
 @helper
 def whole_code(value):
-    """Return a mixed code rounded half up; what rounding left above 255 gives 255."""
+    """Return a resolved code, rounded half up and clamped to 255."""
     value = value if value < np.float32(255.0) else np.float32(255.0)
     return np.uint32(np.int32(value + np.float32(0.5)))
 
@@ -410,7 +408,7 @@ def add_row(linear, sums):
         red = alpha * np.float64(linear[at])
         green = alpha * np.float64(linear[at + np.uintp(1)])
         blue = alpha * np.float64(linear[at + np.uintp(2)])
-        # What is not seen counts nothing: its colour may be infinite.
+        # Skip what is not visible: its colour may be infinite.
         is_seen = alpha > 0.0
         sums[at] += red if is_seen else 0.0
         sums[at + np.uintp(1)] += green if is_seen else 0.0

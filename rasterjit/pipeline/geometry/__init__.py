@@ -1,1 +1,1 @@
-"""Geometry: vertices to the screen, clipping, set-up, binning, weights of corners."""
+"""Geometry stages: transform, clipping, triangle setup, binning, barycentric weights."""

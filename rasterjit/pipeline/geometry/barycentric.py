@@ -1,5 +1,5 @@
 """
-Find where on its face a sample lies, and interpolate there.
+Compute barycentric weights of samples, and interpolate vertex attributes with them.
 
 The weights are perspective-correct, those of the face's own three vertices even when it was
 clipped. A face that needed no clipping has exact weights: integer edge functions of its snapped
@@ -9,10 +9,10 @@ its clip positions: the sample with normalized device coordinates (X, Y) lies on
 coefficient rows. They are clamped to zero from below, for the sample may lie a rounding outside.
 
 Without w (``Geometry.w`` has no elements) the weights are affine: linear on the screen, edge
-functions over their sum, one division for a whole face. A face that was clipped has no others than
-the perspective-correct ones, for it has no vertices on the screen.
+functions over their sum, one division for a whole face. A clipped face always gets
+perspective-correct ones, for its vertices have no screen positions.
 
-Vertices are taken as the face lists them, which begins with the least: ``scene/first_corners.py``.
+Faces list their vertices with the lowest number first: see ``scene/first_corners.py``.
 
 References
 ----------
@@ -31,7 +31,7 @@ from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
 UNDERFLOW = 2.0**-900
 """
-A larger sum of weights is accurate: underflow has taken nothing that counts.
+Sums of weights above this are accurate; smaller ones may have lost terms to underflow.
 
 Edges are whole numbers, so a sum is below 1 only if the edge opposite the smallest w is 0.
 """
@@ -39,7 +39,7 @@ Edges are whole numbers, so a sum is below 1 only if the edge opposite the small
 
 @helper
 def weights_without_zeros(edges, ws):
-    """Return edges times the smallest w over w, which is that of a vertex whose edge is not 0."""
+    """Return edges times (smallest w / w), the smallest taken over vertices whose edge is not 0."""
     smallest = np.inf
     for k in range(3):
         if edges[k] != 0.0:
@@ -53,17 +53,17 @@ def weights_without_zeros(edges, ws):
 
 @helper
 def scalar_product(right, down, other_right, other_down):
-    """Return the scalar product of two steps, one pixel right and one down each."""
+    """Return the dot product of the gradients of two edges, given per pixel right and down."""
     return np.float64(right) * np.float64(other_right) + np.float64(down) * np.float64(other_down)
 
 
 @helper
 def held_to_border(outside, others, sizes):
     """
-    Return two edges at the foot of a perpendicular on a third one, whose value is ``outside``.
+    Return two edge functions at the point on a third edge (value ``outside``) nearest the sample.
 
-    Takes the scalar products of the steps: the third's with itself and with both others'. Inside
-    the third edge they are worth what they were.
+    Takes dot products of the third's gradient with itself and with both others'. Inside the
+    third edge the values are unchanged.
     """
     way = min(outside, 0.0) / sizes[0]
     return others[0] - way * sizes[1], others[1] - way * sizes[2]
@@ -72,12 +72,12 @@ def held_to_border(outside, others, sizes):
 @helper
 def clamped_edges(edges, right, down):
     """
-    Return three edges at a pixel's centre, where the samples of a face may lie beside it.
+    Return the edge functions at a pixel's centre, clamped to the face if the centre is outside.
 
-    They are turned positive inside. Of a centre beside the face they are those of a point of its
-    border that is near: the foot of the perpendicular on the edge that it lies beside, or a vertex.
-    Scaling the others to make up for an edge below zero would slide along a sliver as far as it is
-    long. Inside they are worth what they were.
+    With several samples a pixel, the centre may lie outside a face that covers one of them. Then
+    the values are those of a nearby border point: the foot of the perpendicular on the edge, or a
+    vertex. Only scaling the weights to sum 1 could move that point along the whole length of a
+    sliver. Signs are positive inside; there the values are unchanged.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
     """
     Return the weights of three vertices, given the edge functions opposite them, and their sum.
 
-    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
-    vertex opposite an edge that the sample lies on has no part in it. Without w they are affine.
+    Edges are multiplied by smallest w / w, in 0..1, and 1 where all are equal. A vertex whose
+    edge function is 0 does not count for the smallest. Without w the weights are affine.
     """
     if w.shape[0] == 0:
         over = 1.0 / np.float64(total)
@@ -171,8 +171,8 @@ def share_along(first, second, first_w, second_w):
     """
     Return the weight of the second end of a segment, in 0..1; 0 where it has no length.
 
-    Takes how far before each end a sample lies along the segment, times its w, and the w. Beyond an
-    end, where the line may be behind the eye, it is the weight at the end.
+    Takes, for each end, the signed distance along the segment from the sample, times w; and w.
+    Beyond an end, where the line may be behind the eye, the weight is clamped to that end.
     """
     length = first - second
     t = first / (length if length != 0.0 else 1.0)
@@ -188,9 +188,9 @@ def segment_weights(a, b, from_sample, clip, viewport):
     """
     Return the weights of the ends of a segment at the foot of the perpendicular from a sample.
 
-    Takes what `seen_from_sample` returns. The perpendicular is one of the picture; in homogeneous
-    coordinates its foot is found even if an end lies behind the eye. A segment without a length in
-    the picture is at its first end everywhere, and so is a point.
+    Takes what `seen_from_sample` returns. The perpendicular is one in screen space, found in
+    homogeneous coordinates, so that an end may lie behind the eye. A point, or a segment without
+    length on the screen, has all weight at its first end.
     """
     (u0, u1, _), (v0, v1, _) = from_sample
     width, height = whole_size(viewport)
@@ -239,7 +239,7 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
     """
     Return the weights of vertices a, b, c at a sample of a pixel.
 
-    Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
+    Takes the offset of the sample from the pixel's centre, sub-pixel units. Without an offset they
     are those of `sample_weights`.
     """
     bits, viewport = geometry.viewport.grid_bits, geometry.viewport
@@ -262,7 +262,7 @@ def blend(weights, value0, value1, value2):
 
 @helper
 def interpolate(weights, value0, value1, value2):
-    """Return `blend`, clamped to the range of its values, which rounding may leave by an ulp."""
+    """Return `blend`, clamped to the range of the values, since rounding may leave it by an ulp."""
     lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
     value = blend(weights, value0, value1, value2)
     value = value if value >= lowest else lowest
@@ -279,7 +279,7 @@ def find_object(face, face_starts, guess):
 
 @helper
 def place(x, y, z, owner, matrices):
-    """Return a model-space point where its object's matrix puts it."""
+    """Transform a model-space point by its object's matrix."""
     m = matrices
     return (
         m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
@@ -290,7 +290,7 @@ def place(x, y, z, owner, matrices):
 
 @helper
 def place_vertex(vertex, owner, placement):
-    """Return a vertex in world axes, relative to the eye."""
+    """Return a vertex's position in world axes, relative to the eye."""
     p, relative_from_model = placement.positions, placement.relative_from_model
     return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, relative_from_model)
 
@@ -300,8 +300,8 @@ def place_sample(weights, a, b, c, owner, placement):
     """
     Return the point of a face with the given weights in world axes, relative to the eye.
 
-    The first vertex is placed and the way from it added: differences of coordinates that are large
-    are exact, so that a mesh far from the origin is lit as one near it.
+    The first vertex is transformed and the offset from it added: differences of large coordinates
+    are exact, so a mesh far from the origin is lit as one near it.
     """
     p, m = placement.positions, placement.relative_from_model
     x = weights[1] * (p[b, 0] - p[a, 0]) + weights[2] * (p[c, 0] - p[a, 0])
@@ -349,7 +349,7 @@ def face_normal(a, b, c, owner, placement):
     """
     Return the unit normal on the counter-clockwise side of a face, world axes, or zero.
 
-    That of a segment or a point is the way from its first vertex to the viewer.
+    For a segment or a point it is the direction from its first vertex to the viewer.
     """
     pa = place_vertex(a, owner, placement)
     if b == c:
@@ -378,9 +378,9 @@ def normal_of_points(pa, pb, pc, turn):
 @helper
 def seen_from_behind(a, b, c, owner, geometry, placement):
     """
-    Return whether a face turns its back to the viewer.
+    Return whether a face is back-facing.
 
-    By its turn on the screen; a clipped face has none, and is judged by its plane.
+    By its winding on the screen; by its plane if it was clipped.
     """
     if not (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         xy = geometry.xy
@@ -394,7 +394,7 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
 
 @helper
 def has_its_back_turned(a, b, c, owner, placement):
-    """Return whether the viewer is behind the plane of a face."""
+    """Return whether the eye is behind the plane of a face."""
     p, m, viewer = placement.positions, placement.relative_from_model, placement.toward_viewer
     pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
     pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
@@ -448,7 +448,7 @@ def fill_barycentric(
         First row, and one past the last.
     geometry : Geometry
     places : (F,) uint8
-        At which place of that order the first corner of each face is.
+        Index in that order of the first corner of each face.
     barycentric : (H, W, 3) float32
         Written; zero where nothing is, or a segment or a point.
     """
@@ -517,7 +517,7 @@ def fill_positions(
     geometry : Geometry
     placement : Placement
     world_from_model : (O, 3, 4) float64
-        Not by way of the eye: that would round coordinates that are small beside its own.
+        Not by way of eye space: adding a large eye position back would round small coordinates.
     position : (H, W, 3) float32
         Written; NaN where nothing is.
     """

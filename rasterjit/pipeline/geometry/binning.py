@@ -1,9 +1,9 @@
 """
 Sort the surviving triangles into tiles.
 
-Count, then fill; nothing grows. The counts come from ``setup``, one row for each chunk of faces;
-their running sum gives every chunk its own place in every tile's list, so chunks are filled by
-different threads in any order and a tile's list still ascends by face.
+Count, then fill; nothing grows. The counts come from ``setup``, one row for each chunk of faces.
+Their prefix sum gives every chunk its own range in every tile's list, so that threads may fill
+chunks in any order and a tile's list still ascends by face.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rasterjit.runtime.state import int32, int64, uint8
 @kernel
 def start_lists(counts: int32[:, ::1], starts: int64[::1], cursors: int64[:, ::1]):
     """
-    Give every chunk its own place in every tile's list.
+    Compute each chunk's range in each tile's list: the prefix sums of the counts.
 
     Parameters
     ----------

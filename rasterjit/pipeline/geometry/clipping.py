@@ -1,11 +1,11 @@
 """
-Cut triangles to the near and far planes and the guard band, before the divide.
+Clip triangles to the near and far planes and the guard band, before the divide by w.
 
 Sutherland-Hodgman in homogeneous clip space, float64. Each crossing is computed from the end that
 is inside towards the end that is outside, and an edge meets the same planes in the same order in
 both of its triangles, so neighbours get the same new vertex bit for bit and stay watertight. A
-vertex at or behind the eye (``w <= 0``) is nothing special: it lies outside a plane, and no
-division by w happens here.
+vertex at or behind the eye (``w <= 0``) needs no special case: it lies outside a plane, and
+nothing is divided by w here.
 
 What is left after the near plane and the guard band has ``w > 0`` (``guard * w >= |x|``); a piece
 for which that fails by degeneracy (every vertex at the eye) is dropped.
@@ -28,7 +28,7 @@ PLANES = 6
 
 MOST_VERTICES = 28
 """
-Room for the vertices of one polygon.
+Most vertices of a clipped polygon.
 
 Exactly convex, a triangle cut by six planes has at most nine. Rounding may bend a degenerate one,
 but a plane keeps the i inside vertices of n and adds one for each of at most 2 min(i, n - i) sign
@@ -54,7 +54,7 @@ def plane_distance(plane, vertex, viewport):
 
 @helper
 def cross_plane(inside, outside, plane, viewport, crossing):
-    """Write the point of an edge on a plane, from its inside end towards its outside end."""
+    """Write where an edge crosses a plane, computed from its inside end."""
     inside_distance = plane_distance(plane, inside, viewport)
     t = inside_distance / (inside_distance - plane_distance(plane, outside, viewport))
     for k in range(4):

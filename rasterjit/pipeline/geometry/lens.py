@@ -1,4 +1,4 @@
-"""Describe a camera so that the point at a pixel follows from its stored depth."""
+"""Build the matrix that unprojects a pixel with its stored depth; see ``unproject``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rasterjit.scene.pixels import screen_from_relative
 
 SNAP_SLACK = 2.0
 """
-Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
+Sub-pixel units by which depths of one plane may be displaced on the screen.
 
 A vertex is rounded by up to half a unit in x and in y, and so is the depth between vertices; two
 depths are compared: one unit. Twice that, for rounding.
@@ -20,7 +20,7 @@ depths are compared: one unit. Twice that, for rounding.
 
 def lens_of(camera: Camera, size: tuple[int, int], unit: float) -> NDArray[np.float32]:
     """
-    Return how the point at a pixel follows from its stored depth; see ``unproject``.
+    Return the unprojection matrix of a camera; see ``unproject``.
 
     Parameters
     ----------

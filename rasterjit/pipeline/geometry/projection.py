@@ -1,15 +1,15 @@
 """
-Take vertices to the screen: transform, outcode, divide by w, snap to the sub-pixel grid.
+Project vertices to the screen: transform, outcode, divide by w, snap to the sub-pixel grid.
 
-A vertex is rounded to the grid once, half to even. A block of them at a time is held as rows of
-scratch memory, one row for each coordinate, so that the arithmetic is vectorized; only loading
-them and putting them into their records goes vertex by vertex.
+A vertex is rounded to the grid once, half to even. Vertices are processed in blocks, as rows of
+scratch memory, one per coordinate (structure of arrays), so that the arithmetic is vectorized;
+only loading and storing go vertex by vertex.
 
 Every matrix product is ((m0 x + m1 y) + m2 z) + m3 with each operation rounded once, first to the
 eye's axes, then to clip space, as `transforms.transform_points` does it: both give the same bits.
 
 All of it is float64, or float32 where the positions and the scratch memory are, but for the last
-step: a vertex is rounded to the grid in float64, which tells its units apart in any image.
+step: a vertex is rounded to the grid in float64, which resolves the grid in any image.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LARGEST_SINGLE = 1e18
 """`LARGEST_COORDINATE` of float32: products of two stay finite there."""
 
 BLOCK = 256
-"""Vertices taken to the screen together: their rows of scratch memory, 15 KiB, stay in L1."""
+"""Vertices of a block: their rows of scratch memory, 15 KiB, stay in L1."""
 
 ROUNDER = 6755399441055744.0
 """1.5 * 2**52: adding and subtracting it rounds a float64 below 2**51 half to even."""
@@ -52,7 +52,7 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 
 
 def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what a call of a kernel of this file needs to compute in float64 or in float32."""
+    """Return the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
     kind = np.dtype(precision)
     largest = LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
     return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
@@ -77,7 +77,7 @@ def outcode(x, y, z, w, guard_x, guard_y, largest):
 
 @helper
 def extents_of(rows, viewport):
-    """Return 1 and half the whole picture's width and height, pixels, in the type of some rows."""
+    """Return 1, and half the width and height of the whole picture, pixels, in the rows' type."""
     kind = rows.dtype.type
     width, height = whole_size(viewport)
     return kind(1.0), kind(0.5 * width), kind(0.5 * height)
@@ -85,7 +85,7 @@ def extents_of(rows, viewport):
 
 @helper
 def snap(coordinate, one, half_extent, viewport):
-    """Return a coordinate in grid units: ``(coordinate + 1) * half_extent`` pixels, rounded."""
+    """Return an NDC coordinate in sub-pixel units: ``(coordinate + 1) * half_extent``, rounded."""
     pixels = np.float64((coordinate + one) * half_extent)
     steps = pixels * np.float64(1 << viewport.subpixel_bits)
     rounded = (steps + ROUNDER) - ROUNDER
@@ -94,7 +94,7 @@ def snap(coordinate, one, half_extent, viewport):
 
 @helper
 def snap_vertex(ndc_x, ndc_y, extents, viewport):
-    """Return the snapped screen position of a vertex; takes `extents_of` its coordinates' type."""
+    """Return the snapped screen position of a vertex; ``extents`` are those of `extents_of`."""
     one, half_width, half_height = extents
     left = np.int32(viewport.left) << np.int32(viewport.grid_bits)
     top = np.int32(viewport.top) << np.int32(viewport.grid_bits)
@@ -119,7 +119,7 @@ def row_times(m0, m1, m2, m3, x, y, z):
 
 @helper
 def only_moves(matrix):
-    """Return whether a matrix leaves directions as they are."""
+    """Return whether a matrix is a pure translation."""
     return (
         (matrix[0, 0] == 1.0) & (matrix[0, 1] == 0.0) & (matrix[0, 2] == 0.0)
         & (matrix[1, 0] == 0.0) & (matrix[1, 1] == 1.0) & (matrix[1, 2] == 0.0)
@@ -129,7 +129,7 @@ def only_moves(matrix):
 
 @disjoint_helper
 def load_moved(positions, matrix, x, y, z):
-    """Load positions relative to the eye: sums alone, no products by 0 and 1."""
+    """Load positions relative to the eye, translated only: no products by 0 and 1."""
     m03, m13, m23 = matrix[0, 3], matrix[1, 3], matrix[2, 3]
     for i in range(x.shape[0]):
         x[i] = positions[i, 0] + m03
@@ -190,7 +190,7 @@ def project_rows(
     depth_coefficients, viewport, largest, x, y, z, w, depth, snapped_x, snapped_y, codes
 ):
     """Write the depth, the snapped position and the outcode of rows of clip positions."""
-    # In the type of the rows, or the loop turns to float64.
+    # In the type of the rows, or the loop is promoted to float64.
     kind = x.dtype.type
     guard_x, guard_y = kind(viewport.guard_x), kind(viewport.guard_y)
     c0, c1, c2 = depth_coefficients
@@ -198,7 +198,7 @@ def project_rows(
     zero, one, extents = kind(0.0), kind(1.0), extents_of(x, viewport)
     for i in range(x.shape[0]):
         code = outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
-        # The divide and the rounding are for all: give the vertices they are not for the centre.
+        # Divide without a branch: vertices that must not be divided get the image's centre.
         away = (code & np.int32(GUARD | INVALID)) != 0
         divisor = one if away else w[i]
         ndc_x = (zero if away else x[i]) / divisor
@@ -210,7 +210,7 @@ def project_rows(
 
 @helper
 def put_rows(first, count, numbers, whole, screen):
-    """Put a block of vertices into their records; return the bits set in any outcode."""
+    """Store a block of vertices; return the bits set in any outcode."""
     seen = np.int32(0)
     for i in range(count):
         row, vertex = np.uintp(i), np.uintp(first + i)
@@ -378,7 +378,7 @@ def project_clipped_vertices(
     screen: ScreenVertices,
 ):  # fmt: skip
     """
-    Divide by w, map to the screen and snap the vertices that clipping made.
+    Project the vertices that clipping made: divide by w, map to the screen, snap.
 
     They lie inside the guard band, between near and far, and inside the depth range of their face,
     but for rounding, which may leave one outside: they are clamped.

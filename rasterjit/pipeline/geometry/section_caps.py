@@ -1,15 +1,14 @@
 """
-Fill the section of a solid by a plane: find where its outlines meet, then triangulate.
+Triangulate the caps of a sectioned solid: the inside of its outlines on the cutting plane.
 
-The outlines are edges between points of the plane on a grid of whole numbers, so that every
-decision is exact. `find_contacts` finds where two edges meet elsewhere than at their ends; edges
-are then split there, until none do. `fill_outlines` sweeps over the plane as in [1]_: between two
-edges that are neighbours on the sweep line lies a strip of one winding number, inside the solid
-where that is not zero. Above each strip hangs a chain of points that no triangle reaches yet, bent
-away from the strip at all of them. A point that the sweep comes to is joined to all points of the
-chain that it sees, splits a chain at its newest point, or joins two. So the outlines may be nested,
-touch, and belong to several shells; every triangle has points of the outlines alone, and neighbours
-share their whole edges: nothing is seen between them.
+Outline points are snapped to an integer grid, so every predicate is exact. `find_contacts` finds
+where edges cross or touch other than at their ends; edges are split there, until none do.
+`fill_outlines` is a plane sweep as in [1]_: between two neighbouring edges on the sweep line lies
+a strip of one winding number, inside the solid where it is not zero. Each strip keeps a reflex
+chain of points not yet triangulated. The next point of the sweep is joined to all points of the
+chain that are visible from it, splits a chain at its newest point, or merges two. So outlines may
+be nested, touch, and belong to several shells. No vertices are added and triangles share whole
+edges, so there are no cracks.
 
 References
 ----------
@@ -34,7 +33,7 @@ def find_contacts(
     points: int64[:, ::1], edges: int64[:, ::1], active: int64[::1], found: int64[:, ::1]
 ):
     """
-    Find where edges meet, to within a step of the grid, elsewhere than at an end of both.
+    Find where edges meet, to within a grid step, other than at an end of both.
 
     Parameters
     ----------
@@ -114,7 +113,7 @@ def write_triangle(a, b, c, winding, counts, triangles):
 @helper
 def append_point(edge, point, side, points, strips, nodes, counts, triangles):
     """
-    Add a point to the left (0) or the right end (1) of a strip's chain; cut off what it sees.
+    Add a point to the left (0) or right end (1) of a strip's chain; emit triangles to what it sees.
 
     ``strips`` (4, E) has the first, the last and the newest node of the chain of the strip to the
     right of each edge, and its winding; ``nodes`` (3, M) the point of each, and the nodes before
@@ -145,7 +144,7 @@ def append_point(edge, point, side, points, strips, nodes, counts, triangles):
 
 @helper
 def start_chain(edge, point, strips, nodes, counts):
-    """Let the chain of a strip be one point."""
+    """Start the chain of a strip with one point."""
     node = counts[0]
     counts[0] = node + 1
     nodes[0, node] = point
@@ -162,7 +161,7 @@ def fill_outlines(
     nodes: int64[:, ::1], counts: int64[::1], triangles: int64[:, ::1],
 ):  # fmt: skip
     """
-    Triangulate what outlines wind around, whose edges meet at their ends alone.
+    Triangulate the inside of outlines (winding number not 0) whose edges meet only at their ends.
 
     Parameters
     ----------
@@ -205,7 +204,7 @@ def fill_outlines(
             last += 1
         started, ended = last - first, stop - low
         if started == 0 and ended == 0:
-            # The edges that met here have made up for each other.
+            # Edges that met here cancelled each other.
             continue
         if stop < alive:
             edge = active[stop]

@@ -1,9 +1,9 @@
 """
-Find how near and how far what is seen of faces lies, where a camera has no near and no far plane.
+Find the depth range of the visible parts of faces, to choose near and far planes.
 
-The part of a face inside the four sides of the view ends at its corners, where its edges meet
-sides, and where the lines in which two sides meet go through it. Segments and points are faces of
-two corners and of one: they have no inside, and are seen all the same.
+The part of a face inside the four sides of the frustum has its extreme depths at its vertices,
+where its edges cross sides, or where the frustum's own edges pierce it. Segments and points are
+faces with two and one distinct vertices.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ BLOCK = 256
 """Faces in a box."""
 
 DEPTH = 4
-"""Row of depths; before it come the sides of the view in an order around it."""
+"""Row of depths; the rows before it are the sides of the frustum, in an order around it."""
 
 LEAST, MOST, BEFORE, BEHIND = 0, 1, 2, 3
-"""What is found: the least and the greatest depth seen; how many faces reach before the near plane,
-and behind the far one."""
+"""Results: least and greatest visible depth; how many faces reach before the near plane, and beyond
+the far one."""
 
 SURE = 2.0**-30
-"""Share of their terms that numbers may be off: far more than float64 rounds them by."""
+"""Relative error allowed for: far more than the rounding of float64."""
 
 
 @helper
 def along(rows, row, point):
-    """Return a row times a point."""
+    """Return the product of a matrix row and a point."""
     x, y, z = rows[row, 0] * point[0], rows[row, 1] * point[1], rows[row, 2] * point[2]
     return x + y + z + rows[row, 3]
 
 
 @helper
 def is_seen(values, doubts, at):
-    """Tell whether a point, mixed from the corners by three weights, is inside of all sides."""
+    """Tell whether the point of a face with the given weights is inside all frustum sides."""
     for side in range(DEPTH):
         value = at[0] * values[side, 0] + at[1] * values[side, 1] + at[2] * values[side, 2]
         if not value >= -doubts[side]:
@@ -46,7 +46,7 @@ def is_seen(values, doubts, at):
 
 @helper
 def reach(values, doubts, at, ends):
-    """Let a point, mixed from the corners by three weights, count if it is seen."""
+    """Extend the depth range by the point of a face with three given weights, if it is visible."""
     if is_seen(values, doubts, at):
         depth = at[0] * values[DEPTH, 0] + at[1] * values[DEPTH, 1] + at[2] * values[DEPTH, 2]
         ends[0] = min(ends[0], depth)
@@ -55,7 +55,7 @@ def reach(values, doubts, at, ends):
 
 @helper
 def may_be_seen(values, doubts, corners):
-    """Tell whether a face is neither beside the view nor edge on; write what is doubtful."""
+    """Tell whether a face is neither outside the frustum nor edge-on; write error bounds."""
     all_terms = 0.0
     for side in range(DEPTH):
         a, b, c = values[side, 0], values[side, 1], values[side, 2]
@@ -72,16 +72,16 @@ def may_be_seen(values, doubts, corners):
         back = values[0, i] * (values[1, k] * values[2, j])
         volume += ahead - back
         terms += abs(ahead) + abs(back)
-    # What is not a number is not drawn.
+    # NaN is not drawn.
     return abs(volume) > SURE * terms
 
 
 @helper
 def may_skip(rows, vertices, vertex, near, far):
-    """Tell whether a point lies between the planes, behind the eye or beside the view: most do."""
+    """Tell whether to skip a vertex: between the planes, behind the eye or beside the view."""
     x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
     depth = rows[DEPTH, 0] * x + rows[DEPTH, 1] * y + rows[DEPTH, 2] * z + rows[DEPTH, 3]
-    # One branch, which is foreseen.
+    # One branch, well predicted.
     if not ((depth > 0.0) & ((depth < near) | (depth > far))):
         return True
     is_in = True
@@ -93,21 +93,21 @@ def may_skip(rows, vertices, vertex, near, far):
 
 @helper
 def find_ends(values, doubts, at, ends):
-    """Write between which depths a face is seen: inf and -inf if it is not."""
+    """Write the range of visible depths of a face: inf and -inf if none is."""
     ends[0], ends[1] = np.inf, -np.inf
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        # A corner.
+        # Vertices.
         at[i], at[j], at[k] = 1.0, 0.0, 0.0
         reach(values, doubts, at, ends)
-        # Where the edge to the next one meets a side.
+        # Edges crossing sides of the frustum.
         for side in range(DEPTH):
             here, there = values[side, i], values[side, j]
             if (here < 0.0) != (there < 0.0):
                 share = here / (here - there)
                 at[i], at[j] = 1.0 - share, share
                 reach(values, doubts, at, ends)
-    # Where two sides meet.
+    # Edges of the frustum piercing the face.
     for one in range(DEPTH):
         other = (one + 1) % DEPTH
         total = 0.0
@@ -127,7 +127,7 @@ def box_faces(
     vertices: float64[:, ::1], faces: int32[:, ::1], lows: float64[:, ::1], highs: float64[:, ::1]
 ):  # fmt: skip
     """
-    Find the boxes around faces, ``BLOCK`` of them in each.
+    Compute bounding boxes, each of ``BLOCK`` consecutive faces.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def find_seen_depths(
     planes: (float64, float64), corners: int64, found: float64[::1], scratch: float64[:, ::1],
 ):  # fmt: skip
     """
-    Find between which depths faces are seen that reach before a near or behind a far plane.
+    Find the visible depth range of the faces that reach before a near or beyond a far plane.
 
     Parameters
     ----------

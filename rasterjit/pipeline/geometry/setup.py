@@ -1,8 +1,8 @@
 """
-Decide which faces go on, and which tiles they reach.
+Triangle setup: cull faces, and find the tiles that the others touch.
 
 Screen space is y down; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2). Vertices
-come rounded to the sub-pixel grid (see ``projection``), and everything after (turn, culling,
+come rounded to the sub-pixel grid (see ``projection``), and everything after (winding, culling,
 coverage, barycentric weights) is integer arithmetic on the rounded coordinates.
 
 Edge function: ``E(a, b, p) = (bx - ax)(py - ay) - (by - ay)(px - ax)``; a triangle with
@@ -19,7 +19,7 @@ inside a square is at most the square, so no edge function really exceeds 2**54.
 A part of a larger picture keeps to the same 2**27 units: the whole is at most 2**17 pixels wide and
 high, and smaller where the grid is so fine that it and its guard band would leave them (see
 ``validation.whole_size``). Then ``E >> grid_bits`` is at most 2**47 on any grid, which a float64
-division still finds exactly, and a snapped vertex, moved by the place of the part, fits int32.
+division still finds exactly, and a snapped vertex, moved by the part's origin, fits int32.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, uint8
 
 GUARD_PIXELS = 8192
-"""Width of the guard band around the image, pixels: what lies inside it is not cut in x or y."""
+"""Width of the guard band around the image, pixels: inside it nothing is clipped in x or y."""
 
 TILE_BITS = 6
 """Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""
@@ -41,10 +41,10 @@ TILE_SIZE = 1 << TILE_BITS
 
 LARGE_SPAN = 3
 """
-Tiles that a large triangle's box reaches beyond its first, right and down together.
+Least columns plus rows of tiles that a large triangle's box spans beyond its first tile.
 
-One that covers a whole tile is at least twice as wide or high. Small ones that lie across the
-corner of four tiles reach 2.
+One that covers a whole tile is at least twice as wide or high. Small ones across the corner of
+four tiles reach 2.
 """
 
 LARGEST_COORDINATE = 1e150
@@ -151,34 +151,34 @@ def last_sample(coordinate, grid_bits):
     return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
 
 
-# What becomes of a face; the first four index the totals. Of faces that go on, most reach one tile.
+# Outcomes of a face; the first four index the totals. Most surviving faces touch one tile.
 OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, SURVIVES, SPREADS, CUT, DROPPED = range(8)
 
 BATCH_SIZE = 128
-"""Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
+"""Faces of a batch: their data, 5 KiB, stays in L1 from one pass to the next."""
 
 BATCH_SHAPE = (6, 2 * BATCH_SIZE)
-"""A batch in scratch memory: three corners, x and y by turns; codes, outcomes and boxes."""
+"""A batch in scratch memory: three corners, x and y interleaved; codes, outcomes and boxes."""
 
 TALLY_BITS = 8
 """Width of a counter of up to ``BATCH_SIZE``; four, one for each total, fill an int32."""
 
 INVALID_TOTAL = 4
-"""Which of the totals counts what is ``DROPPED``."""
+"""Index of the total that counts ``DROPPED`` faces."""
 
 LEFT_OF_ALL = np.uint32(1 << 30)
-"""Units that make every coordinate positive, and whole pixels on every grid."""
+"""Offset that makes every coordinate positive: whole pixels on every grid."""
 
 
 @helper
 def way_to_samples(grid_bits, reach):
-    """Return how far the nearest sample may lie from either side of its pixel."""
+    """Return the least distance of a sample from the sides of its pixel, sub-pixel units."""
     return (1 << (grid_bits - 1)) - reach
 
 
 @helper
 def rise_to_samples(across, down, grid_bits, reach):
-    """Return how much greater than at a pixel's centre an edge may be at its samples."""
+    """Return how far an edge function at a pixel's samples may exceed that at its centre."""
     if reach == 0:
         return np.int64(0)
     return (((abs(across) + abs(down)) * reach) >> grid_bits) + 1
@@ -187,14 +187,14 @@ def rise_to_samples(across, down, grid_bits, reach):
 @helper
 def pixel_of(coordinate, grid_bits):
     """Return a coordinate in whole pixels, rounded down, int32."""
-    # Of int32 Numba makes int64 before it shifts, and half as many go into a register.
+    # Numba widens int32 to int64 before it shifts, and half as many go into a register.
     place = np.uint32(np.uint32(coordinate) + LEFT_OF_ALL)
     return np.int32(np.uint32(place >> grid_bits)) - np.int32(np.uint32(LEFT_OF_ALL >> grid_bits))
 
 
 @helper
 def samples_between(a, b, c, grid_bits, reach):
-    """Return the first and the last pixel with a sample that three coordinates enclose, int32."""
+    """Return the first and last pixel with a sample in the range of three coordinates, int32."""
     half = np.int32(way_to_samples(grid_bits, reach))
     first = pixel_of(np.int32(min(a, min(b, c)) + np.int32(half - 1)), grid_bits)
     last = pixel_of(np.int32(max(a, max(b, c)) - half), grid_bits)
@@ -210,7 +210,7 @@ def edge_from_origin(ax, ay, bx, by):
 @helper
 def misses_samples(a, b, c, first, beyond, grid_bits):
     """
-    Return whether a triangle between at most 2 x 2 samples covers none of them; exactly.
+    Return whether a triangle whose box holds at most 2 x 2 samples covers none; exactly.
 
     It is less than three pixels wide and high: its edge functions fit 32 bits.
 
@@ -253,7 +253,7 @@ def misses_samples(a, b, c, first, beyond, grid_bits):
 
 @helper
 def turn_of(a, b, c):
-    """Return 1 for a triangle that runs clockwise on the screen, -1 for the other way, else 0."""
+    """Return the winding of a triangle: 1 clockwise on screen, -1 counter-clockwise, 0 no area."""
     area = narrow_edge(a[0], a[1], b[0], b[1], c[0], c[1])
     return np.int32(np.int32(area > 0) - np.int32(area < 0))
 
@@ -261,12 +261,11 @@ def turn_of(a, b, c):
 @helper
 def survey_triangle(a, b, c, turn, viewport, culled_turn):
     """
-    Decide whether a triangle of some `turn_of` can cover a sample; return that and its tile box.
+    Return the outcome of a triangle, which may be culled, and its tile box; takes its `turn_of`.
 
-    All of it is int32, and nothing branches, so that many triangles are surveyed at once: what a
-    face turns out to be is hard to predict.
+    All of it is int32 and branchless, so that it vectorizes: outcomes of faces are hard to predict.
     """
-    # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
+    # The mask changes nothing, but tells the compiler that shifts stay within 32 bits.
     bits = np.uint32(viewport.grid_bits & 15)
     first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.reach)
     first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
@@ -276,7 +275,7 @@ def survey_triangle(a, b, c, turn, viewport, culled_turn):
     second = c[0] if turned else b[0], c[1] if turned else b[1]
     third = b[0] if turned else c[0], b[1] if turned else c[1]
     beyond = np.int32(-np.int32(left == right)), np.int32(-np.int32(top == bottom))
-    # Only of centres that is known.
+    # Known only for samples at pixel centres.
     is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (viewport.reach == 0)
     is_tiny = (np.int32(last_column - first_column) <= np.int32(1)) & (
         np.int32(last_row - first_row) <= np.int32(1)
@@ -308,8 +307,8 @@ def tile_edges(v0, v1, v2, xy, viewport):
     """
     Return the three edges of a triangle, positive inside.
 
-    Of each the biased value at the first pixel of the image and what it gains by a pixel to the
-    right and by one down. Where samples lie beside the centres it is not less than theirs.
+    For each, the biased value at the first pixel of the image, and its steps right and down by a
+    pixel. With several samples a pixel, the value bounds theirs from above.
     """
     bits, reach = viewport.grid_bits, viewport.reach
     ax, ay = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
@@ -326,7 +325,7 @@ def tile_edges(v0, v1, v2, xy, viewport):
 
 @helper
 def best_in_tile(line, column, row):
-    """Return the greatest value of an edge in a tile: none below zero where it is reached."""
+    """Return the greatest value of an edge in a tile: below zero, the triangle misses the tile."""
     value, across, down = line
     reach = np.int64(TILE_SIZE - 1)
     return (
@@ -396,7 +395,7 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 
 @helper
 def gather_corners(own, first, count, xy, batch):
-    """Fetch the corners of consecutive faces."""
+    """Gather the corners of consecutive faces."""
     va, vb, vc = (
         part(batch, 0, 0, 2 * count),
         part(batch, 1, 0, 2 * count),
@@ -412,7 +411,7 @@ def gather_corners(own, first, count, xy, batch):
 
 @helper
 def gather_codes(own, first, count, codes, batch):
-    """Fetch the outcodes of consecutive faces: in any corner and, times 256, in all."""
+    """Gather the outcodes of consecutive faces: OR of the corners plus 256 times their AND."""
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
         a, b, c = corners_of(own, face)
@@ -422,7 +421,7 @@ def gather_codes(own, first, count, codes, batch):
 
 @disjoint_helper
 def find_turns(a, b, c, turns):
-    """Find the turn of each face of a batch, by itself: alone it takes 64 bits."""
+    """Find the winding of each face of a batch; a pass of its own, since only it needs 64 bits."""
     for n in range(turns.shape[0]):
         i, j = np.uintp(n), np.uintp(2 * n)
         k = j + np.uintp(1)
@@ -432,9 +431,9 @@ def find_turns(a, b, c, turns):
 @disjoint_helper
 def survey_faces(a, b, c, codes, viewport, culled_turn, outcomes, boxes):
     """
-    Decide what becomes of each face of a batch; return how often it goes no further, and why.
+    Cull the faces of a batch; return the totals of those dropped, by reason.
 
-    Takes the turns of the faces in ``outcomes``, and writes what becomes of them there.
+    ``outcomes`` holds the windings of the faces before, and their outcomes after.
     """
     tally = np.uint32(0)
     for n in range(outcomes.shape[0]):
@@ -448,7 +447,7 @@ def survey_faces(a, b, c, codes, viewport, culled_turn, outcomes, boxes):
         outcome = np.int32(OUTSIDE) if np.int32(code & (FRUSTUM << 8)) != 0 else outcome
         outcome = np.int32(DROPPED) if np.int32(code & INVALID) != 0 else outcome
         outcomes[i] = outcome
-        # What does not go on counts nothing, in the first tile of all.
+        # Dropped faces add 0 to the image's first tile.
         boxes[i] = pack_box(box) if outcome >= SURVIVES else np.int32(0)
         shift = np.uint32(np.uint32(outcome) * np.uint32(TALLY_BITS) & np.uint32(31))
         one = np.uint32(1) if outcome < np.int32(SURVIVES) else np.uint32(0)
@@ -492,7 +491,7 @@ def set_up_triangles(
     counts: (int64, int32[::1], int64[::1]), batch: int32[:, ::1], seen: int64,
 ):  # fmt: skip
     """
-    Drop the faces that no sample can see and list the others with the tiles they touch.
+    Drop the faces that cover no sample; list the others with the tiles they touch.
 
     Parameters
     ----------
@@ -510,7 +509,7 @@ def set_up_triangles(
         Adds to the number of survivors for each tile and of large ones, and to the totals: outside
         the view volume, degenerate, culled, without a sample, invalid.
     batch : (6, 256) int32
-        This thread's own scratch memory, ``BATCH_SHAPE``.
+        The thread's scratch memory, ``BATCH_SHAPE``.
     seen : int
         Outcode bits that vertices may have; ``ANY_CODE`` if that is not known.
 
@@ -548,12 +547,12 @@ def set_up_triangles(
         )  # fmt: skip
         for outcome in range(SURVIVES):
             totals[outcome] += np.int64(tally) >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
-        # List those that go on.
+        # List the survivors.
         for n in range(count):
             i = np.uintp(n)
             outcome, box, face = batch[4, i], batch[5, i], first + n
             if outcome <= SURVIVES:
-                # Without a branch: the next overwrites what did not survive.
+                # Branchless: the next face overwrites one that did not survive.
                 survives = np.int32(outcome == SURVIVES)
                 list_survivor(face, box, end, survivors)
                 tile_counts[first_tile(box, columns)] += survives

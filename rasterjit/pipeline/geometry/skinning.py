@@ -1,9 +1,9 @@
 """
-Move vertices with the joints of a skin: linear blend skinning.
+Skin vertices (linear blend skinning), and morph them.
 
-A vertex is moved by one matrix, the weighted sum of those of its joints, each operation rounded
-once and joints in their order: the same bits on every CPU, for any number of threads. Normals take
-the inverse transpose of its axes, tangents the axes themselves.
+A vertex is transformed by the weighted sum of its joints' matrices, each operation rounded once
+and joints in their order: the same bits on every CPU, for any number of threads. Normals take the
+inverse transpose of its 3 by 3 part, tangents the part itself.
 
 References
 ----------
@@ -44,7 +44,7 @@ def skin_vertices(
     tangents: float32[:, ::1],
 ):  # fmt: skip
     """
-    Move vertices, with their normals and tangents, where they are.
+    Skin vertices, with their normals and tangents, in place.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def morph(
     base: NDArray[np.float64], targets: NDArray[np.floating] | None, weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """
-    Return rows moved towards targets, which act in their order.
+    Return rows displaced by morph targets, added in their order.
 
     Parameters
     ----------

@@ -1,12 +1,11 @@
 """
-Set up the triangles of a tile in batches: gather their vertices, then work out what drawing takes.
+Set up the triangles of a tile in batches: gather their vertices, then compute edges and depths.
 
-Gathering does nothing else, so that the CPU waits for many vertices at once; the arithmetic is done
-for several triangles at once. What is known of a batch lies in two small arrays, one row for each
-quantity.
+Gathering is a pass of its own, so that many cache misses overlap; the arithmetic is vectorized
+over triangles. A batch is two small arrays, one row for each quantity (structure of arrays).
 
-Before that many triangles can be put in order, nearest first: gathered likewise, then counted and
-sorted by ranges of depth. Their own order within a range is of no account.
+Long lists may be sorted before, roughly front to back: a counting sort by ranges of depth, in no
+particular order within a range.
 """
 
 from __future__ import annotations
@@ -32,108 +31,107 @@ SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
 
 BLOCK_BITS = 6
-"""Depth along a row starts anew every 2**6 = 64 columns; tiles are no wider."""
+"""Depth along a row is evaluated afresh every 2**6 = 64 columns; tiles are no wider."""
 
 BATCH = 64
-"""Triangles set up at once: what is known of them, 14 KiB, stays in L1 beside their samples."""
+"""Triangles of a batch: their data, 14 KiB, stays in L1 beside the tile's samples."""
 
 FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE, SIDE = range(13)
 """
-Rows of whole numbers.
+Integer rows.
 
-Face, vertices on the sub-pixel grid, box of samples, wide or small; of three edges of a small
+Face, vertices on the sub-pixel grid, box of samples, wide or small; for the three edges of a small
 triangle the biased value at the corner of the box, in steps of one pixel: inside if not negative.
 """
 FEW_ROWS = 16
-"""Batches in which a wide triangle has more rows in its tile are cut to those that they reach."""
+"""Boxes of a batch are cut to the rows reached if a wide triangle has more rows in the tile."""
 
 ROWS = 15
-"""Three rows for what boxes are cut by."""
+"""Number of integer rows, with three of scratch for `cut_rows`."""
 WHOLE_ROWS = 18
 
 DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
 """
-Rows of real numbers.
+Float rows.
 
-Three depths; of three edges the value at the corner of the box, exact for small triangles, and the
-steps to the next column and row; two weights of the depth; the lowest and the highest depth.
+Three depths; for three edges the value at the corner of the box, exact for small triangles, and
+the steps to the next column and row; two weights of the depth; the lowest and the highest depth.
 """
 REAL_ROWS = 16
 
 EDGE_ROUNDINGS = 64.0
 """
-More than roundings take from an edge function at the corner of a box, on the sub-pixel grid.
+Bound on the rounding error of an edge function at the corner of a box, sub-pixel units.
 
-There are five, of numbers below 2**56, each off by 4 at most.
+There are five roundings, of numbers below 2**56, each off by 4 at most.
 """
 
 LEAST_SIDE = -(2.0**31)
-"""The least whole number of 32 bits."""
+"""Lowest int32."""
 
 ROOM = BATCH + 8
-"""Columns of those rows; more than are used, or the rows would share few lines of the cache."""
+"""Columns of those rows, padded: with a power of two, rows would collide in few cache sets."""
 
 PAIRS_A, PAIRS_B, PAIRS_C = LEFT * ROOM, RIGHT * ROOM, WIDE * ROOM
 """
-Where x and y of each vertex lie by turns until they are put in order, all rows taken as one.
+Flat offsets of the interleaved x and y of each vertex, before vertices are sorted.
 
-These take two rows each of what is not known by then.
+Each takes two rows that are not yet in use by then.
 """
 
 REAL = float64[:, ::1]
-"""The type of the rows of real numbers."""
+"""Type of the float rows."""
 
 FIRST, COUNT, LEFT_COLUMN, TOP_ROW, RIGHT_COLUMN, BOTTOM_ROW, GRID_BITS, SHIFT_X, SHIFT_Y = range(9)
 """
-Elements of the words that ask for a batch: where it lies in the list, and how many it has; the
-first and the last pixel of the tile, inside the image; what vertices are moved by on the sub-pixel
-grid.
+Elements of a batch's request: its start in the list, and length; the first and the last pixel of
+the tile, inside the image; the offset added to vertices, sub-pixel units.
 """
 DRAW_FIRST, DRAW_END = 9, 10
-"""Elements: which triangles of the batch at hand are drawn."""
+"""Elements: the range of triangles of the current batch to draw."""
 TO_COME = 11
-"""Element: how many triangles behind the batch will be asked for next, up to two batches."""
+"""Element: how many triangles after the batch to prefetch, up to two batches."""
 MIXED = 12
-"""Element: whether triangles are drawn in another order than that of their faces."""
+"""Element: whether triangles are drawn in another order than by face number."""
 PUT_IN_ORDER, SEEN_OF_THEM = 13, 14
-"""Elements: how many triangles were put in order of late, and how many of them were drawn then."""
+"""Elements: how many triangles were sorted recently, and how many of them were then drawn."""
 ASKED = 15
 
 CELL_BITS = 3
-"""A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
+"""A tile's cells are squares of 2**3 = 8 samples: a row of samples or of cells fits a vector."""
 
 CELLS = 1 << (BLOCK_BITS - CELL_BITS)
-"""Cells in a row of a tile; all of them are the bits of a word."""
+"""Cells in a row of a tile; the tile's cells are the bits of one word."""
 
 ORDERED = 8192
-"""Most triangles of a tile put in order together: what is known of them, 160 KiB, stays in L2."""
+"""Most triangles of a tile sorted together: their data, 160 KiB, stays in L2."""
 
 BUCKETS = 16
-"""Ranges of depth, nearest first, that they are put in."""
+"""Depth buckets of the sort, nearest first."""
 
 WAY_BITS = 2
 WAYS = 1 << WAY_BITS
-"""Parts of a range that are filled by turns, for a count is slow to change twice in a row."""
+"""Parts of a bucket, filled by turns: incrementing one counter twice in a row stalls."""
 
 BOX_BITS = 12
-"""Bits of a box of a tile's cells; behind them stands the part of a range."""
+"""Bits of a packed box of cells; above them stands the part of a bucket."""
 
 BUCKET_SLACK = 2.0**-20
-"""Share of a range by which what is known of it is the higher, against roundings."""
+"""Part of a bucket's depth range added to its nearest depth, against rounding."""
 
 FETCHED_VERTICES = 1 << 16
-"""Fewest vertices that are fetched before a batch needs them: fewer lie in the cache anyway."""
+"""Fewest vertices of a scene for prefetching: fewer lie in the cache anyway."""
 
 
 @helper
 def at(row, n):
-    """Return where column ``n`` of a row lies, all rows taken as one: a fixed way from ``n``."""
+    """Return the flat index of column ``n`` of a row: a constant offset from ``n``."""
     return np.uintp(row * ROOM) + n
 
 
 @helper
 def gather_triangles(listed, faces, screen, whole, real):
-    """Gather the faces of some listed triangles, where their vertices lie, and how deep."""
+    """Gather the faces, vertex positions and vertex depths of listed triangles."""
     own, pieces, piece_faces = faces
     xy, depth, row, depths = screen.xy, screen.depth, flat(whole), flat(real)
     for n in range(np.uintp(listed.shape[0])):
@@ -148,7 +146,7 @@ def gather_triangles(listed, faces, screen, whole, real):
 
 @helper
 def fetch_corners(listed, faces, depth, corners):
-    """Find the vertices of listed triangles, and ask for them before they are needed."""
+    """Look up the vertex numbers of listed triangles, and prefetch the vertices."""
     own, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
@@ -160,7 +158,7 @@ def fetch_corners(listed, faces, depth, corners):
 
 @helper
 def enclose_fetched(screen, corners, least, most, nearest):
-    """Do what `enclose_listed` does, of triangles whose vertices are found."""
+    """Do what `enclose_listed` does, for triangles whose vertex numbers are known."""
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(nearest.shape[0])):
         a, b, c = np.uintp(corners[0, n]), np.uintp(corners[1, n]), np.uintp(corners[2, n])
@@ -170,7 +168,7 @@ def enclose_fetched(screen, corners, least, most, nearest):
 
 @helper
 def enclose_listed(listed, faces, screen, least, most, nearest):
-    """Write the least and the greatest x and y of listed triangles, and how near they come."""
+    """Write the bounding boxes and nearest depths of listed triangles."""
     own, pieces, piece_faces = faces
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
@@ -181,7 +179,7 @@ def enclose_listed(listed, faces, screen, least, most, nearest):
 
 @helper
 def fetch_faces(listed, faces):
-    """Ask for some listed faces."""
+    """Prefetch listed faces."""
     corners, face_count = flat(faces[0]), np.int64(faces[0].shape[0])
     for n in range(listed.shape[0]):
         fetch(corners, np.uintp(3 * min(np.int64(listed[n]), face_count - 1)))
@@ -190,9 +188,9 @@ def fetch_faces(listed, faces):
 @helper
 def fetch_triangles(listed, faces, depth, end):
     """
-    Ask for the vertices of a batch of listed triangles, and the faces of those behind it.
+    Prefetch the vertices of a batch of listed triangles, and the faces of those after it.
 
-    So the next batch need not wait for what lies in distant memory. Takes where both begin.
+    Takes where both begin.
     """
     own, pieces, piece_faces = faces
     for n in range(min(end, np.int64(BATCH))):
@@ -211,7 +209,7 @@ def is_above(ax, ay, bx, by):
 
 @helper
 def moved_pair(pairs, place, shift):
-    """Return x and y of a vertex, moved."""
+    """Return x and y of a vertex, shifted."""
     x, y = pairs[place], pairs[place + np.uintp(1)]
     return np.int32(x + shift[0]), np.int32(y + shift[1])
 
@@ -219,13 +217,13 @@ def moved_pair(pairs, place, shift):
 @disjoint_helper
 def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
     """
-    Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
+    Sort the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
-    Takes them in pairs, from the row in which they were gathered, and moves them by the shift.
-    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
+    Reads the gathered, interleaved pairs, and adds the shift. The order depends on positions
+    alone, so a face is drawn alike whichever vertex it lists first, and with either winding.
     """
     for n in range(ax.shape[0]):
-        # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
+        # Load before selecting: conditional loads do not vectorize.
         k = np.uintp(2) * np.uintp(n)
         x0, y0 = moved_pair(pairs, np.uintp(PAIRS_A) + k, shift)
         bx0, by0 = moved_pair(pairs, np.uintp(PAIRS_B) + k, shift)
@@ -260,8 +258,8 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
     """
     Write the box of samples of each triangle inside a window.
 
-    The window is a tile's (left, top, right, bottom). Triangles wider than ``SMALL_PIXELS`` begin
-    where their block of columns does.
+    The window is a tile's (left, top, right, bottom). Boxes of triangles wider than
+    ``SMALL_PIXELS`` begin at a multiple of the column block.
     """
     for n in range(ax.shape[0]):
         first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)
@@ -276,7 +274,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
 
 @disjoint_helper
 def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
-    """Write the weights of E_bc and E_ca in the depth, and its range, as ``depth_plane`` does."""
+    """Write the depth plane (weights of E_bc and E_ca) and its range, as ``depth_plane`` does."""
     for n in range(ax.shape[0]):
         area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
         weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
@@ -289,7 +287,7 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
     """
     Write the edge a -> b at the corner of the box, its steps, and on which side the corner lies.
 
-    In float64, since few CPUs turn 64-bit whole numbers into it several at once.
+    In float64, since few CPUs convert vectors of 64-bit integers.
     """
     unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
     pixel = 1.0 / unit
@@ -304,17 +302,17 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
         down[n] = np.float64(along_x) * unit
         is_top_left = (along_y < 0) | ((along_y == 0) & (along_x > 0))
         whole = np.floor((here if is_top_left else here - 1.0) * pixel)
-        # That of a wide triangle is not read, and may not fit
+        # Not read for a wide triangle, where it may not fit
         side[n] = np.int32(min(max(whole, LEAST_SIDE), -LEAST_SIDE - 1.0))
 
 
 @disjoint_helper
 def reach_rows(value, across, down, left, right, rows, first, last):
     """
-    Narrow the first and the last row, from the top of the box, to those with an inside of an edge.
+    Narrow the range of rows, from the top of the box, to those partly inside an edge.
 
-    Takes an edge at the corner of the box and its steps, as `plan_edge` writes them. Rounded to the
-    safe side: a row too many costs time alone.
+    Takes an edge at the corner of the box and its steps, as `plan_edge` writes them. Conservative:
+    a row too many only costs time.
     """
     for n in range(value.shape[0]):
         width = np.float64(np.int32(right[n] - left[n]))
@@ -348,7 +346,7 @@ def cut_wide(wide, top, bottom, first, last):
 
 @helper
 def any_tall(wide, top, bottom):
-    """Return whether any wide triangle has so many rows that it pays to look which it reaches."""
+    """Return whether any wide triangle has enough rows for `cut_rows` to pay."""
     found = np.int32(0)
     for n in range(wide.shape[0]):
         found |= wide[n] & np.int32(bottom[n] - top[n] >= FEW_ROWS)
@@ -357,7 +355,7 @@ def any_tall(wide, top, bottom):
 
 @helper
 def cut_rows(count, whole, real):
-    """Cut the boxes of wide triangles to the rows that they reach: of thin ones, few of many."""
+    """Cut the boxes of wide triangles to the rows that they reach: few for thin ones."""
     top, bottom = part(whole, TOP, 0, count), part(whole, BOTTOM, 0, count)
     rows, first, last = (
         part(whole, ROWS, 0, count),
@@ -376,7 +374,7 @@ def cut_rows(count, whole, real):
 
 @helper
 def plan_triangles(count, window, bits, shift, whole, real):
-    """Work out what drawing the gathered triangles takes, several at once."""
+    """Compute boxes, edges and depth planes of the gathered triangles, vectorized."""
     ax, ay = part(whole, AX, 0, count), part(whole, AY, 0, count)
     bx, by = part(whole, BX, 0, count), part(whole, BY, 0, count)
     cx, cy = part(whole, CX, 0, count), part(whole, CY, 0, count)
@@ -408,7 +406,7 @@ def plan_triangles(count, window, bits, shift, whole, real):
 
 @helper
 def cell_at(pixel, origin):
-    """Return the row or column of cells of a tile that a pixel lies in; the nearest, if in none."""
+    """Return the row or column of a tile's cells that holds a pixel, clamped to the tile."""
     away = np.int32(pixel - np.int32(origin))
     end = np.int32((1 << BLOCK_BITS) - 1)
     return np.int32(max(min(away, end), np.int32(0)) >> CELL_BITS)
@@ -419,8 +417,8 @@ def find_cells(least, most, shift, origin, bits):
     """
     Write the first and the last column, and row, of a tile's cells around triangles.
 
-    Takes the least and the greatest x and y by turns; both cells are one number, in place of the
-    least.
+    Takes the least and the greatest x and y, interleaved; packs both cells into one number, over
+    the least.
     """
     bits = np.uint32(bits & 15)
     half = np.int32(np.int32(1) << np.int32(bits - np.uint32(1)))
@@ -436,9 +434,9 @@ def find_cells(least, most, shift, origin, bits):
 @disjoint_helper
 def survey_cells(cells, nearest, lowest, highest, boxes):
     """
-    Write the boxes of a tile's cells around triangles.
+    Write the boxes of a tile's cells around triangles, and update the depth range.
 
-    The least and the greatest depth so far go to a lane each, of as many as triangles.
+    The least and the greatest depth so far are kept per lane.
     """
     for n in range(nearest.shape[0]):
         boxes[n] = np.int32(cells[2 * n] + np.int32(cells[2 * n + 1] << 6))
@@ -448,7 +446,7 @@ def survey_cells(cells, nearest, lowest, highest, boxes):
 
 @disjoint_helper
 def find_slots(nearest, top, scale, boxes):
-    """Add to the boxes of triangles which part of which range of depths they are in."""
+    """Add to the packed boxes of triangles their depth bucket, and the part of it."""
     for n in range(nearest.shape[0]):
         place = (top - nearest[n]) * scale
         bucket = np.int32(place if place < BUCKETS - 1.0 else BUCKETS - 1.0)
@@ -458,7 +456,7 @@ def find_slots(nearest, top, scale, boxes):
 
 @helper
 def sort_triangles(listed, nearest, boxes, lowest, highest, order):
-    """Put surveyed triangles in order, from near to far."""
+    """Sort surveyed triangles front to back, by bucket."""
     triangles, starts, bounds = order
     low, top = np.inf, -np.inf
     for n in range(BATCH):
@@ -486,20 +484,20 @@ def sort_triangles(listed, nearest, boxes, lowest, highest, order):
 
 ORDER = int64[::1], int64[::1], float64[::1]
 """
-The types of triangles in order: number and box of cells, where each part of each range of depths
-ends, and what none in the range is nearer than.
+Types of sorted triangles: number and box of cells; the end of each part of each bucket; a bound
+on the nearest depth of each bucket.
 """
 
 
 SURVEYED = float64[:, ::1], int32[:, ::1], int32[:, ::1]
 """
-The types of memory for how near triangles come and their boxes of cells, (1, ORDERED) each, and for
-the vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
+Types of scratch memory: nearest depths of triangles and their boxes of cells, (1, ORDERED) each;
+vertices of a batch, their least and their greatest x and y, (5, 2 * BATCH).
 """
 
 
 def order_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
-    """Return the memory of `ORDER` and of `SURVEYED`."""
+    """Allocate `ORDER` and `SURVEYED`."""
     starts = np.zeros(BUCKETS * WAYS + 1, np.int64)
     return (
         (np.empty(ORDERED, np.int64), starts, np.empty(BUCKETS)),
@@ -517,7 +515,7 @@ def order_triangles(
     whole: int32[:, ::1], real: REAL, surveyed: SURVEYED, order: ORDER,
 ):  # fmt: skip
     """
-    Put listed triangles of a tile in order, nearest first as far as ranges of depth tell.
+    Sort listed triangles of a tile front to back, by depth bucket.
 
     Parameters
     ----------
@@ -570,7 +568,7 @@ def plan_batch(
     whole: int32[:, ::1], real: REAL,
 ):  # fmt: skip
     """
-    Set up the triangles of a batch; all that draw triangles call it by its address.
+    Set up the triangles of a batch; kernels that draw triangles call it by its address.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """
-Find where the surface at a pixel lies from its stored depth, for any camera.
+Unproject: find the point seen at a pixel from its stored depth, for any camera.
 
 Clip x, y, w and the stored depth times w are linear in the homogeneous point. So the point is
-linear in column, row, stored depth and 1: a lens holds what each of them adds to it, (4, 4)
-float32, as homogeneous points in world axes relative to the eye. w of what is seen is above 0.
+linear in column, row, stored depth and 1: a lens is the (4, 4) float32 matrix of these, its rows
+homogeneous points in world axes relative to the eye. w of what is seen is above 0.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def locate(lens, column, row, depth):
 @helper
 def change(part, x, y, z):
     """
-    Return w times how a point moves with one row of the lens.
+    Return w times the derivative of a point with respect to one row of the lens.
 
-    The point that is ``i`` columns, ``j`` rows and ``d`` of depth away lies at a distance of ``i``,
-    ``j`` and ``d`` times these, over the w there: exactly, for differences that are.
+    The offset to the point ``i`` columns, ``j`` rows and ``d`` of depth away is the sum of ``i``,
+    ``j`` and ``d`` times these, over the w there: exactly, as far as the differences are exact.
     """
     return part[0] - x * part[3], part[1] - y * part[3], part[2] - z * part[3]

@@ -1,1 +1,1 @@
-"""Lighting: what surfaces show of the light that falls on them."""
+"""Lighting stages: shading models, direct and ambient light."""

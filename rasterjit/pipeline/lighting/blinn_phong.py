@@ -1,13 +1,13 @@
 """
-Add up the light on a row of samples: ambient, Lambert's diffuse and Blinn's highlight.
+Shade a row of samples by Blinn-Phong: ambient, Lambertian diffuse and specular highlight.
 
 Samples are rows of scratch memory, one row for each quantity (structure of arrays), float32, so
 that the loops vectorize. ``power`` is built from IEEE operations alone: it has the same bits on
 every CPU, which a math library's ``pow`` has not.
 
-What float32 cannot tell is black: lamps so far away that the square of the distance overflows,
-highlights on what is so far from the eye, and all light where a point or a normal is not a number.
-Where NaN is to give a constant, that comes first: ``max(a, NaN)`` is ``a``, ``max(NaN, a)`` is NaN.
+Light beyond the range of float32 is black: lamps whose squared distance overflows, highlights on
+points so far from the eye, and all light where a point or a normal is NaN. The order of arguments
+matters for NaN: ``max(a, NaN)`` is ``a``, ``max(NaN, a)`` is NaN.
 
 References
 ----------
@@ -29,31 +29,30 @@ from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 SHORTEST_SQUARED = np.float32(1e-29)
-"""Least squared length, scene units squared: the brightest light at the very point that it lights
-stays finite."""
+"""Least squared distance, scene units squared: keeps the brightest light finite at its position."""
 
 MOST_ARRIVING, STRONG = np.float32(1e38), np.float32(1e9)
-"""Most light that arrives anywhere, scene units; lights up to the second cannot send more."""
+"""Largest irradiance; lights of up to the second intensity cannot exceed it."""
 
 PLACED = 3
-"""Column of ``Lighting.lights``: 1 for a light that has a place, 0 for one from a direction."""
+"""Column of ``Lighting.lights``: 1 for a positional light, 0 for a directional one."""
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
 CONE_SCALE, CONE_OFFSET = 10, 11
 """
 Columns: the ramp ``offset - scale v``, clamped to 0..1 and squared; (0, 1) for no cone.
 
-``v`` is one less the cosine from the axis, half the square of the way between both unit vectors:
-float32 tells angles by it that have the same cosine.
+``v`` is one less the cosine from the axis, computed as half the squared distance of both unit
+vectors: float32 resolves angles by it that have the same cosine.
 """
 ENDING = 12
-"""Column: one over the range squared; 0 for no end."""
+"""Column: one over the range squared; 0 for no limit."""
 LIGHT_COLUMNS = 13
 
 
 @disjoint_helper
 def start_colors(red, green, blue, lit, ambient, occlusion, out_red, out_green, out_blue):
-    """Write the unlit colour, or the share of it that ambient light shows."""
+    """Write the unlit colour, or ambient light times it."""
     for i in range(out_red.shape[0]):
         shown, reached = np.float32(1.0) - lit[i], lit[i] * occlusion[i]
         out_red[i] = red[i] * (shown + reached * ambient[0])
@@ -80,7 +79,7 @@ def unit_scale(x, y, z):
 
 @helper
 def reach(squared, ending):
-    """Return the share of light at a squared distance that its range lets through; NaN gives 0."""
+    """Return a light's attenuation by its range at a squared distance; NaN gives 0."""
     one, zero = np.float32(1.0), np.float32(0.0)
     share = squared * ending
     return max(zero, min(one - share * share, one))
@@ -89,9 +88,9 @@ def reach(squared, ending):
 @helper
 def cone(dx, dy, dz, scale, offset):
     """
-    Return the share of light that its cone lets through, 0 for NaN.
+    Return a spot light's attenuation by its cone, 0 for NaN.
 
-    Takes the way from the axis to the direction of the light, both of unit length.
+    Takes the difference between its direction and its axis, both of unit length.
     """
     one, zero = np.float32(1.0), np.float32(0.0)
     versine = np.float32(0.5) * (dx * dx + dy * dy + dz * dz)
@@ -102,7 +101,7 @@ def cone(dx, dy, dz, scale, offset):
 @helper
 def light_at(light, px, py, pz):
     """
-    Return the unit direction toward a light from a point, and the share of it that arrives.
+    Return the unit direction from a point toward a light, and its attenuation there.
 
     A light without range and cone is multiplied by exactly 1 for them.
     """
@@ -132,7 +131,7 @@ def add_diffuse_light(
 
 @disjoint_helper
 def find_viewer(toward_viewer, px, py, pz, vx, vy, vz, told):
-    """Write unit directions toward the viewer, and 1; where float32 cannot tell them, 0 instead."""
+    """Write unit directions toward the viewer, and 1; 0 where they exceed the range of float32."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(px.shape[0]):
         x, y, z = (
@@ -150,7 +149,7 @@ def find_light(light, px, py, pz, lx, ly, lz, falloff):
     """Write what `light_at` returns."""
     zero = np.float32(0.0)
     if light[3] == zero:
-        # It is the same at every point that is a number.
+        # A directional light is the same at every finite point.
         x, y, z, share = light_at(light, zero, zero, zero)
         for i in range(px.shape[0]):
             lx[i], ly[i], lz[i] = x, y, z
@@ -162,7 +161,7 @@ def find_light(light, px, py, pz, lx, ly, lz, falloff):
 
 @disjoint_helper
 def find_angles(nx, ny, nz, specular, vx, vy, vz, told, lx, ly, lz):
-    """Write how a light falls instead of its direction: `FACING`, `COSINE`, `STRENGTH`."""
+    """Replace a light's direction by its cosines: `FACING`, `COSINE`, `STRENGTH`."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
         facing = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])

@@ -1,10 +1,9 @@
 """
-Lay varnish over what samples show.
+Add the clearcoat layer of ``KHR_materials_clearcoat`` over the base layer.
 
-The varnish is a mirror of its own normal and roughness, lit by the stages that light every surface
-(as a white metal it mirrors all light). Its share in what is seen is
-``w = clearcoat (0.04 + 0.96 (1 - |n v|)**5)`` [1]_; of what lies below, and of what is sent out
-there, ``1 - w`` is left.
+The coat is a specular layer with its own normal and roughness, lit by the same stages (as a white
+metal, which reflects all light). Its weight is ``w = clearcoat (0.04 + 0.96 (1 - |n v|)**5)`` [1]_;
+the base layer and its emission are scaled by ``1 - w``.
 
 References
 ----------
@@ -28,7 +27,7 @@ from rasterjit.runtime.state import float32, int64
 
 @disjoint_helper
 def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
-    """Lay one channel of varnish over what is below it."""
+    """Blend one channel of the clearcoat over the base layer."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(below.shape[0]):
         vx, vy, vz = (
@@ -46,9 +45,9 @@ def lay_coat(toward_viewer, nx, ny, nz, px, py, pz, coat, shown, below):
 @stage
 def lay_coats(block: Block, count, toward_viewer: float32[::1], shown: int64, below: int64):
     """
-    Lay the varnish over three rows of samples, from ``below`` on.
+    Blend the clearcoat over three rows of samples, from ``below`` on.
 
-    Reads its rows, with normals of length one, and what it shows itself from row ``shown`` on.
+    Reads its rows, with unit normals, and its own colour from row ``shown`` on.
     """
     s = block.samples
     for k in range(3):

@@ -1,12 +1,11 @@
 """
-Light what mirrors otherwise than glass: ``KHR_materials_specular`` and ``KHR_materials_ior``.
+Shade dielectrics with custom specular: ``KHR_materials_specular`` and ``KHR_materials_ior``.
 
-A dielectric mirrors ``w F`` of the light and lets ``1 - w max(F)`` into it, where
+A dielectric reflects ``w F`` of the light and transmits ``1 - w max(F)`` into it, where
 ``F = f0 + (1 - f0) (1 - v h)**5`` and ``f0 = min(((ior - 1) / (ior + 1))**2 tint, 1)`` [1]_.
-Samples that have such a mirror of their own are lit as all others are, and then once more from what
-they showed before. Light from all sides is known by what a white mirror shows of it and by what a
-white, matt surface shows: the first holds a share E of what is mirrored at once, and the rest of
-the second.
+Such samples are lit like all others, then again from the colour they had before. Ambient light is
+read from two probes: a white mirror and a white diffuse surface. The first contains a share E of
+light reflected once, and for the rest the second.
 
 References
 ----------
@@ -28,7 +27,7 @@ from rasterjit.runtime.jit import disjoint_helper, stage
 from rasterjit.runtime.state import float32, int64
 
 LEAST_ALBEDO = np.float32(0.05)
-"""A white mirror that shows less of what it mirrors at once is taken to show so much."""
+"""Least albedo of the white mirror's single scattering, against division by small numbers."""
 
 
 @disjoint_helper
@@ -36,7 +35,7 @@ def light_channel(
     bright, parts, facing, shining, grazed, falloff, microfacet, reached, metallic, own, edge, red,
     green, blue, head_on, base, bounced, before, out,
 ):  # fmt: skip
-    """Write what a light adds to one channel of samples with own mirrors."""
+    """Write a light's contribution to one channel of samples with custom specular."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
         weight, bent, metal = min(edge[i], one), grazed[i], metallic[i]
@@ -56,10 +55,10 @@ def light_own_mirrors(
     block: Block, count, lights: float32[:, ::1], number: int64, parts: float32[::1]
 ):
     """
-    Light samples with own mirrors anew, from rows BEFORE_RED on.
+    Light samples with custom specular again, from rows BEFORE_RED on.
 
-    Right after `light_stages.add_lights_on_facets` of this light alone, which leaves how the light
-    falls in ``single``, and what metals send on after several bounces in ``shares``.
+    Right after `light_stages.add_lights_on_facets` of this light alone, which leaves cosines in
+    ``single``, and the multiple scattering of metals in ``shares``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
@@ -81,7 +80,7 @@ def show_channel(
     scale, offset, microfacet, metallic, own, edge, red, green, blue, head_on, base, white, even,
     before, out,
 ):  # fmt: skip
-    """Write what one channel shows of light from all sides."""
+    """Write one channel of reflected ambient light."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out.shape[0]):
         shares, metal = (scale[i], offset[i]), clamped(metallic[i], zero, one)
@@ -102,9 +101,9 @@ def show_channel(
 @stage
 def show_around_on_own_mirrors(block: Block, count, toward_viewer: float32[::1]):
     """
-    Show light from all sides on samples with own mirrors anew, from rows BEFORE_RED on.
+    Add ambient light to samples with custom specular again, from rows BEFORE_RED on.
 
-    Reads what it is by rows WHITE_RED and LAYER_OUT.
+    Reads the probes in rows WHITE_RED and LAYER_OUT.
     """
     s, r = block.samples, block.single
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):

@@ -1,7 +1,7 @@
 """
-List the passes that light varnish, fibres and own mirrors, around those that light all surfaces.
+List the passes of layered materials: clearcoat, sheen and custom specular, around the base passes.
 
-Only what is in view has stages; where nothing is, nobody imports this.
+Only layers in view have passes; without any, this module is not imported.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from rasterjit.pipeline.surface import layers as moves
 from rasterjit.pipeline.surface import samples as rows
 
 BASE, LIT_TO_ROUGHNESS, COLOR, NORMAL = 3, 6, 3, 3
-"""How many rows go together."""
+"""Numbers of consecutive rows that are moved together."""
 
 ON_COAT = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, NORMAL)
-"""Exchanges the normals of surfaces and of the varnish over them."""
+"""Swaps the normals of the base layer and the clearcoat."""
 
 
 def kept(source: int, target: int, number: int = COLOR) -> Pass:
@@ -37,7 +37,7 @@ def darkened(target: int) -> Pass:
 
 
 def exchanged(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
-    """Return passes with the rows of a layer in place of those of the surface."""
+    """Return passes that run with a layer's rows swapped in for the surface's."""
     change = [
         fixed(moves.exchange_rows, rows.RED, base, BASE),
         fixed(moves.exchange_rows, rows.LIT, lit, LIT_TO_ROUGHNESS),
@@ -46,12 +46,12 @@ def exchanged(base: int, lit: int, passes: list[Pass]) -> list[Pass]:
 
 
 def on_varnish(passes: list[Pass]) -> list[Pass]:
-    """Return passes that light the varnish instead of the surface."""
+    """Return passes that light the clearcoat instead of the surface."""
     return [ON_COAT, *exchanged(rows.COAT_RED, rows.COAT_LIT, passes), ON_COAT]
 
 
 def on_stand_ins(passes: list[Pass]) -> list[Pass]:
-    """Return passes that light a white surface as rough as the sample's, and no other."""
+    """Return passes that light only a white surface of the sample's roughness: a probe."""
     return [
         Pass(moves.fill_rows, lambda a: (a.surface.layers.stand_ins, rows.LAYER_RED)),
         kept(rows.ROUGHNESS, rows.LAYER_ROUGHNESS, 1),
@@ -102,7 +102,7 @@ def around_passes(
     needs: ShadingNeeds, facets: Pass, matt: Pass, is_first: bool = False
 ) -> list[Pass]:
     """
-    Return the passes that show light from all sides.
+    Return the passes that add ambient light.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def around_passes(
     if needs.dielectrics:
         passes.append(Pass(dielectrics.show_around_on_own_mirrors, lambda a: (a.viewer,)))
     if needs.sheens and not is_first:
-        # Ambient light is the same whatever leans.
+        # Constant ambient light does not depend on the normal.
         leaning = fixed(moves.exchange_rows, rows.NORMAL_X, rows.LEANING_X, NORMAL)
         passes += [Pass(sheen.lean_normals, lambda a: (a.viewer,)), leaning]
         passes += [*on_stand_ins([matt]), leaning]
@@ -140,15 +140,15 @@ def around_passes(
 
 
 def fibres_around() -> Pass:
-    """Return the pass that shows light from all sides on fibres."""
+    """Return the pass that adds ambient light to the sheen."""
     return Pass(sheen.show_around_on_fibres, lambda a: (a.viewer, a.surface.layers.albedo))
 
 
 def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
     """
-    Return the passes behind all light, and behind what surfaces send out.
+    Return the passes after all lights and emission.
 
-    If light goes through the objects, it goes through what lies over them as well.
+    Transmitted light is attenuated by the layers above as well.
     """
     passes: list[Pass] = []
     if needs.through:
@@ -164,5 +164,5 @@ def finishing_passes(needs: ShadingNeeds) -> list[Pass]:
 
 
 def coated(coat: int, below: int) -> Pass:
-    """Return the pass that lays varnish over three rows of colours."""
+    """Return the pass that blends the clearcoat over three rows of colours."""
     return Pass(clearcoat.lay_coats, lambda a: (a.viewer, coat, below))

@@ -1,4 +1,4 @@
-"""The light on a block's samples, and the colours that come of it."""
+"""Run lighting on a block of samples, and write the resulting colours."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def add_shiny_lights(
     """
     Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight.
 
-    In several loops: a core has too little room to work on the next vectors of one long loop while
-    the roots and quotients of the first are on their way.
+    In several loops: in one long loop, the core's out-of-order window is too small to overlap the
+    latency of roots and divisions with the next vectors.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.LIT, 0, count)):
@@ -125,7 +125,7 @@ def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int6
 
 @stage
 def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
-    """Write what ambient light shows of metallic-roughness samples."""
+    """Write the ambient light reflected by metallic-roughness samples."""
     s, r = block.samples, block.single
     microfacet = part(s, rows.MICROFACET, 0, count)
     if not is_any_above_zero(microfacet):
@@ -151,7 +151,7 @@ def add_lights_on_facets(
     block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
     toward_viewer: float32[::1], parts: float32[::1],
 ):  # fmt: skip
-    """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
+    """Add lights ``first`` to ``end`` to metallic-roughness samples, times their visibility."""
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return

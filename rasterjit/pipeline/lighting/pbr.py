@@ -1,23 +1,20 @@
 """
-Add up the light on metallic-roughness samples: the microfacet model that glTF 2.0 defines.
+Shade metallic-roughness samples by the microfacet BRDF of glTF 2.0.
 
-A surface is a mix of a dielectric and a metal, with facets whose normals are spread by GGX. Light
-of intensity 1 that falls straight on a white, diffuse surface makes it white, as with every other
-material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
+A surface is a mix of a dielectric and a metal with GGX-distributed facets. Light of intensity 1 at
+normal incidence makes a white diffuse surface white, as with every other material here: diffuse
+light has no factor 1/pi, so the specular term is multiplied by pi.
 
-Facets that others hide are left out by Smith's term in its height-correlated form [2]_, which knows
-that facets high on the surface are both lit and seen. Appendix B of glTF writes the separable form,
-the product of a term for the light and one for the viewer, and leaves the choice free. That one is
-never the brighter of the two, darkest at grazing angles, and the same where the light or the viewer
-stands straight above.
+Masking-shadowing is Smith's term in its height-correlated form [2]_. Appendix B of glTF writes the
+separable form and leaves the choice free; that one is never brighter, darkest at grazing angles,
+and equal where light or viewer is at normal incidence.
 
-Ambient light comes alike from all sides. What facets send on of it at once [3]_ has no closed form;
-it is a fit. What they send on after several bounces is added [4]_, and the rest goes into the
-surface: under white ambient light a white surface is white, however rough and however metallic.
+Ambient light is uniform. Its single-scattering albedo [3]_ has no closed form; it is a fit.
+Multiple scattering is added [4]_, and the rest enters the surface: under white ambient light a
+white surface is white (white furnace), for any roughness and metallic.
 
-What metals send on after several bounces is added to each light as well, spread like the light of a
-matt surface: a dome of lights and a sky of the same light show the same. That is a share of the
-light which depends on the viewer alone, so light and viewer may not be exchanged in it. Of
+Multiple scattering of metals is added for each light as well, as a diffuse lobe: a dome of lights
+and an equal sky give the same. It depends on the viewer alone, so it is not reciprocal. For
 dielectrics it is left out: below 0.002 of the light for glass, 0.02 for diamond.
 
 References
@@ -38,22 +35,22 @@ from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 DIELECTRIC = np.float32(0.04)
-"""Share of the light straight on that what is no metal mirrors."""
+"""F0 of dielectrics: reflectance at normal incidence."""
 
 LEAST_ALPHA = np.float32(0.002)
-"""Smallest width of the facets' normals: a mirror would show no light that is a point."""
+"""Least GGX alpha: a perfect mirror would show no point light."""
 
 LEAST_COSINE = np.float32(1e-4)
-"""Smallest cosine of the viewer, for normals that turn away from the face that is seen."""
+"""Least n·v, for shading normals that turn away from the viewer."""
 
 
 @helper
 def facets_along(n_h, cross_squared, alpha_squared):
     """
-    Return pi times the GGX density of facets along the half vector.
+    Return pi times the GGX distribution D(h); 0 below the horizon.
 
     Takes the cosine and the squared sine between normal and half vector: near 0 the sine from a
-    cross product is exact where 1 minus a squared cosine is rounding. None face backwards.
+    cross product is accurate where 1 minus a squared cosine is rounding error.
     """
     spread = max(alpha_squared, cross_squared + n_h * n_h * alpha_squared)
     density = alpha_squared / (spread * spread)
@@ -63,7 +60,7 @@ def facets_along(n_h, cross_squared, alpha_squared):
 @helper
 def facets_seen(n_l, n_v, alpha_squared):
     """
-    Return Smith's term of the facets that are lit and seen, over four times both cosines.
+    Return Smith's masking-shadowing term over four times both cosines (visibility V).
 
     Height-correlated: ``2 n_l n_v / (n_v s(n_l) + n_l s(n_v))``, ``s(c)`` being the root of
     ``c**2 + alpha**2 (1 - c**2)``, where the separable form has
@@ -85,7 +82,7 @@ def grazing(cosine):
 
 @helper
 def mirrored_head_on(base, metallic):
-    """Return the share of one channel that is mirrored of light straight on."""
+    """Return F0 of one channel."""
     return DIELECTRIC + metallic * (base - DIELECTRIC)
 
 
@@ -98,10 +95,10 @@ def cubic(x, a, b, c, d):
 @helper
 def reflected_shares(n_v, roughness):
     """
-    Return the scale and the offset of the reflectance straight on that give a sample's share.
+    Return the scale and the offset of F0 in the directional albedo (split-sum BRDF).
 
-    Their sum is the share of light from all sides that facets which are perfect mirrors send to the
-    viewer at once. Both are polynomials, fitted to the integral of the model by least squares;
+    Their sum is the single-scattering albedo of perfectly reflecting facets. Both are polynomials,
+    fitted to the integral of the model by least squares;
     their largest errors are 0.061 (the sum) and 0.069 (the offset), where the viewer's cosine is
     below 0.1.
     """
@@ -127,7 +124,7 @@ def reflected_shares(n_v, roughness):
 
 @helper
 def bounces(head_on, shares):
-    """Return the shares of one channel that facets send on after one bounce, and after several."""
+    """Return the albedo of one channel by single, and by multiple scattering."""
     one = np.float32(1.0)
     missing = one - (shares[0] + shares[1])
     once = max(head_on * shares[0] + shares[1], np.float32(0.0))
@@ -137,14 +134,14 @@ def bounces(head_on, shares):
 
 @helper
 def scattered(head_on, shares):
-    """Return the share of one channel that facets send on, after one bounce or several."""
+    """Return the albedo of one channel, by single and multiple scattering together."""
     once, often = bounces(head_on, shares)
     return once + often
 
 
 @disjoint_helper
 def find_shares(toward_viewer, nx, ny, nz, px, py, pz, roughness, scale, offset):
-    """Write what `reflected_shares` returns of each sample."""
+    """Write `reflected_shares` of each sample."""
     zero = np.float32(0.0)
     for i in range(nx.shape[0]):
         vx, vy, vz = (
@@ -161,11 +158,11 @@ def find_ambient(
     ambient, occlusion, metallic, scale, offset, red, green, blue, shown_red, shown_green,
     shown_blue,
 ):  # fmt: skip
-    """Write what ambient light shows of metallic-roughness samples."""
+    """Write the ambient light reflected by metallic-roughness samples."""
     one = np.float32(1.0)
     for i in range(red.shape[0]):
         shares = scale[i], offset[i]
-        # What a dielectric does not mirror goes into it, and comes back coloured.
+        # Light that a dielectric does not reflect becomes diffuse.
         mirrored = scattered(DIELECTRIC, shares)
         inside = one - mirrored
         r = metallic[i] * scattered(red[i], shares)
@@ -179,7 +176,7 @@ def find_ambient(
 
 @disjoint_helper
 def show_on_facets(shown, microfacet, out):
-    """Write a channel of what is shown of metallic-roughness samples; others stay as they are."""
+    """Write a channel of metallic-roughness samples; others stay."""
     for i in range(out.shape[0]):
         out[i] = shown[i] if microfacet[i] > np.float32(0.0) else out[i]
 
@@ -188,7 +185,7 @@ def show_on_facets(shown, microfacet, out):
 def find_bounced(
     vx, vy, vz, nx, ny, nz, roughness, metallic, red, green, blue, out_red, out_green, out_blue
 ):  # fmt: skip
-    """Write the share of light that metals send on after several bounces, channel by channel."""
+    """Write the multiple-scattering albedo of metals, channel by channel."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(nx.shape[0]):
         n_v = nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i]
@@ -200,7 +197,7 @@ def find_bounced(
 
 @disjoint_helper
 def show_nothing(red, green, blue):
-    """Write that nothing is sent on."""
+    """Write zeros."""
     for i in range(red.shape[0]):
         red[i], green[i], blue[i] = np.float32(0.0), np.float32(0.0), np.float32(0.0)
 
@@ -210,10 +207,9 @@ def find_facet_angles(
     parts, nx, ny, nz, roughness, vx, vy, vz, told, lx, ly, lz
 ):  # fmt: skip
     """
-    Write how a light falls, and what facets send on of it, instead of its direction.
+    Replace a light's direction by the terms of its reflection.
 
-    In turn: the cosine between normal and light; the highlight of what mirrors all light; Schlick's
-    share of what is mirrored at grazing angles.
+    In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
     zero = np.float32(0.0)
     for i in range(nx.shape[0]):
@@ -239,11 +235,11 @@ def add_facet_light(
     light, parts, facing, shining, grazed, falloff, metallic, microfacet, reached, red, green, blue,
     bounced_red, bounced_green, bounced_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
+    """Add one light to each metallic-roughness sample, times its visibility."""
     one = np.float32(1.0)
     for i in range(out_red.shape[0]):
         shine, bent = shining[i], grazed[i]
-        # What is left goes into the surface.
+        # The rest enters the surface: diffuse.
         diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
         diffuse *= parts[0]
         arriving = microfacet[i] * falloff[i] * facing[i] * reached[i]

@@ -1,23 +1,22 @@
 """
 Light metallic-roughness samples as the fragment shader of pyrender 0.1.45 does.
 
-It is a microfacet model of its own, from which glTF's (``lighting.pbr``) differs, and what the
-pictures of `compat.pyrender` are like. With the cosines between normal n, light l, viewer v and
-their half vector h, each held to a range (n·l and n·v to 0.001..1, n·v by its size, whichever side
-is seen), base colour b, metallic m and roughness r, held to 0.04..1:
+Used by `compat.pyrender`; a microfacet model that differs from glTF's (``lighting.pbr``). With the
+cosines between normal n, light l, viewer v and their half vector h, each clamped (n·l and |n·v| to
+0.001..1), base colour b, metallic m and roughness r, clamped to 0.04..1:
 
-- mirrored is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
-  Smith's G, with k = (r + 1)² / 8; the GGX density D of width r²;
+- specular is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
+Smith's G, with k = (r + 1)² / 8; the GGX density D with alpha r²;
 - diffuse is (1 - F) 0.96 (1 - m) b / pi;
 - both times n·l and the light's colour and intensity, over the squared distance of a lamp, times
   the squared ramp of a cone.
 
-A light that has a shadow map is dimmed by the share of 3 x 3 places around a point's own that lie
-behind what is seen there by more than max(0.001 (1 - n·l), 0.0001) / w, in window coordinates.
+A light with a shadow map is filtered by PCF of 3 x 3 taps, with a bias of
+max(0.001 (1 - n·l), 0.0001) / w in window coordinates.
 
-Nothing is black because it faces away: n·l is never below 0.001. Ambient light shows the base
-colour, whatever metallic is. Occlusion dims all that was added up so far, emission is added, and
-colours of vertices multiply the sum.
+Surfaces that face away are not black: n·l is never below 0.001. Ambient light multiplies the base
+colour, for any metallic. Then occlusion multiplies the sum, emission is added, and vertex colours
+multiply all.
 
 References
 ----------
@@ -46,15 +45,15 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint8
 
 COLOR_RED = rows.TINT_RED
-"""Rows, three: colours of vertices. They are those of glass, which this model does not know."""
+"""Rows, three: vertex colours. They reuse the rows of transmission, which this model lacks."""
 
 LEAST_COSINE = np.float32(0.001)
 LEAST_ROUGHNESS = np.float32(0.04)
 DIELECTRIC = np.float32(0.04)
 SPARE = np.float32(0.001)
-"""What is added to the denominator of what is mirrored."""
+"""Constant added to the denominator of the specular term."""
 FARTHEST = np.float32(64.0)
-"""How far outside of a shadow map, in its sizes, places are told apart."""
+"""Positions outside a shadow map are clamped at this distance, in its sizes."""
 OVER_PI = np.float32(1.0 / math.pi)
 
 
@@ -75,7 +74,7 @@ def face_viewer(block: Block, count, faces_viewer: uint8[::1], toward_viewer: fl
 
 @helper
 def between(one, other):
-    """Return the point between two, and the square of the way."""
+    """Return the midpoint of two points, and their squared distance."""
     x, y, z = other[0] - one[0], other[1] - one[1], other[2] - one[2]
     middle = one[0] + 0.5 * x, one[1] + 0.5 * y, one[2] + 0.5 * z
     return middle, x * x + y * y + z * z
@@ -85,7 +84,7 @@ def between(one, other):
 def place_in_squares(
     block: Block, count, are_squares: uint8[::1], faces: int32[:, ::1], placement: Placement
 ):
-    """Move the samples of half squares to the middle of their squares: of the longest edge."""
+    """Move samples of triangles of a square to its centre: the middle of the longest edge."""
     s, whole, m, p = block.samples, block.whole, placement.relative_from_model, placement.positions
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
@@ -124,7 +123,7 @@ def decode_row(shown):
 
 @stage
 def decode_textures(block: Block, count):
-    """Decode what textures show, which were filtered as codes."""
+    """Decode texture colours, which were filtered as sRGB codes."""
     for k in range(3):
         decode_row(part(block.colors, SHOWN + k, 0, count))
 
@@ -140,7 +139,7 @@ def show_ambient_on_base(block: Block, count, ambient: float32[::1]):
 
 @helper
 def mirrored_by(n_l, n_v, n_h, roughness):
-    """Return what facets mirror of a light that they mirror all of."""
+    """Return the specular term for F = 1."""
     one = np.float32(1.0)
     k = (roughness + one) * (roughness + one) * np.float32(0.125)
     seen = n_v * n_l / ((n_v * (one - k) + k) * (n_l * (one - k) + k))
@@ -154,10 +153,9 @@ def mirrored_by(n_l, n_v, n_h, roughness):
 @disjoint_helper
 def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
     """
-    Write how a light falls instead of its direction.
+    Replace a light's direction by the terms of its reflection.
 
-    In turn: the cosine between normal and light; what perfect mirrors would mirror; Schlick's share
-    of what is mirrored at grazing angles.
+    In turn: n·l; the specular term for F = 1; Schlick's weight (1 - v·h)**5.
     """
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
@@ -177,7 +175,7 @@ def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
 
 @helper
 def sent_on(base, metallic, shine, bent):
-    """Return the share of a light that is sent on in one channel."""
+    """Return the BRDF times n·l of one channel."""
     one = np.float32(1.0)
     head_on = DIELECTRIC + metallic * (base - DIELECTRIC)
     mirrored = head_on + (one - head_on) * bent
@@ -190,7 +188,7 @@ def add_light(
     light, facing, shine, bent, falloff, metallic, reached, red, green, blue, out_red, out_green,
     out_blue,
 ):  # fmt: skip
-    """Add what samples send on of one light, as far as it reaches them."""
+    """Add one light's reflection to samples, times its visibility."""
     for i in range(out_red.shape[0]):
         metal = clamped(metallic[i], np.float32(0.0), np.float32(1.0))
         arriving = falloff[i] * facing[i] * reached[i]
@@ -201,7 +199,7 @@ def add_light(
 
 @helper
 def parts_of_three(samples, first, s, e):
-    """Return a part of three rows that follow each other."""
+    """Return a part of three consecutive rows."""
     return (
         part(samples, first, s, e),
         part(samples, first + 1, s, e),
@@ -242,9 +240,9 @@ def add_lights_as_pyrender(
 @helper
 def covered_share(depths, across, down, depth):
     """
-    Return the share of 3 x 3 places around one that are behind what a light sees there.
+    Return the shadowed share of 3 x 3 PCF taps around a position.
 
-    Each is the mean of four texels, by where it lies between them. The map goes on as it begins.
+    Each tap is bilinear. The map repeats.
     """
     one, size = np.float32(1.0), np.int64(depths.shape[0])
     left, low = np.floor(across), np.floor(down)
@@ -268,7 +266,7 @@ def find_shadow(
     block: Block, count, light: float32[::1], view: float32[::1], depths: float32[:, ::1]
 ):
     """
-    Write the share of a light that reaches each sample, by its map.
+    Write the visibility of a light at each sample, by its shadow map.
 
     Parameters
     ----------
@@ -292,11 +290,11 @@ def find_shadow(
         lx, ly, lz = light[0] - light[3] * x, light[1] - light[3] * y, light[2] - light[3] * z
         facing = s[rows.NORMAL_X, n] * lx + s[rows.NORMAL_Y, n] * ly + s[rows.NORMAL_Z, n] * lz
         facing = clamped(facing * unit_scale(lx, ly, lz), zero, one)
-        # What is nearer by less than this covers nothing; the map has window coordinates there.
+        # The bias; the map has window coordinates there.
         bias = max(np.float32(0.001) * (one - facing), np.float32(0.0001)) * inverse
         held = place - (bias + bias)
         depth = (view[16] - view[17] * held) / (view[18] - view[19] * held)
-        # Far outside it does not matter where.
+        # Far outside, the position does not matter.
         u = clamped(across * half + half, -FARTHEST, FARTHEST) * size + half
         v = clamped(down * half + half, -FARTHEST, FARTHEST) * size + half
         covered = covered_share(depths, u, v, depth)
@@ -305,14 +303,14 @@ def find_shadow(
 
 @stage
 def let_all_through(block: Block, count):
-    """Write that all of the next light reaches each sample."""
+    """Write visibility 1 of the next light."""
     for n in range(count):
         block.samples[rows.SHADOW, n] = np.float32(1.0)
 
 
 @stage
 def dim_by_occlusion(block: Block, count):
-    """Multiply all that was added up by the share that occlusion lets through."""
+    """Multiply the sum of light by occlusion."""
     s = block.samples
     for k in range(3):
         for n in range(count):
@@ -334,7 +332,7 @@ def brighten(block: Block, count, gains: float32[:, ::1], first: int64, row: int
 
 @stage
 def multiply_by_vertex_colors(block: Block, count):
-    """Multiply what is seen by the colours of vertices."""
+    """Multiply the final colours by the vertex colours."""
     s = block.samples
     for k in range(3):
         for n in range(count):

@@ -1,17 +1,16 @@
 """
-Light the fibres that stand out of cloth.
+Shade the sheen layer of ``KHR_materials_sheen``: cloth fibres.
 
 The sheen is ``color D V``: Charlie's distribution ``D = (2 + 1/a) sin(h)**(1/a) / (2 pi)``, where
 h is the angle between normal and half vector and ``a = roughness**2``, and the fitted shadowing
 ``V = 1 / ((1 + L(n l) + L(n v)) 4 n_l n_v)`` [1]_, [2]_. As everywhere here, it is multiplied by
-pi. What lies below is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the share of light
-from all sides that fibres send to one, held to 1, which very smooth fibres pass where they are
-grazed. It is a table of the integral of ``D V``.
+pi. The base layer is scaled by ``1 - max(color) max(E(n v), E(n l))``: E is the directional albedo
+of ``D V``, from a table, clamped to 1, which very smooth fibres exceed at grazing angles.
 
-Of light from all sides a sample shows ``color E(n v)`` times that which falls on a matt surface
-whose normal leans toward the viewer, for fibres send light back: the lobe is so wide that nothing
-is looked up for it. In a sky with a bright horizon that differs from the integral by a third of it
-for a roughness of 0.2, by an eighth for 0.8. Fibres over white are at most white under white light.
+Ambient light adds ``color E(n v)`` times the irradiance along a normal bent toward the viewer,
+since fibres scatter back; the lobe is so wide that no prefiltered map is needed. Under a sky with a
+bright horizon that differs from the integral by a third of it for a roughness of 0.2, by an eighth
+for 0.8. Sheen over white is at most white under white light.
 
 References
 ----------
@@ -34,15 +33,15 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
 LEAST_ROUGHNESS = np.float32(0.07)
-"""Fibres that lean less than that are lit as if they leaned so."""
+"""Least roughness; lower ones are clamped to it."""
 
 LEANING = np.float32(0.6)
-"""How much of the viewer's direction along the surface the leaning normal has."""
+"""Share of the viewer's tangential direction in the bent normal."""
 
 LOG2_E = np.float32(1.442695)
 
 TABLE_STEPS = np.float32(15.0)
-"""From one end of a side of the table to the other."""
+"""Steps along each side of the table."""
 
 THOUSANDTHS = (
     (1000, 1000, 1000, 1000, 720, 336, 129, 38, 8, 1, 0, 0, 0, 0, 0, 0),
@@ -72,7 +71,7 @@ ALBEDO = np.array(THOUSANDTHS, np.float32) / np.float32(1000.0)
 
 @helper
 def albedo(table, cosine, roughness):
-    """Return the share of light from all sides that fibres send in a direction."""
+    """Return the directional albedo of the sheen, from the table."""
     zero, one = np.float32(0.0), np.float32(1.0)
     y = clamped(roughness, zero, one) * TABLE_STEPS
     x = np.sqrt(clamped(cosine, zero, one)) * TABLE_STEPS
@@ -87,7 +86,7 @@ def albedo(table, cosine, roughness):
 
 @helper
 def hidden(cosine, share):
-    """Return Charlie's lambda: how much of fibres is hidden by others, from one direction."""
+    """Return Charlie's lambda, the masking of fibres from one direction."""
     half, held = np.float32(0.5), clamped(cosine, np.float32(0.0), np.float32(1.0))
     a = np.float32(21.5473) + share * np.float32(25.3245 - 21.5473)
     b = np.float32(3.82987) + share * np.float32(3.32435 - 3.82987)
@@ -103,7 +102,7 @@ def hidden(cosine, share):
 @disjoint_helper
 def find_fibres(parts, nx, ny, nz, roughness, vx, vy, vz, facing, shining, grazed):
     """
-    Write what white fibres show of a light, times the cosine to it, instead of what facets show.
+    Replace the facets' terms of a light by the BRDF of white sheen times n·l.
 
     Takes what `pbr.find_facet_angles` writes: the fifth root of the last is ``1 - v h``. The half
     vector is the sum of two unit vectors over ``2 v h``, so ``n h`` is that of the cosines. Writes
@@ -130,7 +129,7 @@ def lay_fibres(
     light, table, facing, shining, seen, falloff, microfacet, reached, roughness, red, green, blue,
     below_red, below_green, below_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Lay fibres over what a light has added to samples since rows BELOW_RED were kept."""
+    """Blend sheen over the light added to samples since rows BELOW_RED were copied."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out_red.shape[0]):
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
@@ -154,7 +153,7 @@ def light_fibres(
     table: float32[:, ::1],
 ):  # fmt: skip
     """
-    Lay fibres over what a light adds, lit by it as well.
+    Add the sheen of one light, and scale the base layer's part of it.
 
     Behind `light_stages.add_lights_on_facets` of this light alone, which leaves the directions to
     the viewer, and how the light falls, in ``single``.
@@ -177,7 +176,7 @@ def light_fibres(
 
 @disjoint_helper
 def lean(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
-    """Write normals that lean toward the viewer."""
+    """Write normals bent toward the viewer."""
     for i in range(x.shape[0]):
         vx, vy, vz = (
             toward_viewer[0] - toward_viewer[3] * px[i],
@@ -196,7 +195,7 @@ def lean(toward_viewer, nx, ny, nz, px, py, pz, x, y, z):
 
 @stage
 def lean_normals(block: Block, count, toward_viewer: float32[::1]):
-    """Write the normals that fibres take light from all sides by to rows LEANING_X to Z."""
+    """Write the bent normals for the sheen's ambient light to rows LEANING_X to Z."""
     s = block.samples
     lean(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
@@ -209,7 +208,7 @@ def show_fibres(
     toward_viewer, table, nx, ny, nz, px, py, pz, microfacet, roughness, red, green, blue, even_red,
     even_green, even_blue, below_red, below_green, below_blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Lay fibres over what light from all sides has added to samples."""
+    """Blend sheen over the ambient light of samples."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out_red.shape[0]):
         r, g, b = min(red[i], one), min(green[i], one), min(blue[i], one)
@@ -233,7 +232,7 @@ def show_fibres(
 
 @stage
 def show_around_on_fibres(block: Block, count, toward_viewer: float32[::1], table: float32[:, ::1]):
-    """Lay fibres over light from all sides; rows LAYER_OUT hold what falls on a matt surface."""
+    """Blend sheen over ambient light; rows LAYER_OUT hold the irradiance."""
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return

@@ -1,8 +1,7 @@
 """
-Light vertices as samples: list them block by block, and write the light that falls on them.
+Gouraud shading: gather vertices into blocks, light them like samples, and store the result.
 
-The stages between are those that light the samples of a picture. A vertex is lit twice, for a
-viewer in front of it and for one behind.
+The lighting stages are those of pixels. A vertex is lit twice: front and back.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def list_vertices(
     normals: float32[:, ::1],
 ):  # fmt: skip
     """
-    List the next of some vertices that belong to objects shaded by Gouraud, as samples.
+    Gather the next vertices of Gouraud-shaded objects into a block, as samples.
 
     Parameters
     ----------
@@ -57,7 +56,7 @@ def list_vertices(
     """
     counts, samples, receivers, whole = block.counts, block.samples, block.receivers, block.whole
     side, vertex, one = counts[NEXT_ROW], first + counts[NEXT_COLUMN], np.float32(1.0)
-    # The other side, after the last vertex of the first.
+    # The back, after the last vertex of the front.
     if vertex >= stop:
         side, vertex = side + 1, first
     n = np.int64(0)
@@ -105,7 +104,7 @@ def list_vertices(
 
 @stage
 def write_vertices(block: Block, count, lit_vertices: float32[:, :, ::1]):
-    """Write the colours that are seen to the vertices listed: (V, 2, 3), linear, front and back."""
+    """Write the lit colours to the vertices listed: (V, 2, 3), linear, front and back."""
     samples, side = block.samples, np.uintp(block.counts[NEXT_ROW])
     for n in range(np.uintp(count)):
         vertex = np.uintp(block.whole[COLUMN, n])

@@ -1,1 +1,1 @@
-"""Surfaces: gather the samples of a row with all that lighting needs to know of them."""
+"""Surface stages: gather samples in blocks, and compute the inputs of lighting for them."""

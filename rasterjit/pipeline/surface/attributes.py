@@ -1,4 +1,4 @@
-"""What the surfaces of a block's samples are like: colours, highlights, normals, points, alpha."""
+"""Interpolate attributes at a block's samples: colours, highlights, normals, points, alpha."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
 SHOWN_ALPHA = SHOWN + 3
-"""Row of colours: the alpha that a texture shows."""
+"""Row of colours: a texture's alpha."""
 
 
 @helper
 def normal_at(second, third, normal):
-    """Return the interpolated normal in world axes, on the side that is seen, not normalized."""
+    """Return the interpolated normal in world axes, on the visible side, not normalized."""
     (na, nb, nc), m, side = normal
     weights = (0.0, second, third)
     x = blend(weights, na[0], nb[0], nc[0])
@@ -71,7 +71,7 @@ def normal_at(second, third, normal):
 
 @helper
 def point_at(second, third, point):
-    """Return where a sample lies, as `place_sample` finds it."""
+    """Return a sample's position, as `place_sample` does."""
     first, ab, ac, m = point
     x = second * ab[0] + third * ac[0]
     y = second * ab[1] + third * ac[1]
@@ -160,10 +160,10 @@ def multiply_face_colors_below_highlights(
     block: Block, count, face_colors: float32[:, ::1], materials: float32[:, ::1], first: int64
 ):
     """
-    Multiply the base colours by those of the faces, but for the highlights in them.
+    Multiply the lit colours by those of the faces, except for the highlights in them.
 
-    The light on the vertices of objects shaded by Gouraud without highlights is in three rows of
-    samples from ``first`` on; it is multiplied too.
+    The diffuse light on the vertices of Gouraud-shaded objects is in three rows of samples from
+    ``first`` on; it is multiplied too.
     """
     samples, whole = block.samples, block.whole
     for s in range(block.counts[SEGMENTS]):
@@ -185,9 +185,9 @@ def multiply_face_colors_below_highlights(
 @helper
 def weighted(weights, value0, value1, value2):
     """
-    Return the weighted mean of values that are not negative, held to their range.
+    Return the weighted mean of non-negative values, clamped to their range.
 
-    Nothing cancels: it is off by little more of itself than the weights are. Equal values give
+    No cancellation: its relative error is little more than that of the weights. Equal values give
     exactly themselves.
     """
     lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
@@ -285,7 +285,7 @@ def color_of(vertex_colors, vertex):
 
 @helper
 def gather_light(first, end, lit_vertices, whole, rows):
-    """Gather the light on the vertices of some patches, on the side that is seen."""
+    """Gather the light on the vertices of some patches, on the visible side."""
     for r in range(np.uintp(first), np.uintp(end)):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         n = np.uintp(whole[FIRST, r])
@@ -420,7 +420,7 @@ def find_smooth_normals(
     """
     Write the interpolated vertex normals of objects that are smooth, world axes, any length.
 
-    Before `find_face_normals`: it writes something on others, too.
+    Before `find_face_normals`: it writes arbitrary values on other objects.
     """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
     for k in range(block.counts[SEGMENTS]):
@@ -508,7 +508,7 @@ def find_face_normals(
 def mix_points(
     px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
 ):  # fmt: skip
-    """Write where the samples lie."""
+    """Write the positions of samples."""
     for n in range(px.shape[0]):
         point = (
             place(xa[n], ya[n], za[n], owner, matrices),
@@ -523,7 +523,7 @@ def mix_points(
 def mix_middles(
     px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
 ):  # fmt: skip
-    """Write the middles of the faces."""
+    """Write the centroids of the faces."""
     m, share, nowhere = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
     for n in range(px.shape[0]):
         first = place(xa[n], ya[n], za[n], owner, matrices)
@@ -541,14 +541,14 @@ def mix_middles(
 
 @disjoint_helper
 def points_along_span(px, py, pz, second, third, point):
-    """Write where the samples of one face lie."""
+    """Write the positions of the samples of one face."""
     for n in range(px.shape[0]):
         px[n], py[n], pz[n] = point_at(second[n], third[n], point)
 
 
 @helper
 def way(p, a, b):
-    """Return the way from one vertex to another, model space."""
+    """Return the vector from one vertex to another, model space."""
     return p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
 
 
@@ -557,7 +557,7 @@ def find_points(
     block: Block, count, placement: Placement, materials: float32[:, ::1], of_flat: int64
 ):  # fmt: skip
     """
-    Write where the samples lie, world axes, relative to the eye. After `gather_positions`.
+    Write the positions of samples, world axes, relative to the eye. After `gather_positions`.
 
     Parameters
     ----------
@@ -598,7 +598,7 @@ def find_points(
 
 @stage
 def find_middles(block: Block, count, placement: Placement, materials: float32[:, ::1]):
-    """Write the middles of the faces of flat objects instead. After `gather_positions`."""
+    """Write the centroids of faces as positions of flat objects. After `gather_positions`."""
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
     nowhere, middle = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     matrices = placement.relative_from_model
@@ -629,10 +629,10 @@ def find_middles(block: Block, count, placement: Placement, materials: float32[:
 @stage
 def stand_in(block: Block, count, stands_in: uint8[::1]):
     """
-    Write some normals and points on objects whose colour does not depend on them.
+    Write placeholder normals and points on objects whose colour does not depend on them.
 
-    They are lit at their vertices, and no fog lies over them. The light that is worked out with
-    them counts for nothing, but it has to be a number.
+    They are lit at their vertices, without fog. Light computed with the placeholders is not used,
+    but must be finite.
     """
     samples, none, one = block.samples, np.float32(0.0), np.float32(1.0)
     for k in range(block.counts[SEGMENTS]):

@@ -42,12 +42,12 @@ FIRST_LEVEL, LEVELS = 0, 1
 """Columns of ``places``."""
 
 HALF_WIDTH, LINE_RED = 0, 1
-"""Columns of ``lines``; green and blue follow."""
+"""Columns of ``lines``; LINE_RED is followed by green and blue."""
 
 
 @helper
 def snapped_edges(a, b, c, column, row, xy, w, bits):
-    """Return e r, and its gains by a pixel right and down, of a face that was not clipped."""
+    """Return e r, and its steps right and down by a pixel, for a face that was not clipped."""
     ax, ay, bx = np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0])
     by, cx, cy = np.int64(xy[b, 1]), np.int64(xy[c, 0]), np.int64(xy[c, 1])
     half = np.int64(1) << (bits - 1)
@@ -75,7 +75,7 @@ def snapped_edges(a, b, c, column, row, xy, w, bits):
 
 @helper
 def clipped_edges(a, b, c, column, row, clip, viewport):
-    """Return what `snapped_edges` does of a face that was clipped."""
+    """Return what `snapped_edges` does, for a clipped face."""
     (ax, bx, cx), (ay, by, cy) = seen_from_sample(a, b, c, column, row, clip, viewport)
     wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
     width, height = whole_size(viewport)
@@ -98,8 +98,8 @@ def lies_on_line(level, half, scalars, edges):
     """
     Return whether a sample lies within half a width of a line.
 
-    At exactly half a width it does on the side of higher values, so that a line between two rows of
-    samples shows one of them.
+    At exactly half a width it counts on the side of higher values only, so that a line midway
+    between two rows of samples covers one of them.
     """
     here, right, down = edges
     ways = scalars[0] - level, scalars[1] - level, scalars[2] - level
@@ -133,7 +133,7 @@ def draw_contours(
     lines: float32[:, ::1], geometry: Geometry,
 ):  # fmt: skip
     """
-    Show the colour of lines in the place of the scalars', where a sample lies on one.
+    Replace the colormap's colour by that of iso-lines, where a sample lies on one.
 
     Right behind `fields.show_scalars`. The levels above and below a sample's scalar are the nearest
     lines. A face of three equal scalars has no line.

@@ -1,9 +1,8 @@
 """
-Look up colours for scalars: a number for each vertex, interpolated, then found in a colour map.
+Map scalars to colours: interpolate a number per vertex, then look it up in a colormap.
 
-Entry ``floor(count (x - low) / width)`` of a map, held to its entries, is what a value x shows;
-``scene.colormap`` has the rule. A face with a corner that is NaN or infinite shows the colour of
-NaN, which lies behind the entries.
+Value x has entry ``floor(count (x - low) / width)``, clamped to the map; ``scene.colormap`` has the
+rule. A face with a NaN or infinite vertex has the colour for NaN, stored after the entries.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
 VALUE = 3
-"""Row of ``real``: the scalar of each sample; those of its face's vertices are in three before."""
+"""Row of ``real``: the scalar of each sample; the three rows before hold its face's vertices."""
 
 FIRST_ENTRY, ENTRIES = 0, 1
 """Columns of ``entries``."""
@@ -47,13 +46,13 @@ LOW, WIDTH = 0, 1
 
 @helper
 def is_finite(value):
-    """Tell a finite number."""
+    """Tell whether a number is finite."""
     return value - value == 0.0
 
 
 @helper
 def scalar_at(weights, value0, value1, value2):
-    """Return a scalar between those of three vertices; NaN or infinite if any of these is."""
+    """Interpolate a scalar between three vertices; NaN or infinite if any of these is."""
     value = interpolate(weights, value0, value1, value2)
     total = value0 + value1 + value2
     return value if is_finite(total) else total
@@ -87,7 +86,7 @@ def scalars_along_span(found, second, third, at_a, at_b, at_c):
 
 @helper
 def entry_of(value, low, width, count):
-    """Return which entry of a colour map a value shows; ``count`` for NaN and infinity."""
+    """Return a value's entry in a colormap; ``count`` for NaN and infinity."""
     place = (value - low) / width * np.float64(count)
     held = place if place >= 0.0 else 0.0
     held = held if held <= np.float64(count - 1) else np.float64(count - 1)
@@ -108,7 +107,7 @@ def look_up(shown, found, rule, entries, colors):
 
 @helper
 def show_white(shown):
-    """Write what changes no colour."""
+    """Write white, which changes no colour."""
     one = np.float32(1.0)
     for k in range(4):
         for n in range(shown[k].shape[0]):
@@ -121,7 +120,7 @@ def show_scalars(
     colors: float32[:, ::1],
 ):  # fmt: skip
     """
-    Write the colours of each sample's scalar, where textures show theirs: linear RGBA.
+    Write the colour of each sample's scalar to the rows of texture colours: linear RGBA.
 
     White on objects without scalars.
     """

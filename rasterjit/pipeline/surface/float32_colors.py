@@ -1,10 +1,10 @@
 """
-Find colours between those of vertices in float32.
+Interpolate vertex colours in float32.
 
-A run of neighbours that show one face is one loop: edge functions step from sample to sample in
-registers, and weights never meet memory. Where most runs are shorter than `LONG_RUN`, to begin one
-would cost more than its samples; there weights and colours are gathered, a face for each sample.
-Both take the steps that ``float32_weights`` names, so that a sample has the same bits either way.
+A run of neighbours of one face is one loop: edge functions step in registers, and weights are never
+stored. Where most runs are shorter than `LONG_RUN`, starting one would cost more than its samples;
+there vertices are gathered for each sample. Both follow the arithmetic of ``float32_weights``, so a
+sample has the same bits either way.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, uint8
 
 LONG_RUN = 4
-"""Samples of a patch, on average, from which on runs are worked on one by one."""
+"""Least average length of patches, samples, for processing run by run."""
 
 
 @disjoint_helper
@@ -74,9 +74,9 @@ def lay_base(red, green, blue, base):
 @helper
 def blend_patches(segment, block, geometry, has_wide, base, colors):
     """
-    Write the colours of a mixed segment, of which a face shows few samples at a time.
+    Write the colours of a mixed segment, whose patches are short.
 
-    Returns whether float32 is enough for all weights; else writes none.
+    Returns whether float32 is accurate enough for all weights; else writes none.
     """
     if weigh_mixed(segment, block, geometry, has_wide) != 0:
         return False
@@ -122,7 +122,7 @@ def blend_clipped_row(corner, rows, memory, place, geometry, colors, base):
     clip, viewport = geometry.clip_positions, geometry.viewport
     across, down = seen_from_sample(a, b, c, np.float64(column), line, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = across, down
-    # All sums of weights on a face have the same sign, but for how they are rounded.
+    # All sums of weights on a face have the same sign, up to rounding.
     if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:
         down = -v0, -v1, -v2
     return blend_clipped_run(
@@ -173,7 +173,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         ratio_b, ratio_c = one, one
         if w.shape[0] != 0:
             ratio_b, ratio_c = np.float32(w[a] / w[b]), np.float32(w[a] / w[c])
-        # The sums of weights on a face lie between these; those of one are surely accurate.
+        # Bounds on the sums of weights on the face.
         size = abs(edges[0] + edges[1] + edges[2])
         least = size * min(one, min(ratio_b, ratio_c))
         most = size * max(one, max(ratio_b, ratio_c))
@@ -240,8 +240,8 @@ def find_float32_colors(
     """
     Write the base colours times those of the vertices, (V, 4), interpolated in float32.
 
-    Of the objects that are chosen, (O,), not 0; of the others in float64, as `show_vertex_colors`
-    does: what is written of a segment reaches into the next, so that both go in one order.
+    For objects where ``chosen``, (O,), is not 0; others in float64, as `show_vertex_colors` does.
+    One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
     has_wide = may_be_wide(geometry.viewport)
     for k in range(block.counts[SEGMENTS]):

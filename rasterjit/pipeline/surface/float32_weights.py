@@ -1,5 +1,5 @@
 """
-Find the weights of samples in float32, as accurate as an 8-bit picture calls for, for less.
+Compute barycentric weights in float32: faster, and accurate enough for 8-bit pictures.
 
 Edge functions are whole numbers and exact here, too; they have one sign on a face that a sample
 lies on, and so has w. The weights
@@ -65,7 +65,7 @@ EDGE_A, EDGE_B, EDGE_C = 2, 3, 4
 
 @helper
 def is_wide(a, b, c, xy):
-    """Return whether float64 may not hold products of ways across a face exactly."""
+    """Return whether products of a face's extents may exceed what float64 holds exactly."""
     right = abs(xy[b, 0] - xy[a, 0]) | abs(xy[c, 0] - xy[a, 0])
     down = abs(xy[b, 1] - xy[a, 1]) | abs(xy[c, 1] - xy[a, 1])
     return (right | down) >= WIDE
@@ -74,9 +74,9 @@ def is_wide(a, b, c, xy):
 @helper
 def gather_screen(first, end, geometry, has_wide, whole, single):
     """
-    Gather where vertices of patches lie on the screen, and ratios of w.
+    Gather screen positions of patches' vertices, and ratios of w.
 
-    Returns not 0 if a face was clipped or is wide; it looks for the latter if ``has_wide``.
+    Returns not 0 if a face was clipped or, tested if ``has_wide``, is wide.
     """
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
@@ -104,7 +104,7 @@ def find_edges(ax, ay, bx, by, cx, cy, columns, rows, bits, half, edge_a, edge_b
     for n in range(ax.shape[0]):
         px = np.int32((columns[n] << bits) + half)
         py = np.int32((rows[n] << bits) + half)
-        # Whole numbers of at most 26 bits: their products, and differences of these, are exact.
+        # Integers of at most 26 bits: their products, and differences of these, are exact.
         x0, y0 = np.float64(np.int32(ax[n] - px)), np.float64(np.int32(ay[n] - py))
         x1, y1 = np.float64(np.int32(bx[n] - px)), np.float64(np.int32(by[n] - py))
         x2, y2 = np.float64(np.int32(cx[n] - px)), np.float64(np.int32(cy[n] - py))
@@ -115,14 +115,14 @@ def find_edges(ax, ay, bx, by, cx, cy, columns, rows, bits, half, edge_a, edge_b
 
 @helper
 def is_accurate(total):
-    """Return whether a sum of weights is accurate, as far as the range of float32 goes."""
+    """Return whether a sum of weights stays within the accurate range of float32."""
     size = abs(total)
     return (size > LEAST_TOTAL) & (size < LARGEST_TOTAL)
 
 
 @disjoint_helper
 def divide(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third):
-    """Write the weights; return not 0 if one of ``count`` is doubtful."""
+    """Write the weights; return not 0 if one of ``count`` is inaccurate."""
     found, one = np.int32(0), np.float32(1.0)
     for n in range(edge_a.shape[0]):
         w0, w1, w2 = edge_a[n], edge_b[n] * ratio_b[n], edge_c[n] * ratio_c[n]
@@ -136,7 +136,7 @@ def divide(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third
 
 @helper
 def weigh_mixed(segment, block, geometry, has_wide):
-    """Write the weights of the samples of a mixed segment; return not 0 if any is unsure."""
+    """Write the weights of a mixed segment's samples; return not 0 if any is inaccurate."""
     whole, single, weights = block.whole, block.single, block.float32_weights
     s = np.int64(segment[START])
     count = np.int32(segment[STOP] - s)
@@ -160,7 +160,7 @@ def weigh_mixed(segment, block, geometry, has_wide):
 
 @helper
 def weights_at(a, b, c, column, row, geometry):
-    """Return the weights at a pixel, exact ones rounded once where float32 is not enough."""
+    """Return the weights at a pixel: float64 ones, rounded once, where float32 is inaccurate."""
     codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     if not (is_clipped or is_wide(a, b, c, xy)):

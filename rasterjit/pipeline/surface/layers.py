@@ -1,9 +1,8 @@
 """
-Find what glTF's extensions lay over surfaces: rows of samples for varnish, cloth and own mirrors.
+Fill and swap the rows of material layers: clearcoat, sheen, dielectric specular, transmission.
 
-What these layers have in common is a few moves of rows. A layer is lit by the stages that light
-every surface: its rows change places with those of the surface, the stages run, and the rows change
-back.
+A layer is lit by the same stages as the base material: its rows are swapped with those of the
+surface, the stages run, and the rows are swapped back.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from rasterjit.runtime.state import float32, int64
 
 MIST_RED = rows.BEFORE_RED
 """
-Rows, three: what the fog before a surface shows by itself; nothing is lit any more by then.
+Rows, three: in-scattered light of the fog in front of a surface; reused after lighting.
 
-What is behind is seen through all of the fog, that before the surface included.
+The background is seen through all of the fog, including that in front of the surface.
 """
 
 
 @stage
 def fill_rows(block: Block, count, factors: float32[:, ::1], first: int64):
-    """Write what each object has, (O, N), to N rows of its samples from ``first`` on."""
+    """Write per-object factors, (O, N), to N rows of samples from ``first`` on."""
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
@@ -45,7 +44,7 @@ def copy_rows(block: Block, count, source: int64, target: int64, number: int64):
 
 @stage
 def exchange_rows(block: Block, count, one: int64, other: int64, number: int64):
-    """Let some rows of samples, from ``one`` on, change places with those from ``other`` on."""
+    """Swap some rows of samples, from ``one`` on, with those from ``other`` on."""
     for k in range(number):
         for n in range(count):
             kept = block.samples[one + k, n]
@@ -55,7 +54,7 @@ def exchange_rows(block: Block, count, one: int64, other: int64, number: int64):
 
 @stage
 def scale_rows_by_textures(block: Block, count, first: int64, channel: int64, number: int64):
-    """Multiply rows of samples by what the textures show from a channel on."""
+    """Multiply rows of samples by the textures' channels, from ``channel`` on."""
     for k in range(number):
         for n in range(count):
             shown = block.colors[texture_lookup.SHOWN + channel + k, n]

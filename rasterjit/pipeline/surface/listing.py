@@ -1,4 +1,4 @@
-"""List the covered samples of a band of rows, block by block: the first stage of shading."""
+"""Gather the covered samples of a band of rows into blocks: the first stage of shading."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ from rasterjit.runtime.state import float32, int32, int64, uint32
 
 LONG = 16
 """
-Columns that must show one face to make a span: face numbers in a 512-bit register.
+Fewest columns of a span, a run of one face: face numbers in a 512-bit register.
 
-Among shorter runs a span is looked for at multiples of this number alone.
+After shorter runs a span may begin at multiples of this only.
 """
 
 
@@ -66,10 +66,10 @@ def run_end(faces, column):
 
 @helper
 def mixed_end(faces, column, first, end):
-    """Return where neighbours end that show faces first..end - 1, or where a span begins."""
+    """Return where a mixed segment of faces first..end - 1 ends, or where a span begins."""
     stop = range_end(faces, column, np.int32(first), np.int32(end))
     for start in range((column | (LONG - 1)) + 1, stop - LONG + 1, LONG):
-        # Most often one look tells that none does.
+        # Mostly one comparison rules a span out.
         is_same = faces[np.uintp(start)] == faces[np.uintp(start + LONG - 1)]
         if is_same and run_end(faces, start) >= start + LONG:
             return start
@@ -81,7 +81,7 @@ def list_patches(faces, n, r, whole):
     """List the patches of some neighbours from sample ``n`` on; return the number of the next."""
     before = np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
-        # Without a branch: the next overwrites what starts no patch.
+        # Branchless: the next sample overwrites one that starts no patch.
         face = faces[i]
         whole[FIRST, r], whole[FACE, r] = n + i, face
         r += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
@@ -91,7 +91,7 @@ def list_patches(faces, n, r, whole):
 
 @disjoint_helper
 def number_pixels(columns, rows, column, row):
-    """Write the pixels of neighbours, of which the first is given."""
+    """Write the pixels of neighbouring samples, given the first."""
     for n in range(columns.shape[0]):
         columns[n], rows[n] = column + n, row
 
@@ -106,7 +106,7 @@ def gather_corners(patches, faces, whole):
 
 @helper
 def paint_background(background, code, linear, color):
-    """Write a part of a row that shows no face."""
+    """Write the background to a part of a row."""
     for i in range(color.shape[0]):
         color[i] = code
     for i in range(linear.shape[0]):
@@ -121,7 +121,7 @@ def list_samples(
     linear: float32[:, :, ::1], color: uint32[:, ::1],
 ):  # fmt: skip
     """
-    List the next samples of a band of rows, and paint the pixels between them.
+    Gather the next samples of a band of rows, and write the background between them.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
 """
-Read what else lies over a surface: normals, metallic and roughness, occlusion, emission.
+Apply material maps: normal, metallic-roughness, occlusion and emissive textures.
 
 All as glTF 2.0 defines them. A normal map holds normals in tangent space: x along the tangent,
-where u grows, y to the side of it where v grows, z along the shading normal. What tangents are, and
-that they may differ on both sides of a mirrored seam, is told in ``scene.normals``; here they are
-interpolated and made perpendicular to the shading normal. Where there is no tangent (no area on the
-picture, or along the normal), the shading normal stays as it is.
+where u grows, y to the side of it where v grows, z along the shading normal. ``scene.normals``
+defines tangents, which may differ across a mirrored seam; here they are interpolated and
+orthogonalized against the shading normal. Without a tangent (no area in the texture, or parallel to
+the normal), the shading normal is kept.
 
 References
 ----------
@@ -30,12 +30,12 @@ NORMAL_SCALE, OCCLUSION_STRENGTH, EMITTED = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
 LEAST_TANGENT = 1e-10
-"""Share of a tangent's squared length that must be left when it is made perpendicular."""
+"""Least part of a tangent's squared length left after orthogonalization; below, there is none."""
 
 
 @helper
 def is_mirrored(a, b, c, uv):
-    """Return whether the picture is seen mirrored on a face, from its front."""
+    """Return whether the texture is mirrored on a face, seen from the front."""
     ua, va = np.float64(uv[a, 0]), np.float64(uv[a, 1])
     across = (np.float64(uv[b, 0]) - ua) * (np.float64(uv[c, 1]) - va)
     back = (np.float64(uv[c, 0]) - ua) * (np.float64(uv[b, 1]) - va)
@@ -48,7 +48,7 @@ def bend_normals(
     scale, matrix,
 ):  # fmt: skip
     """
-    Write normals bent by what a map shows, world axes, any length, and 1 where there is one, or 0.
+    Write normals perturbed by a normal map, world axes, any length, and 1 where there is one, or 0.
 
     Takes the shading normals and the tangents of the vertices, none of them normalized. Writes the
     normals in place of the first vertex's tangents, and whether there is one in place of x of the
@@ -60,7 +60,7 @@ def bend_normals(
         aside = scale * (np.float64(up[n]) - 0.5)
         ahead = 2.0 * np.float64(out[n]) - 1.0
         is_flat = (along == 0.0) & (aside == 0.0)
-        # A back shows the same surface: its normal, which is the other way round there.
+        # On back faces the normal is flipped; undo it.
         along = (1.0 - 2.0 * np.float64(behind[n])) * along
         aside = handed[n] * aside
         # Interpolate the tangent.
@@ -92,7 +92,7 @@ def bend_normals(
 
 @disjoint_helper
 def take_bent(bent, is_told, normal):
-    """Write one part of the bent normals where there are any."""
+    """Write one component of the perturbed normals where there are any."""
     for n in range(normal.shape[0]):
         normal[n] = bent[n] if is_told[n] > np.float32(0.0) else normal[n]
 
@@ -137,7 +137,7 @@ def add_emission(
 
 @helper
 def gather_tangents(segment, block, uv, tangents, mirrored):
-    """Gather the tangents of the vertices of a segment's faces, and which way the third axis is."""
+    """Gather the tangents of a segment's vertices, and the sign of the bitangent."""
     whole, rows_of, handed = block.whole, block.single, block.real[0]
     for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
         a, b, c = (
@@ -157,7 +157,7 @@ def gather_tangents(segment, block, uv, tangents, mirrored):
 
 @helper
 def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
-    """Bend the normals of a segment by what a normal map shows."""
+    """Perturb the normals of a segment by a normal map."""
     gather_tangents(segment, block, uv, tangents, mirrored)
     s, r, w, shown = block.samples, block.single, block.weights, block.colors
     a, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
@@ -182,7 +182,7 @@ def bend_normals_by_maps(
     block: Block, count, table: int64[:, :, ::1], uv: float32[:, ::1],
     tangents: float32[:, :, ::1], factors: float32[:, ::1], placement: Placement,
 ):  # fmt: skip
-    """Bend the normals by what the normal maps show."""
+    """Perturb the normals by normal maps."""
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
@@ -207,7 +207,7 @@ def scale_occlusion_by_maps(block: Block, count, factors: float32[:, ::1]):
 
 @stage
 def find_emission(block: Block, count, factors: float32[:, ::1]):
-    """Write the light that the objects send out."""
+    """Write the objects' emissive factors."""
     samples = block.samples
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
@@ -229,7 +229,7 @@ def scale_emission_by_maps(block: Block, count):
 
 @stage
 def show_emission(block: Block, count, shown: int64):
-    """Add the light that is sent out to the three rows of samples from ``shown`` on."""
+    """Add emission to the three rows of samples from ``shown`` on."""
     s = block.samples
     add_emission(
         s[rows.EMISSIVE_RED, :count], s[rows.EMISSIVE_GREEN, :count],

@@ -1,9 +1,8 @@
 """
-Find where on their points samples lie: on spheres, and which way points face.
+Compute positions and normals of samples on points: squares, discs and spheres.
 
-A sphere is met once more where its pixel's line of sight meets it, as ``point_coverage`` does.
-Other points have the normals that they were given, turned to the side that is seen; those without
-any face the viewer.
+A sphere is intersected again with the pixel's ray, as in ``point_coverage``. Other points have the
+normals that they were given, flipped to the visible side; without any they face the viewer.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ def pixel_of(n, segment, whole):
 
 @helper
 def way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
-    """Return a sphere's centre, relative to the eye, and the way from it to what a pixel shows."""
+    """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
     centre = place_vertex(vertex, owner, placement)
     radius = radius_of(points, owner, face - placement.face_starts[owner])
     ndc = ndc_of(pixel[0], pixel[1], viewport)
@@ -67,14 +66,14 @@ def way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport
 
 @helper
 def toward_viewer(point, placement):
-    """Return the way from a point to the viewer, any length."""
+    """Return the direction from a point to the viewer, any length."""
     v = placement.toward_viewer
     return v[0] - v[3] * point[0], v[1] - v[3] * point[1], v[2] - v[3] * point[2]
 
 
 @helper
 def turned_to(normal, way):
-    """Return a normal on the side of a way; the way itself if there is no normal."""
+    """Return a normal flipped to the side of a direction; the direction if there is no normal."""
     side = normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2]
     if normal[0] == 0.0 and normal[1] == 0.0 and normal[2] == 0.0:
         return way
@@ -141,7 +140,7 @@ def find_point_receivers(
     block: Block, count, points: PointRows, sight: Sight, viewport: Viewport, placement: Placement
 ):
     """
-    Write what receives shadows on points: their normals, and the places of samples on spheres.
+    Write shadow receivers on points: their normals, and positions of samples on spheres.
 
     Right behind `receivers.find_receivers`.
     """

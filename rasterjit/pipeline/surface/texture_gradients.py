@@ -1,5 +1,5 @@
 """
-Note where on their textures samples lie, and how far steps to the next samples lead there.
+Compute texture coordinates of samples, and their screen-space derivatives ("steps").
 
 In a span they follow from the face's edge functions, in a mixed segment from the vertex data
 gathered for each sample. The formulas are those of ``textures``, and give the same bits.
@@ -26,7 +26,7 @@ from rasterjit.runtime.state import float32, int64
 
 @helper
 def wants_steps(owner, table):
-    """Return whether any texture of an object has levels to choose from."""
+    """Return whether any texture of an object is mipmapped."""
     for kind in range(np.uintp(table.shape[1])):
         if table[owner, kind, FIRST_LEVEL] >= 0 and table[owner, kind, FILTER] == TRILINEAR:
             return True
@@ -278,9 +278,9 @@ def find_steps(
     block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
 ):
     """
-    Write what the next sample to the right and the next down add to the coordinates of each sample.
+    Write the texture coordinates' differences to the next sample right and down, for mip levels.
 
-    They lie ``viewport.spacing`` pixels away. Of objects whose textures have levels to choose from.
+    These lie ``viewport.spacing`` pixels away. Only for objects with mipmapped textures.
     After `find_coordinates`, as long as ``single``, ``real`` and ``whole`` hold what that and the
     weights have gathered.
     """

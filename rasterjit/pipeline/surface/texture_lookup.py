@@ -1,10 +1,10 @@
 """
-Look up textures for a part of a row: in passes over rows of scratch memory, that vectorize.
+Look up textures for a part of a row, in vectorized passes over rows of scratch memory.
 
-The formulas are described in ``textures``; here they are without branches. What tells wraps apart
-are numbers (`axis_rule`, `texel_rule`), and every sample has the size of its own level. Positions
-are found in float64, texel numbers, counted from the first of a picture, in int32. Only the texels
-are read one sample after the other, four channels at once; colours come out channel by channel.
+``textures`` has the formulas; here they are branchless. Wrap modes are numbers (`axis_rule`,
+`texel_rule`), and every sample has the size of its own mip level. Positions are float64, texel
+indices int32, from the texture's first. Only the texel fetch goes sample by sample, four channels
+at once; colours come out as one row per channel.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ OWNER = PLACE_OWNER
 STEPS = 3
 """Four rows: what the next sample to the right adds to u and v, and the next down; for levels."""
 MOVED_U, MOVED_V = 7, 8
-"""Rows: coordinates as the texture at hand sees them."""
+"""Rows: coordinates after the current texture's transform."""
 TAP_U, TAP_V = 9, 10
 """Rows: those of one tap of a footprint."""
 WAY_U, WAY_V = 11, 12
-"""Rows: the way along which the taps of a footprint lie."""
+"""Rows: the axis along which the taps of a footprint lie."""
 LONGEST = 13
-"""Row: the squared length that the level of detail goes by, in texels."""
+"""Row: the squared length that determines the level of detail, texels."""
 MOVED_STEPS = (MOVED_U, MOVED_V, TAP_U, TAP_V)
-"""Rows, which are free as long as levels are found: steps as the texture at hand sees them."""
+"""Rows, free while mip levels are chosen: steps after the current texture's transform."""
 SCRATCH_ROWS = 14
 
 LEVEL, TAPS = 0, 1
@@ -64,7 +64,7 @@ LEVEL, TAPS = 0, 1
 FIRST, WIDTH, HEIGHT = 2, 3, 4
 """Rows of whole numbers: first texel and size of the level that is read."""
 COLUMN, ROW = 5, 6
-"""Rows of whole numbers: the texel to the left of a place and below it, before it is wrapped."""
+"""Integer rows: the texel left of and below a position, before wrapping."""
 CORNERS = 7
 """
 Four rows of whole numbers: the texels around a place, lower left first, upper right last.
@@ -74,7 +74,7 @@ In `HALVES` from the first of the picture.
 WHOLE_ROWS = 11
 
 COARSER, ALONG, UPWARD = 0, 1, 2
-"""Rows of shares: of the coarser level, of the texels to the right, and of those above."""
+"""Rows of weights: of the coarser level, of the texels to the right, and of those above."""
 SHARE_ROWS = 3
 
 SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
@@ -82,19 +82,19 @@ SHOWN, COARSE, TAP = 0, CHANNELS, 2 * CHANNELS
 COLOR_ROWS = 3 * CHANNELS
 
 EVEN_RUN = 16
-"""Neighbours of one level, on average, from which on they are read level by level."""
+"""Least average run of samples of one mip level for reading level by level."""
 
 NEAR_TEXELS = 1 << 15
-"""Pictures of so many texels, 512 KiB, stay in the caches near the core."""
+"""Textures of up to so many texels, 512 KiB, stay in the caches near the core."""
 
 
 @helper
 def axis_rule(wrap):
     """
-    Return what tells a wrap from others where a coordinate is reduced, as numbers.
+    Return the numbers that encode how a wrap mode reduces a coordinate.
 
-    Bounds of the coordinate; what it is scaled by before whole periods are taken off, the periods
-    taken off, and what it is scaled by after.
+    Bounds of the coordinate; its scale before whole periods are subtracted, the number subtracted,
+    and its scale after.
     """
     if wrap == CLAMP:
         return 0.0, 1.0, 1.0, 0.0, 1.0
@@ -106,9 +106,9 @@ def axis_rule(wrap):
 @helper
 def texel_rule(wrap):
     """
-    Return what tells a wrap from others where texels lie outside, as whole numbers.
+    Return the integers that encode how a wrap mode treats texels outside the texture.
 
-    Periods that a texel is moved by there; pictures in a period, and 1 if the last is turned.
+    Periods that a texel is moved by; textures in a period, and 1 if the last is mirrored.
     """
     if wrap == CLAMP:
         return np.int32(0), np.int32(1), np.int32(0)
@@ -120,9 +120,9 @@ def texel_rule(wrap):
 @helper
 def place_on_axis(u, size, rule):
     """
-    Return where a coordinate lies along an axis, in texels, within about one period.
+    Return a coordinate's position along an axis, texels, within about one period.
 
-    The middle of texel 0 stands for NaN and infinity.
+    NaN and infinity give the middle of texel 0.
     """
     lowest, highest, before, periods, after = rule
     scaled = before * min(max(u, lowest), highest)
@@ -133,7 +133,7 @@ def place_on_axis(u, size, rule):
 
 @helper
 def texel_on_axis(i, size, rule):
-    """Return the texel that stands at a whole number along an axis, at most one off a period."""
+    """Wrap a texel index along an axis, at most one outside a period."""
     moved, pictures, turned = rule
     by, none = np.int32(moved * size), np.int32(0)
     before, behind = by if i < none else none, by if i >= size else none
@@ -145,9 +145,9 @@ def texel_on_axis(i, size, rule):
 @disjoint_helper
 def find_positions(u, v, widths, heights, rules, offset, columns, rows, along, upward):
     """
-    Write the texel to the left of each place and below it, not wrapped, and shares of the next.
+    Write the texel left of and below each position, not wrapped, and the weights of the next.
 
-    With an offset of 0 instead of half a texel it is the texel that holds the place.
+    With an offset of 0 instead of half a texel it is the texel that holds the position.
     """
     for n in range(u.shape[0]):
         x = place_on_axis(u[n], widths[n], rules[0]) - offset
@@ -197,12 +197,12 @@ def find_repeated(
     step = np.int32(-HALVES * width)
     for n in range(u.shape[0]):
         x, y = u[n] - np.floor(u[n]), v[n] - np.floor(v[n])
-        # The middle of texel 0 stands for NaN and infinity.
+        # NaN and infinity give the middle of texel 0.
         x = (np.floor(x * across + 0.5) / TEXEL_STEPS if x == x else 0.5) - 0.5
         y = (np.floor(y * up + 0.5) / TEXEL_STEPS if y == y else 0.5) - 0.5
         column, row = np.floor(x), np.floor(y)
         along[n], upward[n] = np.float32(x - column), np.float32(y - row)
-        # They begin at -1, which is the largest of numbers without a sign.
+        # They begin at -1, the largest unsigned integer.
         i, j = np.int32(column), np.int32(row)
         left, low = min(np.uint32(i), last_column), min(np.uint32(j), last_row)
         right, top = np.int32(i + one), np.int32(j + one)
@@ -223,7 +223,7 @@ def fill_level(first, width, height, firsts, widths, heights):
 
 @helper
 def differences(values, count):
-    """Return 0 if the first values are all the same."""
+    """Return 0 if the first ``count`` values are equal."""
     found, first = np.int32(0), values[0]
     for n in range(count):
         found |= np.int32(values[n] != first)
@@ -242,10 +242,9 @@ def runs_of(values):
 @helper
 def take_levels(size, up, own, levels, numbers):
     """
-    Write first texel and size of each sample's level, or of one ``up``, at most the last.
+    Write first texel and size of each sample's mip level plus ``up``, at most the last.
 
-    Takes the first level of the picture, from whose first texel on texels are counted, and the
-    last.
+    Takes the texture's first level, whose first texel indices are relative to, and its last.
     """
     first, last = own
     base = levels[first, FIRST_TEXEL]
@@ -267,7 +266,7 @@ def rows_of(rows, first, start, stop):
 
 @disjoint_helper
 def add_coarse(share, coarse, own):
-    """Mix one channel of the coarser level into that of the finer one, where it has a share."""
+    """Blend one channel of the coarser level into the finer one, where its weight is not 0."""
     for n in range(own.shape[0]):
         mixed = own[n] + share[n] * (coarse[n] - own[n])
         own[n] = mixed if share[n] > np.float32(0.0) else own[n]
@@ -275,7 +274,7 @@ def add_coarse(share, coarse, own):
 
 @disjoint_helper
 def add_tap(k, taps, own, mean):
-    """Take tap ``k`` of each footprint into the mean, one channel of it."""
+    """Add tap ``k`` of each footprint to the running mean, one channel."""
     share = np.float32(1.0) / np.float32(k + 1)
     for n in range(own.shape[0]):
         before = own[n] if k == 0 else mean[n]
@@ -285,7 +284,7 @@ def add_tap(k, taps, own, mean):
 
 @disjoint_helper
 def divide_by_alpha(colors, alphas):
-    """Divide one channel, which was mixed times alpha, by the mixed alpha; clear is black."""
+    """Divide one premultiplied channel by alpha; alpha 0 gives black."""
     none = np.float32(0.0)
     for n in range(colors.shape[0]):
         alpha = alphas[n]
@@ -294,7 +293,7 @@ def divide_by_alpha(colors, alphas):
 
 @disjoint_helper
 def move_places(u, v, transform, moved_u, moved_v):
-    """Write coordinates as a texture sees them."""
+    """Apply a texture's transform to coordinates."""
     for n in range(u.shape[0]):
         moved_u[n] = transform[0] * u[n] + transform[1] * v[n] + transform[2]
         moved_v[n] = transform[3] * u[n] + transform[4] * v[n] + transform[5]
@@ -302,7 +301,7 @@ def move_places(u, v, transform, moved_u, moved_v):
 
 @disjoint_helper
 def move_steps(u, v, transform, moved_u, moved_v):
-    """Write steps as a texture sees them."""
+    """Apply a texture's transform to steps."""
     for n in range(u.shape[0]):
         moved_u[n] = transform[0] * u[n] + transform[1] * v[n]
         moved_v[n] = transform[3] * u[n] + transform[4] * v[n]
@@ -319,7 +318,7 @@ def find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps)
 
 @helper
 def divide_footprints(right_u, right_v, down_u, down_v, size, limit, longest, taps, way_u, way_v):
-    """Write what stands for each footprint; return the most taps of the first samples."""
+    """Write length, taps and axis of each footprint; return the most taps of the first samples."""
     width, height, count = size
     most = np.int64(1)
     for n in range(count):
@@ -344,7 +343,7 @@ def split_details(longest, count, first, levels, shares):
 
 @helper
 def any_coarse(shares, count):
-    """Return whether a coarser level has a share in any of the first samples."""
+    """Return whether any of the first samples needs a coarser level."""
     found = np.int64(0)
     for n in range(count):
         found |= np.int64(shares[COARSER, n] > np.float32(0.0))
@@ -353,14 +352,14 @@ def any_coarse(shares, count):
 
 @disjoint_helper
 def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
-    """Write where tap ``k`` of each footprint lies."""
+    """Write the position of tap ``k`` of each footprint."""
     for n in range(u.shape[0]):
         tap_u[n], tap_v[n] = texturing.tap_place((u[n], v[n]), (way_u[n], way_v[n]), k, taps[n])
 
 
 @helper
 def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, shares, corners):
-    """Write which texels of its level lie around each place, and their shares."""
+    """Write the texels of its level around each position, and their weights."""
     size, base = u.shape[0], levels[own[0], FIRST_TEXEL]
     details, start, level = part(numbers, LEVEL, 0, size), np.int64(0), own[0]
     is_quick = is_smooth and wraps[0] == REPEAT and wraps[1] == REPEAT
@@ -405,7 +404,7 @@ def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, sha
 
 @helper
 def read_level(is_smooth, own, textures, corners, shares, target):
-    """Write what texels around places show."""
+    """Write the filtered colours at positions."""
     size, base = corners[0].shape[0], textures.levels[own[0], FIRST_TEXEL]
     along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
     _, width, height = texturing.level_at(textures.levels, own[0])
@@ -456,9 +455,9 @@ def read_taps(
 @helper
 def find_levels(first, count, owner, kind, textures, places, numbers, shares):
     """
-    Write the levels of neighbouring samples of one texture with levels to choose from.
+    Choose the mip levels of neighbouring samples of one texture.
 
-    Returns the most taps that they take.
+    Returns the most taps that any of them takes.
     """
     row, size = textures.table[owner, kind], whole_vectors(count)
     level, stop = np.int32(row[FIRST_LEVEL]), first + size
@@ -490,7 +489,7 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
 
 @helper
 def places_seen(first, size, owner, kind, textures, places):
-    """Return rows of coordinates of neighbouring samples as their texture sees them."""
+    """Return the coordinates of neighbouring samples, with their texture's transform."""
     u, v = part(places, U, first, first + size), part(places, V, first, first + size)
     if textures.transforms.shape[0] > 0:
         moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
@@ -501,7 +500,7 @@ def places_seen(first, size, owner, kind, textures, places):
 
 @helper
 def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors):
-    """Write what a texture of one object shows at neighbouring samples; white without one."""
+    """Look up one object's texture at neighbouring samples; white without one."""
     row, size = textures.table[owner, kind], whole_vectors(count)
     if row[FIRST_LEVEL] < 0:
         shown = rows_of(colors, SHOWN, first, first + size)
@@ -545,7 +544,7 @@ def fill_white(red, green, blue, alpha):
 @helper
 def show_textures(places, lookup, count, kind, textures):
     """
-    Write what textures of one kind show at each sample of a row; white where an object has none.
+    Look up textures of one kind at each sample of a row; white where an object has none.
 
     Parameters
     ----------
@@ -572,10 +571,10 @@ def show_textures(places, lookup, count, kind, textures):
 @stage
 def read_textures(block: Block, count, kind: int64, textures: Textures):
     """
-    Write what textures of one kind, ``BASE_COLOR`` ... ``EMISSIVE``, show at each sample.
+    Look up textures of one kind, ``BASE_COLOR`` ... ``EMISSIVE``, at each sample.
 
     Into rows SHOWN of ``colors``, linear RGBA; white where an object has none. After
-    `find_coordinates`, and `find_steps` where a texture has levels to choose from.
+    `find_coordinates`, and `find_steps` where a texture is mipmapped.
     """
     lookup = block.numbers, block.shares, block.colors
     show_textures(block.places, lookup, count, kind, textures)
@@ -583,7 +582,7 @@ def read_textures(block: Block, count, kind: int64, textures: Textures):
 
 @stage
 def multiply_textures(block: Block, count):
-    """Multiply the base colours by what the textures show."""
+    """Multiply the base colours by the texture colours."""
     for k in range(3):
         multiply_row(
             part(block.samples, rows.RED + k, 0, count), part(block.colors, SHOWN + k, 0, count)
@@ -595,10 +594,10 @@ def multiply_textures_below_highlights(
     block: Block, count, materials: float32[:, ::1], first: int64
 ):
     """
-    Multiply the base colours by what the textures show, but for the highlights in them.
+    Multiply the lit colours by the texture colours, except for the highlights in them.
 
-    What is left of the light on the vertices of objects shaded by Gouraud without highlights is in
-    three rows of samples from ``first`` on.
+    The diffuse light on the vertices of Gouraud-shaded objects is in three rows of samples from
+    ``first`` on.
     """
     samples, shown = block.samples, block.colors
     for k in range(block.counts[SEGMENTS]):
@@ -614,7 +613,7 @@ def multiply_textures_below_highlights(
 
 
 def lookup_memory(room: int) -> tuple[Any, Any, Any]:
-    """Return the memory that a thread needs to look up textures of so many samples."""
+    """Return a thread's memory for looking up textures of up to ``room`` samples."""
     return (
         np.empty((WHOLE_ROWS, room), np.int32),
         np.empty((SHARE_ROWS, room), np.float32),
@@ -625,10 +624,10 @@ def lookup_memory(room: int) -> tuple[Any, Any, Any]:
 @helper
 def absorb(color, texel, diffuse):
     """
-    Return a colour times a texel, but for the highlight in it, which lies on top.
+    Multiply the diffuse part of a lit colour by a texel; the highlight in it stays.
 
-    That is what is left of the colour when the texel has absorbed its share of the light without
-    highlights: exactly the colour itself if the texel is white.
+    Computed as the colour less ``(1 - texel)`` of its diffuse part: exactly the colour if the texel
+    is white.
     """
     if diffuse == color:
         return color * texel

@@ -1,9 +1,9 @@
 """
-Find where on their textures samples lie, straight from the edge functions, in float64.
+Interpolate texture coordinates straight from edge functions, in float64.
 
-For whoever reads coordinates and no weights: what `weights` and `texture_gradients` find in two
-steps. Edge functions are whole numbers, exact in float64 here, and of one sign on a face that a
-sample lies on, as w is. The weights
+Used where nothing else reads weights, in place of `weights` and `texture_gradients`. Edge functions
+are integers, exact in float64 here, and of one sign on a face that a sample lies on, as w is. The
+weights
 
     b_k = e_k w_i w_j / (e_0 w_1 w_2 + e_1 w_2 w_0 + e_2 w_0 w_1)
 
@@ -12,9 +12,8 @@ sample. That moves coordinates by far less than the step that positions on a tex
 to. Edge functions of clipped faces are not known, and those of some others may leave what float64
 holds: samples on such faces take weights from `barycentric`.
 
-A patch is worked out at once, be it a long run or a few samples: its lanes are free, while vertices
-would have to be written for each sample. Where a sample lies depends on its face and its pixel
-alone.
+Patches are processed one by one, even short ones: unused vector lanes cost nothing, while gathering
+would write vertices for each sample. Coordinates depend on a sample's face and pixel alone.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ LEAST_FACTOR, LARGEST_FACTOR = 2.0**-900, 2.0**900
 
 @helper
 def factors_of(a, b, c, w):
-    """Return what the edge functions of a face are multiplied by, one for each vertex."""
+    """Return the products of w that a face's edge functions are multiplied by, one per vertex."""
     if w.shape[0] == 0:
         return 1.0, 1.0, 1.0
     return w[b] * w[c], w[c] * w[a], w[a] * w[b]

@@ -1,5 +1,5 @@
 """
-Say how textures are looked up, and find the mip level and the footprint of a sample.
+Define texture filtering: wrap modes, mip level and anisotropic footprint of a sample.
 
 Coordinate u runs right and v up. They are reduced to one period in float64 before they are scaled
 to texels, so nothing is lost far from 0 but what float32 coordinates have lost already. Texels lie
@@ -9,10 +9,10 @@ The level of detail is ``log2 rho``; rho is the longer of the two steps on the p
 that one pixel to the right and one pixel down make. They are the exact derivatives of the
 perspective-correct coordinates at the pixel's centre: with weights ``W_k / sum W`` whose parts are
 linear on the screen, ``u = sum W_k u_k / sum W`` has the derivative ``sum W_k' (u_k - u) / sum W``.
-Where a pixel has several samples that are shaded by themselves, a step leads from one to the next:
-it is ``Viewport.spacing`` pixels long. Else their mean would be blurred twice.
-Where a texture is moved, turned or scaled, so are the steps. Affine coordinates have the same
-derivatives all over a face: those of its edge functions over their sum.
+Where each sample of a pixel is shaded (supersampling), a step is ``Viewport.spacing`` pixels long,
+the distance between samples; else their mean would be blurred twice. A texture's transform applies
+to steps too. Affine coordinates have constant derivatives on a face: those of its edge functions
+over their sum.
 
 Anisotropic filtering divides the footprint of a pixel along its longer step. With the lengths of
 both steps, the shorter counted as one texel at least, and ``parts = min(longer / shorter,
@@ -38,22 +38,22 @@ from rasterjit.runtime.float_math import log2
 from rasterjit.runtime.jit import helper
 
 BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
-"""What a texture is for, as ``Textures.table`` numbers it."""
+"""Kinds of texture, the rows of ``Textures.table``."""
 CORE_KINDS = 5
 CLEARCOAT, CLEARCOAT_ROUGHNESS, CLEARCOAT_NORMAL = 5, 6, 7
 SHEEN_COLOR, SHEEN_ROUGHNESS, SPECULAR_FACTOR, SPECULAR_COLOR = 8, 9, 10, 11
 TRANSMISSION, THICKNESS = 12, 13
-"""The same of layers; the table has none of them where no object has one."""
+"""Kinds of material extensions; the table leaves them out where no object has one."""
 KINDS = 14
 
 REPEAT, CLAMP, MIRROR = 0, 1, 2
-"""What lies outside the picture, as ``Textures.table`` numbers it."""
+"""Wrap modes, as ``Textures.table`` numbers them."""
 
 NEAREST, BILINEAR, TRILINEAR = 0, 1, 2
 """Filters, as ``Textures.table`` numbers them."""
 
 PLAIN, WEIGHTED, MASK = 0, 1, 2
-"""What texels hold, as ``Textures.table`` numbers it; see ``mip_levels``."""
+"""Uses of alpha, as ``Textures.table`` numbers them; see ``mip_levels``."""
 
 FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY, ALPHA_USE = range(7)
 """Columns of ``Textures.table``."""
@@ -71,7 +71,7 @@ coordinates: a sample on the middle of a texel shows that texel alone, one on a 
 """
 
 LARGEST_STEP_SQUARED = 1e30
-"""Squared texels a step: beyond the coarsest level of any texture, and finite in float32."""
+"""Largest squared step, texels: beyond the coarsest level of any texture, and finite in float32."""
 
 
 @helper
@@ -83,9 +83,9 @@ def level_at(levels, n):
 @helper
 def scaled_slopes(per_sum, ratios, across, down):
     """
-    Return the slopes of weights whose edge functions gain so much by a pixel right and down.
+    Return the derivatives of weights, given the steps of their edge functions right and down.
 
-    Takes one over the weights' sum, in the unit of the gains, and the smallest w over each.
+    Takes one over the weights' sum, in the unit of the steps, and smallest w / w of each vertex.
     """
     p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
     return (
@@ -97,10 +97,9 @@ def scaled_slopes(per_sum, ratios, across, down):
 @helper
 def clipped_slopes(a, b, c, column, row, clip, viewport):
     """
-    Return how the weights of a clipped face change at a pixel's centre, over their sum.
+    Return the derivatives of a clipped face's weights at a pixel's centre, over their sum.
 
-    Two times three numbers: from one sample to the next on the right, and to the next below, of the
-    weights before they are divided by their sum.
+    Two times three numbers: per sample to the right, and down, for weights that are not normalized.
     """
     width, height = whole_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
@@ -119,7 +118,7 @@ def clipped_slopes(a, b, c, column, row, clip, viewport):
 
 @helper
 def place_step(slopes, place, place0, place1, place2):
-    """Return how far the coordinates move, u and v, where the weights change by the slopes."""
+    """Return the change of u and v for the given derivatives of the weights."""
     rest = slopes[0] + slopes[1] + slopes[2]
     return (
         slopes[1] * (place1[0] - place0[0])
@@ -154,14 +153,14 @@ def vertex_place(uv, vertex):
 
 @helper
 def plain_footprint(right, down):
-    """Return the squared length of the longer of two steps, one tap, and no way between taps."""
+    """Return an isotropic footprint: the longer step's squared length, one tap, no axis."""
     return max(right, down), np.int64(1), (0.0, 0.0)
 
 
 @helper
 def long_footprint(right, down, step_right, step_down, limit):
     """
-    Return what stands for a pixel's footprint: a squared length, a number of taps, and their way.
+    Return an anisotropic footprint: a squared length, a number of taps, and their axis.
 
     The footprint is divided along its longer step into at most ``limit`` parts, each as long as
     the shorter step, or as a texel if that is shorter. Takes squared lengths in texels, and steps.
@@ -176,7 +175,7 @@ def long_footprint(right, down, step_right, step_down, limit):
 
 @helper
 def split_detail(detail, count):
-    """Return the finer level of the two around a level of detail, and the share of the coarser."""
+    """Split a level of detail into the finer mip level and the weight of the coarser one."""
     finer, last = np.int32(detail), count - np.int32(1)
     is_last = finer >= last
     return last if is_last else finer, np.float32(0.0) if is_last else detail - np.float32(finer)
@@ -184,7 +183,7 @@ def split_detail(detail, count):
 
 @helper
 def tap_place(place, way, n, taps):
-    """Return where tap ``n`` of a footprint lies; a lone one in the middle."""
+    """Return the position of tap ``n`` of a footprint; a single one is centred."""
     if taps == 1:
         return place
     shift = np.float64(2 * n + 1 - taps) / np.float64(2 * taps + 2)

@@ -1,4 +1,4 @@
-"""Find where on its face each sample lies: the weights of the second and the third vertex."""
+"""Compute barycentric weights of a block's samples: those of the second and third vertex."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
 WIDE = 1 << 26
-"""Ways across a face of less have products that float64 holds exactly, sub-pixel units."""
+"""Extents of a face below this have products that are exact in float64, sub-pixel units."""
 
 
 @helper
@@ -63,10 +63,10 @@ def weigh(
     front_turn, unsure, behind, second, third,
 ):  # fmt: skip
     """
-    Write the weights of ``count`` samples, each of a face of its own, and which side is seen.
+    Write the weights of ``count`` samples, each of its own face, and whether it is back-facing.
 
-    ``place`` is where in its pixel the sample lies, sub-pixel units. Returns whether any sample has
-    to be weighed in another way: its face was clipped, or its weights are doubtful.
+    ``place`` is the sample's position in its pixel, sub-pixel units. Returns whether any sample
+    needs the exact path: its face was clipped, or its weights may be inaccurate.
     """
     found = np.int32(0)
     for n in range(ax.shape[0]):
@@ -110,7 +110,7 @@ def edges_inside(ax, ay, bx, by, cx, cy, column, row, bits, half):
 def weigh_affine(
     ax, ay, bx, by, cx, cy, columns, rows, bits, front_turn, behind, second, third
 ):  # fmt: skip
-    """Do what `weigh` does of affine weights where samples lie on faces that are not wide."""
+    """Do what `weigh` does, for affine weights of samples on faces that are not wide."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
         k0, k1, k2 = edges_inside(
@@ -127,7 +127,7 @@ def weigh_inside(
     ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, bits, front_turn, unsure, behind, second,
     third,
 ):  # fmt: skip
-    """Do what `weigh` does of the others where samples lie on faces that are not wide."""
+    """Do what `weigh` does, for perspective-correct weights on faces that are not wide."""
     half = np.int32(np.int32(1) << np.int32(bits - 1))
     for n in range(ax.shape[0]):
         k0, k1, k2 = edges_inside(
@@ -144,7 +144,7 @@ def weigh_inside(
 
 @helper
 def any_unsure(unsure, count):
-    """Return not 0 if any of the first samples is unsure."""
+    """Return not 0 if any of the first samples needs the exact path."""
     found = np.int32(0)
     for n in range(unsure.shape[0]):
         found |= unsure[n] if np.int32(n) < count else np.int32(0)
@@ -153,7 +153,7 @@ def any_unsure(unsure, count):
 
 @helper
 def gather_screen(first, end, xy, codes, w, whole, real):
-    """Gather where vertices of patches lie on the screen, what was clipped, and w; 1 without."""
+    """Gather screen positions, clipped flags and w of patches' vertices; w is 1 if affine."""
     is_affine = w.shape[0] == 0
     for r in range(np.uintp(first), np.uintp(end)):
         n, code = np.uintp(whole[FIRST, r]), codes[np.uintp(whole[A, r])]
@@ -168,7 +168,7 @@ def gather_screen(first, end, xy, codes, w, whole, real):
 
 @helper
 def are_all_clipped(segment, whole, codes):
-    """Return whether all faces of a segment were clipped, as those of lines count."""
+    """Return whether all faces of a segment count as clipped, as those of lines do."""
     for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED == 0:
@@ -179,7 +179,7 @@ def are_all_clipped(segment, whole, codes):
 @helper
 def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_narrow, front_turn):
     """
-    Write what `weigh` does of the samples of a mixed segment; return if any is unsure.
+    Do what `weigh` does, for a mixed segment; return whether any sample needs the exact path.
 
     ``is_narrow``: samples lie on their faces, none of which is wide.
     """
@@ -245,7 +245,7 @@ def span_start(a, b, c, column, row, bits, xy, w):
 
 @helper
 def are_exact(edges, steps, count):
-    """Return whether float64 holds edge functions along a row, and what they gain."""
+    """Return whether float64 holds edge functions along a row, and their steps, exactly."""
     last, limit = np.int64(count - 1), np.int64(1 << 52)
     e0, e1, e2 = edges
     ends = abs(e0 + last * steps[0]) | abs(e1 + last * steps[1]) | abs(e2 + last * steps[2])
@@ -257,14 +257,14 @@ def weigh_affine_row(second, third, edges, steps):
     """Write affine weights along a row."""
     over = 1.0 / (edges[0] + edges[1] + edges[2])
     for n in range(second.shape[0]):
-        # Exact, as far as samples go.
+        # Exact within the span.
         way = np.float64(np.int32(n))
         second[n], third[n] = (edges[1] + way * steps[1]) * over, (edges[2] + way * steps[2]) * over
 
 
 @disjoint_helper
 def weigh_along_row(second, third, count, edges, steps, ratios):
-    """Write weights along a row; return if any of them is doubtful."""
+    """Write weights along a row; return whether any may be inaccurate."""
     found = np.int32(0)
     for n in range(second.shape[0]):
         way = np.float64(np.int32(n))
@@ -279,7 +279,7 @@ def weigh_along_row(second, third, count, edges, steps, ratios):
 
 @disjoint_helper
 def note_side(behind, is_behind):
-    """Write which side of a face is seen."""
+    """Write whether a face is back-facing."""
     for n in range(behind.shape[0]):
         behind[n] = is_behind
 
@@ -287,9 +287,9 @@ def note_side(behind, is_behind):
 @helper
 def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
     """
-    Note which samples of a span are unsure: all if one is, else those beside the face.
+    Mark the samples of a span that need the exact path: off the face, or all if ``doubtful``.
 
-    Notes their pixels, too, and which side is seen. Returns whether any is unsure.
+    Writes their pixels, too, and whether they are back-facing. Returns whether any is marked.
     """
     (e0, e1, e2), steps, _, _ = row_start
     is_behind = np.int32(np.float64(e0 + e1 + e2) * front_turn < 0.0)
@@ -309,7 +309,7 @@ def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
 
 @helper
 def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
-    """Write what `weigh` does of the samples of a span; return if any is unsure."""
+    """Do what `weigh` does, for a span; return whether any sample needs the exact path."""
     r, s, e = np.uintp(segment[FIRST_PATCH]), np.int64(segment[START]), np.int64(segment[STOP])
     a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
     column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
@@ -357,7 +357,7 @@ def weigh_clipped(second, third, behind, corners, column, row, is_behind, clip, 
 
 @helper
 def weigh_unsure(segment, whole, weights, geometry, placement):
-    """Write exactly the weights of the unsure samples of a segment, and which side is seen."""
+    """Compute the marked samples of a segment by the exact path, with their facing."""
     owner, codes = np.int64(segment[OWNER]), geometry.codes
     for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
@@ -381,7 +381,7 @@ def weigh_unsure(segment, whole, weights, geometry, placement):
 @stage
 def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     """
-    Write the weights of the samples of a block, and which side of each face is seen.
+    Write the weights of a block's samples, and whether their faces are back-facing.
 
     Leaves the pixels of clipped faces and what `weigh_mixed` gathers of the others, for
     `texture_gradients.find_steps`.

@@ -1,1 +1,1 @@
-"""Visibility: which face is seen at each sample, and how deep it lies."""
+"""Visibility buffer: the nearest face at each sample, and its depth."""

@@ -1,19 +1,19 @@
 """
-Leave out the samples where a surface has a hole: where its alpha is below a cutoff.
+Alpha test: discard samples whose alpha is below a cutoff ("holes").
 
-A triangle of an object with holes is drawn into a tile of its own, by the code that draws every
-triangle, so that its samples and depths are those of the same triangle without holes, bit for bit.
-Samples that pass the depth test queue until a batch of one object is full. Then their alphas are
-found together, and those that pass the alpha test move to the tile at hand, if they are still
-nearer. They keep their order, so that of equal depths the first is seen, as without holes.
+An alpha-tested triangle is rasterized into a scratch tile, by the code that draws every triangle,
+so its coverage and depths are those of an untested one, bit for bit. Samples that pass the depth
+test queue until a batch of one object is full. Then their alphas are computed together, and those
+that pass the alpha test move to the frame's tile, if they are still nearer. They keep their order,
+so that the first of equal depths is seen, as without alpha test.
 
-Alpha is that of the material times that of the vertex or face colours times that of the base colour
-texture, each as shading would show it at that sample: the same weights, also where a face was
-clipped, and the same filter, with the mip level that the picture at hand calls for (a shadow map
-has levels of its own). Samples beside a pixel's centre have their own alpha, at the centre's level.
+Alpha is the product of the material's, the vertex or face colours' and the base colour texture's,
+each as in shading: the same weights, also on clipped faces, and the same filter, with the mip level
+of the picture being drawn (a shadow map has its own). Samples off a pixel's centre have their own
+alpha, at the centre's mip level.
 
-What draws tiles, or looks at pixels, calls the kernels here by their address (``jit.Bound``): they
-are compiled once for all of it, and only where an object has holes.
+Other kernels call these by address (``jit.Bound``): they are compiled once for all of them, and
+only where an object is alpha-tested.
 """
 
 from __future__ import annotations
@@ -79,13 +79,13 @@ ALPHA = 3
 """Column of colours and of materials."""
 
 ENOUGH = 192
-"""Once so many samples wait, their alphas are found."""
+"""Queued samples that trigger the computation of their alphas."""
 
 PART = 256
-"""Samples whose alphas are found together."""
+"""Most samples of one alpha computation."""
 
 COLUMN_BITS = 7
-"""The place of a sample in a tile is its row there, shifted by so much, and its column."""
+"""A sample's index in a tile is ``row << COLUMN_BITS | column``."""
 
 ALPHA_MEMORY = (
     int32[:, ::1], float64[:, ::1], float32[:, ::1], float32[::1], float64[:, ::1],
@@ -96,18 +96,18 @@ ALPHA_MEMORY = (
 FIRST_SAMPLE, SAMPLES, OBJECT, SHIFT_X, SHIFT_Y = range(5)
 """
 Elements of ``Question.asked``: the first sample in the list and how many, their object, and their
-way to the pixels' centres on the sub-pixel grid.
+offset from the pixels' centres, sub-pixel units.
 """
 
 NTH, BATCH_COUNT, OWNER_AT_HAND, WAITING, LEFT_COLUMN, TOP_ROW, MOVED_X, MOVED_Y = range(8)
 """
-Elements of ``Holes.asked``: the number of a triangle in its batch of so many, its object, how many
-samples wait, the tile's first pixel, and what the vertices were moved by on the sub-pixel grid.
+Elements of ``Holes.asked``: a triangle's index in its batch, the batch's size, its object, how many
+samples are queued, the tile's first pixel, and the offset added to vertices, sub-pixel units.
 """
 
 
 class Question(NamedTuple):
-    """How a kernel asks for the alphas of samples of one object."""
+    """Arguments by which a kernel requests the alphas of samples of one object."""
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
@@ -118,35 +118,35 @@ class Question(NamedTuple):
     pixels: int32[:, ::1]
     """In rows ``COLUMN`` and ``ROW``: the pixel of each sample."""
     alphas: float32[::1]
-    """The answers."""
+    """Result: the alpha of each sample."""
     call: int64[::1]
     """How to call `find_alphas`."""
 
 
 class Holes(NamedTuple):
-    """How a kernel that draws into a tile leaves out the holes of triangles."""
+    """Arguments by which a kernel that rasterizes a tile runs the alpha test."""
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
     """As ``AlphaTests`` has them; of no objects where none has holes."""
     depth: stored[:, ::1]
     numbers: int32[:, ::1]
-    """The tile that triangles with holes are drawn into; its depths are empty before and after."""
+    """Face numbers of the scratch tile for alpha-tested triangles; depths are cleared after use."""
     asked: int64[::1]
     call: int64[::1]
     """How to call `keep_shown`."""
 
 
-# What the alpha of a sample is made of
+# Alpha of samples
 
 
 @helper
 def gather_patches(faces, own, xy, codes, w, whole, real):
     """
-    List the patches of some samples, and gather where the vertices of their faces lie, and w.
+    List the patches of samples, and gather the positions and w of their faces' vertices.
 
-    A patch is a few neighbours that show one face. Where interpolation is affine w is 1. Returns
-    the number of patches.
+    A patch is a run of neighbours that show one face. For affine interpolation w is 1. Returns the
+    number of patches.
     """
     patches, before = np.uintp(0), np.int32(-1)
     for i in range(np.uintp(faces.shape[0])):
@@ -172,7 +172,7 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
 
 @helper
 def find_weights(weights, count, patches, shift, whole, real, geometry):
-    """Write the weights of samples whose vertices and pixels are known."""
+    """Write the barycentric weights of samples from gathered vertices and pixels."""
     size, bits = whole_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
     unsure = weigh(
@@ -196,7 +196,7 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
 
 @disjoint_helper
 def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
-    """Multiply alphas by those of vertices, interpolated."""
+    """Multiply alphas by interpolated vertex alphas."""
     for n in range(alphas.shape[0]):
         weights = 0.0, second[n], third[n]
         ends = np.float64(at_a[n]), np.float64(at_b[n]), np.float64(at_c[n])
@@ -220,7 +220,7 @@ def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex
 def find_coordinates(
     places, size, patches, weights, owner, whole, real, single, geometry, textures
 ):  # fmt: skip
-    """Write where on their object's textures samples lie, and their steps if any calls for them."""
+    """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
     uv = textures.uv
     for r in range(patches):
         n = np.uintp(whole[FIRST, r])
@@ -312,7 +312,7 @@ def find_alphas(
 
 @helper
 def is_hole(face, column, row, question):
-    """Return whether a face has a hole at a pixel's centre; none has if no object has holes."""
+    """Return whether a face fails the alpha test at a pixel's centre; False if it is not tested."""
     if question.cutoffs.shape[0] == 0:
         return False
     owner = last_at_most(question.face_starts, face)
@@ -327,15 +327,15 @@ def is_hole(face, column, row, question):
     return not question.alphas[0] >= cutoff
 
 
-# What waits
+# The queue of samples
 
 
 @helper
 def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
     """
-    Note which of a few samples of a row are nearer than the tile at hand, and empty them.
+    Queue those of a few samples of a row that pass the depth test, and clear them.
 
-    Takes row and column in the tile, and the last column of account. Returns how many wait then.
+    Takes row and column in the tile, and the last column that counts. Returns the queue's length.
     """
     found = np.int32(0)
     for k in range(LANES):
@@ -344,7 +344,7 @@ def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
     if found != 0:
         for k in range(LANES):
             column, place = np.uintp(j + k), np.uintp(waiting)
-            # Without a branch: the next overwrites what is hidden.
+            # Branchless: the next sample overwrites a hidden one.
             places[place] = np.int32((np.int64(i) << COLUMN_BITS) | (j + k))
             stored[place] = own[i, column]
             waiting += np.int64((own[i, column] > depths[i, column]) & (j + k <= last))
@@ -355,7 +355,7 @@ def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
 
 @helper
 def note_nearer(n, waiting, batch, left, top, depths, own, empty, lists):
-    """Let the samples of a triangle wait that are nearer than the tile at hand; count all."""
+    """Queue the samples of a triangle that pass the depth test; return the queue's length."""
     places, faces, nearness = lists
     before = waiting
     first = max(np.int64(batch[LEFT, n]) - left, np.int64(0))
@@ -372,7 +372,7 @@ def note_nearer(n, waiting, batch, left, top, depths, own, empty, lists):
 
 @disjoint_helper
 def place_pixels(columns, rows, places, left, top):
-    """Write the pixels of samples, given their places in a tile and the tile's first pixel."""
+    """Write the pixels of samples, given their indices in a tile and the tile's first pixel."""
     for n in range(columns.shape[0]):
         columns[n] = np.int32((places[n] & ((1 << COLUMN_BITS) - 1)) + left)
         rows[n] = np.int32((places[n] >> COLUMN_BITS) + top)
@@ -380,8 +380,8 @@ def place_pixels(columns, rows, places, left, top):
 
 @disjoint_helper
 def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
-    """Move samples whose alpha is not below the cutoff to a tile, flat, where they are nearer."""
-    # Nobody reads the last sample of a tile.
+    """Write samples that pass the alpha test to a tile, flat, where they are nearer."""
+    # The last sample of a tile is padding, never read.
     spare = np.uintp(depths.shape[0] - 1)
     for n in range(places.shape[0]):
         row, column = places[n] >> COLUMN_BITS, places[n] & ((1 << COLUMN_BITS) - 1)
@@ -394,7 +394,7 @@ def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
 
 @helper
 def show_waiting(waiting, asked, tile, lists, question):
-    """Move the samples that wait to the tile at hand, where they are neither holes nor hidden."""
+    """Run the alpha test on queued samples; write those that pass to the frame's tile if nearer."""
     places, faces, nearness = lists
     owner, query = asked[OWNER_AT_HAND], question.asked
     query[OBJECT], query[SHIFT_X], query[SHIFT_Y] = owner, asked[MOVED_X], asked[MOVED_Y]
@@ -421,29 +421,29 @@ def keep_shown(
     question: Question,
 ):  # fmt: skip
     """
-    Move what a triangle with holes shows from its own tile to the tile at hand, now or later.
+    Move an alpha-tested triangle from its scratch tile to the queue, flushing it when full.
 
     Parameters
     ----------
     asked : (8,) int64
-        As ``Holes.asked``.
+    As ``Holes.asked``.
     tile : (depth, face numbers)
-        The tile at hand.
+    The frame's tile.
     own : (rows, columns), stored depth
-        What was drawn of the triangle; emptied.
+    The scratch tile; cleared.
     empty : (1,), stored depth
-        That of nothing.
+    That of empty samples.
     batch : (rows, columns) int32
         The triangles of the batch, as ``triangle_batches`` sets them up.
     lists : (places, face numbers, stored depths)
-        What waits.
-    question : Question
+        The queue.
+        question : Question
 
     Returns
     -------
     int
-        How many samples wait then: 0 once they were tested, because enough waited, the batch
-        ended or the next triangle is of another object.
+        The queue's length: 0 if it was flushed, because it was full, the batch ended or the next
+        triangle is of another object.
     """
     n, owner = np.uintp(asked[NTH]), asked[OWNER_AT_HAND]
     waiting = note_nearer(
@@ -457,12 +457,12 @@ def keep_shown(
     return np.int64(0)
 
 
-# What is asked of a triangle
+# Calls for each triangle
 
 
 @helper
 def begin_batch(holes, count, origin, shift):
-    """Note what the triangles of a batch have in common."""
+    """Store what the triangles of a batch share: size, tile origin, offset."""
     asked = holes.asked
     asked[BATCH_COUNT], asked[WAITING] = count, 0
     asked[LEFT_COLUMN], asked[TOP_ROW] = origin
@@ -471,14 +471,14 @@ def begin_batch(holes, count, origin, shift):
 
 @helper
 def find_owner(face, guess, holes):
-    """Return the object that owns a face, and whether it has holes; a guess is tried first."""
+    """Return the object that owns a face, and whether it is alpha-tested; tries a guess first."""
     owner = find_object(np.int64(face), holes.face_starts, guess)
     return owner, holes.cutoffs[owner] > np.float32(0.0)
 
 
 @helper
 def keep(n, owner, holes):
-    """Move what triangle ``n`` of the batch shows from its own tile to the tile at hand."""
+    """Move triangle ``n`` of the batch from its scratch tile to the queue; see `keep_shown`."""
     holes.asked[NTH], holes.asked[OWNER_AT_HAND] = n, owner
     holes.asked[WAITING] = call_bound(holes.call)
 
@@ -487,8 +487,8 @@ def keep(n, owner, holes):
 
 
 def alpha_memory(room: int = PART) -> tuple[Any, ...]:
-    """Return the memory that a thread needs to find the alphas of so many samples together."""
-    # `whole_vectors`, which is compiled; called here, it would wait for Numba.
+    """Return a thread's memory for computing the alphas of up to ``room`` samples together."""
+    # As `whole_vectors`, which is compiled: calling it here would wait for Numba.
     room = -(-room // VECTOR) * VECTOR + LANES
     return (
         np.empty((WHOLE_ROWS, room), np.int32),
@@ -503,9 +503,9 @@ def alpha_memory(room: int = PART) -> tuple[Any, ...]:
 
 class AlphaTest:
     """
-    What a thread needs to find alphas.
+    A thread's state for computing alphas.
 
-    Keep it as long as its question is in use: machine code holds addresses of its memory.
+    Keep it alive while its question is in use: machine code holds addresses of its memory.
 
     Parameters
     ----------
@@ -539,9 +539,9 @@ NO_QUESTION = Question(
 
 class TileTest:
     """
-    What a thread needs to leave holes out of tiles.
+    A thread's state for alpha-testing a tile.
 
-    Keep it as long as its record is in use: machine code holds addresses of its memory.
+    Keep it alive while its record is in use: machine code holds addresses of its memory.
 
     Parameters
     ----------
@@ -561,7 +561,7 @@ class TileTest:
         if alpha_tests is None:
             self.holes = no_holes(empty.dtype)
             return
-        # All samples of one triangle may wait, and some more.
+        # All samples of one triangle may be queued, and some more.
         room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
         self._test = AlphaTest(alpha_tests, room, PART)
         question, asked = self._test.question, np.zeros(8, np.int64)
@@ -575,7 +575,7 @@ class TileTest:
 
 @functools.cache
 def no_holes(depth_type: np.dtype[Any]) -> Holes:
-    """Return what stands for objects without holes, for depths of a type."""
+    """Return the `Holes` of a scene without alpha test, for depths of a type."""
     return Holes(
         NO_QUESTION.face_starts, NO_QUESTION.cutoffs, np.empty((0, 0), depth_type),
         np.empty((0, 0), np.int32), NO_QUESTION.asked, NO_QUESTION.call,

@@ -1,9 +1,8 @@
 """
-Find the reversed depth of the faces that are seen, whatever they were compared by.
+Compute float32 reversed depth of the visible faces, for frames depth-tested in another format.
 
-A frame whose depths were compared in another format is shaded as any: the passes that look at
-depths (shadows, ambient occlusion, outlines, hidden lines) take those of the faces that were found,
-before they were rounded to the format.
+Passes that read depth (shadows, ambient occlusion, outlines, hidden lines) then work as in any
+frame, on depths not rounded to that format.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """
-The Python side of the stages: allocate, share the work among threads, call the kernel.
+Run the geometry and visibility stages: allocate, split the work among threads, call kernels.
 
-Work is cut into tasks that write to places of their own, fixed before any of them starts, so the
-result has the same bits for any number of threads and any order of completion.
+Tasks write to disjoint memory, assigned before any of them starts, so the result has the same
+bits for any number of threads and any order of completion.
 """
 
 from __future__ import annotations
@@ -57,26 +57,26 @@ LEAST_CUT = 256
 """Fewest faces cut by one task, if there are several threads."""
 
 VERTICES_PER_TASK = 65536
-"""Most vertices taken to the screen by one task; they may belong to several objects."""
+"""Most vertices projected by one task; they may belong to several objects."""
 
 LEAST_VERTICES = 4096
-"""Fewest vertices taken to the screen by one task, if there are several threads."""
+"""Fewest vertices projected by one task, if there are several threads."""
 
 EVEN_TASKS = 4
-"""Tasks of each thread, of what takes equally long: faces to set up, vertices."""
+"""Tasks per thread for work of even cost: faces to set up, vertices."""
 
 TILES_PER_TASK = 4
 """Tiles that a thread takes at a time, if there are several threads."""
 
 SPARE_VERTICES = 1024
-"""Room kept for vertices made by clipping before the arrays have to be copied."""
+"""Spare capacity for vertices made by clipping, before arrays have to be copied."""
 
 EXPANDERS: dict[str, Expand] = {"lines": lines.expand, "points": painting.expand_squares}
-"""What finds the pieces of segments and points, by kind of object."""
+"""Functions that expand segments and points into triangles, by kind of object."""
 
 
 class Totals(NamedTuple):
-    """What became of the faces; the numbers add up to ``faces_in``."""
+    """Counts of faces by outcome; they add up to ``faces_in``."""
 
     faces_in: int
     outside: int
@@ -84,7 +84,7 @@ class Totals(NamedTuple):
     degenerate: int
     """Zero area after snapping."""
     culled: int
-    """Turned away, with culling on."""
+    """Back-facing, with culling on."""
     unsampled: int
     """Between the pixel centres, or beside the image."""
     invalid: int
@@ -106,14 +106,14 @@ class TileLists(NamedTuple):
     skipped: Sequence[tuple[int, int]] = ()
     """Runs of faces that are in no list."""
     reach: int = 0
-    """As ``Viewport.reach``: how far from the centres samples may lie whose triangles these are."""
+    """As ``Viewport.reach``: how far from pixel centres the lists' samples may lie."""
 
 
 class ModelVertices(NamedTuple):
-    """The vertices of all objects, and the way to clip space: what `transform` takes."""
+    """The vertices of all objects and their transforms to clip space: input of `transform`."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
-    """(V, 3), model space. They are taken to the screen in arithmetic of their type."""
+    """(V, 3), model space. Their type is that of the arithmetic that projects them."""
     vertex_starts: NDArray[np.int64]
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     relative_from_model: NDArray[np.float64]
@@ -121,7 +121,7 @@ class ModelVertices(NamedTuple):
     clip_from_relative: NDArray[np.float64]
     """(4, 4)."""
     unused: tuple[tuple[int, int], ...] = ()
-    """Runs of vertices that nothing is drawn of, ascending: the first, and one past the last."""
+    """Runs of vertices that no drawn face uses, ascending: the first, and one past the last."""
 
 
 class Coverage(NamedTuple):
@@ -150,8 +150,8 @@ class Coverage(NamedTuple):
     covered: int | None = None
     """How many pixels show a face; ``None`` if they were not counted."""
     first_depth: NDArray[Any] | None = None
-    """(H, W), as ``depth``, at the first of several samples: what the output shows in its place;
-    ``None`` if it does not."""
+    """(H, W), as ``depth``, at the first of several samples: replaces it in the output; ``None`` if
+    it does not."""
 
 
 def transform(
@@ -163,10 +163,10 @@ def transform(
     runs: Sequence[tuple[int, int]] | None = None,
 ) -> NDArray[np.float64]:
     """
-    Take every object's vertices to clip space, by way of the eye.
+    Transform every object's vertices to clip space, by way of eye-relative world coordinates.
 
-    Model positions become positions relative to the eye first: differences of large coordinates
-    are taken while they are exact, so a scene far from the origin loses nothing.
+    Differences of large coordinates are taken while they are exact, so a scene far from the origin
+    loses no precision.
 
     Parameters
     ----------
@@ -204,12 +204,12 @@ def transform(
 
 
 def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
-    """Return how much of something one task does, not more than the most."""
+    """Return how many items one task does, between the least and the most."""
     return min(count_per_task(count, least, workers, EVEN_TASKS), most)
 
 
 def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
-    """Return matrices in the type of the vertices that they take elsewhere."""
+    """Return matrices in the type of the vertices that they transform."""
     if kind == np.float64:
         return np.ascontiguousarray(matrices)
     with np.errstate(over="ignore"):
@@ -224,7 +224,7 @@ def project(
     precision: Any = np.float64,
 ) -> tuple[ScreenVertices, int]:
     """
-    Take all vertices from clip space to the screen.
+    Project all vertices from clip space to the screen.
 
     Parameters
     ----------
@@ -255,9 +255,9 @@ def transform_and_project(
     runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[ScreenVertices, int]:
     """
-    Take all vertices from model space to the screen.
+    Project all vertices from model space to the screen.
 
-    The same bits as `transform` and `project` after it, without the clip positions in between.
+    The same bits as `transform` then `project`, without storing clip positions.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _to_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
     kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
 ) -> tuple[ScreenVertices, int]:  # fmt: skip
-    """Call a kernel that fills the screen vertices for all of them, or for some runs."""
+    """Call a kernel that fills the screen vertices, for all of them or for some runs."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
     per_task = _per_task(count, LEAST_VERTICES, VERTICES_PER_TASK, workers)
@@ -318,7 +318,7 @@ def clip(
     primitives: Primitives | None = None,
 ) -> tuple[Faces, ScreenVertices, int]:
     """
-    Cut the faces that cross the near or far plane or the guard band.
+    Clip the faces that cross the near or far plane or the guard band.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def clip(
     int
         How many faces were cut.
     """
-    # Which faces are cut.
+    # Faces to clip.
     codes = screen.codes[: clip_positions.shape[0]]
     if primitives is None:
         cut = _cut_faces(faces, codes, workers)
@@ -420,12 +420,12 @@ def _cut_faces(
 
 
 def _edges(count: int, least: int, most: int, workers: Workers) -> list[int]:
-    """Return where tasks begin, and the last ends, of so many things in a row."""
+    """Return the boundaries of tasks over ``count`` items: each start, and the end of the last."""
     return [*range(0, count, _per_task(count, least, most, workers)), count]
 
 
 class Drawable(NamedTuple):
-    """What a picture is drawn from."""
+    """The geometry that a picture is drawn from."""
 
     vertices: ModelVertices | NDArray[np.float64]
     """Or (V, 4) float64, clip space."""
@@ -436,36 +436,35 @@ class Drawable(NamedTuple):
     """The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer."""
     viewport: Viewport
     alpha_tests: AlphaTests | None = None
-    """The objects that have holes, for any picture: its geometry is put in."""
+    """The alpha-tested objects, for any picture: its geometry is filled in."""
     primitives: Primitives | None = None
     """The objects whose faces are segments or points; ``None`` -> all are triangles."""
     hidden: Sequence[tuple[int, int]] = ()
     """Runs of faces, ascending, those of whole objects, that are not drawn."""
     is_affine: bool = False
-    """Whether holes lie where interpolation on the screen puts them."""
+    """Whether the alpha test interpolates affinely, in screen space."""
 
 
 class Wanted(NamedTuple):
-    """What of a picture outlives its drawing, and how it is drawn."""
+    """Which results of a picture are kept, and how it is drawn."""
 
     depth: bool = True
     faces: bool = True
-    """Whether the face at each pixel does; else ``face_id`` is (H, 0)."""
+    """Whether the face at each pixel is kept; else ``face_id`` is (H, 0)."""
     lists: bool = False
-    """Whether those of the tiles do."""
+    """Whether the tiles' lists of triangles are kept."""
     clip_positions: bool = False
     """Whether they are made even if no vertex has a ``CLIPPED`` code."""
     draws: bool = True
-    """Whether anybody looks at depth or faces; else all pixels are empty."""
+    """Whether depth or faces are read; else all pixels are empty."""
     depth_type: Any = np.float32
-    """What depths are rounded to before they are compared: float32, float64, or int32, which cuts
-    off what is behind the point."""
+    """Type that depths are rounded to before they are compared: float32, float64, or int32, which
+    truncates."""
     precision: Any = np.float64
-    """Of the arithmetic that takes clip positions to the screen; that of model positions is their
-    own."""
+    """Type of the arithmetic that projects clip positions; for model positions it is their own."""
     reach: int = 0
-    """How far from the centres samples lie that the lists are for, as ``Viewport.reach``; 0 where
-    pictures are drawn."""
+    """How far from pixel centres samples lie that the lists are for, as ``Viewport.reach``; 0 for
+    drawing pictures."""
 
 
 def find_visible(
@@ -505,11 +504,11 @@ def find_visible(
         painted = [
             one for one in primitives.objects if painting.is_painted(one, wanted.lists, alpha_tests)
         ]
-    # Take vertices to clip space and to the screen.
+    # Transform and project vertices.
     if isinstance(vertices, ModelVertices):
         runs, left_out = None, list(vertices.unused)
         if not (wanted.lists or wanted.clip_positions):
-            # Points are taken to the screen when they are drawn.
+            # Points are projected when they are drawn.
             left_out += [one.vertices for one in painted]
         if left_out:
             runs = list(runs_between(sorted(left_out), len(vertices.positions)))
@@ -525,7 +524,7 @@ def find_visible(
             clip_positions, depth_coefficients, viewport, workers, wanted.precision
         )
     clock("transform")
-    # Cut faces.
+    # Clip faces.
     clipped = 0
     all_faces = kept.made("faces", whole_faces, faces)
     if seen & setup.CLIPPED:
@@ -533,7 +532,7 @@ def find_visible(
             clip_positions, faces, depth_coefficients, viewport, screen, workers, primitives
         )
     clock("clip")
-    # Make pieces of segments and points.
+    # Expand segments and points into triangles.
     if primitives is not None:
         codes = screen.codes[: len(clip_positions)]
         projected = Projected(faces, clip_positions, codes, depth_coefficients, viewport)
@@ -594,7 +593,7 @@ def find_visible(
             )  # fmt: skip
             target = frame
             if wanted.lists:
-                # What is see-through lies before it, or behind.
+                # Transparent surfaces lie before it, or behind.
                 shape = viewport.height, viewport.width
                 target = np.empty(shape, depth_type), np.empty(shape, np.int32)
                 painting.clear(target)
@@ -659,7 +658,7 @@ def kernels_of(wanted: Wanted, has_alpha_tests: bool, kinds: Collection[str] = (
 
 
 def depth_variant(depth_type: Any) -> str:
-    """Return what is compiled into kernels that compare depths of a type, if it is not float32."""
+    """Return the name of the kernel variant that compares depths of a type; empty for float32."""
     name = np.dtype(depth_type).name
     return "" if name == "float32" else f"{name} depth"
 
@@ -671,13 +670,13 @@ def geometry_of(
     viewport: Viewport,
     is_affine: bool = False,
 ) -> Geometry:
-    """Return what it takes to interpolate: perspective-correct, or affine on the screen."""
+    """Return the geometry to interpolate on: perspective-correct, or affine on the screen."""
     w = np.empty(0) if is_affine else screen.w
     return Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
 
 
 class SetUp(NamedTuple):
-    """Which triangles may be seen, and where."""
+    """Triangles that survived culling, and their tiles."""
 
     triangles: NDArray[np.int32]
     """Their numbers, those of each part packed to its front."""
@@ -688,7 +687,7 @@ class SetUp(NamedTuple):
     counts: NDArray[np.int32]
     """(parts, tiles + 1): triangles of each tile, and how many cover whole tiles."""
     sums: NDArray[np.int64]
-    """(5,): what became of the others."""
+    """(5,): counts of the others, by outcome."""
 
 
 def set_up(
@@ -696,9 +695,9 @@ def set_up(
     kept: Kept | None = None, seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
 ) -> SetUp:  # fmt: skip
     """
-    Cull faces, and find the tiles of those that may be seen.
+    Cull faces, and find the tiles of the survivors.
 
-    Takes the outcode bits seen, and the runs of faces that are not looked at.
+    Takes the outcode bits that occur, and the runs of faces to skip.
     """
     kept = kept or Kept(workers.memory, lasts=False)
     columns, tiles = _tiles_of(viewport)
@@ -766,7 +765,7 @@ def set_up_and_bin(
             for n, part in enumerate(parts)
         ],
     )
-    # What covers the centres of a tile need not cover all samples.
+    # A triangle that covers all centres of a tile need not cover all its samples.
     with_large = [n for n in range(len(parts)) if viewport.reach == 0 and counts[n, tiles] != 0]
     if not with_large:
         return starts, binned, kept.made("depths", _empty_depths, tiles, depth_type), sums
@@ -805,12 +804,12 @@ def draw(
     alpha_tests: AlphaTests | None = None,
     kept: Kept | None = None,
 ) -> int:
-    """Draw all tiles, each by one thread; return on how many pixels there is something."""
+    """Rasterize all tiles, each by one thread; return how many pixels are covered."""
     kept = kept or Kept(workers.memory, lasts=False)
     tiles = kept.made("tiles", _count, len(starts) - 1)
     per_task = len(tiles) if workers.threads == 1 else TILES_PER_TASK
     kind = frame[0].dtype
-    # A drawer for each thread: to make it takes longer than to draw a few tiles.
+    # A drawer per thread: making one takes longer than drawing a few tiles.
     drawers = kept.made("drawers", _no_drawers, binned, faces, screen, kind, alpha_tests)
     tasks = -(-len(tiles) // per_task)
     threads = min(workers.threads, tasks)
@@ -824,28 +823,28 @@ def draw(
 
 
 def whole_faces(faces: NDArray[np.int32]) -> Faces:
-    """Return faces of which none was cut."""
+    """Return the `Faces` record of faces none of which was clipped."""
     return Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
 
 
 def _empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
-    """Return the depth where nothing is, of each tile."""
+    """Return the cleared depth of each tile."""
     return np.full(tiles, nearest.empty_depth(depth_type))
 
 
 def _no_drawers(*_: Any) -> list[Any]:
-    """Return none: each thread makes one when it finds none."""
+    """Return an empty list: each thread makes its drawer when it finds none."""
     return []
 
 
 def _count(count: int) -> NDArray[np.int32]:
-    """Return the first whole numbers."""
+    """Return the integers from 0 to ``count`` - 1."""
     return np.arange(count, dtype=np.int32)
 
 
 def screen_arrays(count: int, memory: Memory) -> ScreenVertices:
     """Return room for so many vertices."""
-    # Where a vertex is, and how deep, side by side: found in one line of the cache.
+    # A vertex's position and depth lie side by side, in one cache line.
     packed = memory.empty((count, 2), np.float64)
     return ScreenVertices(
         packed.view(np.int32)[:, :2],
@@ -870,7 +869,7 @@ def viewport_of(
     region: Region | None = None,
     spacing: float = 1.0,
 ) -> Viewport:
-    """Return the viewport record of an image (width, height), or of a part, with its guard band."""
+    """Return the viewport record, with guard band, of an image (width, height) or a part of it."""
     width, height = size
     left, top, columns, rows = region or (0, 0, width, height)
     return Viewport(
@@ -889,7 +888,7 @@ def viewport_of(
 
 
 class Seen(NamedTuple):
-    """What a picture shows, and where."""
+    """A rasterized picture: its coverage, geometry and viewport."""
 
     objects: Objects
     depth_coefficients: tuple[float, float, float]

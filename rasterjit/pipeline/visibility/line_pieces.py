@@ -1,19 +1,18 @@
 """
-Turn segments with a width into pieces, triangles on the screen.
+Tessellate wide segments into screen-space triangles ("pieces"): bodies, joins and caps.
 
-A segment is cut to the near and the far plane and to a band around the image, in float64; its ends
-are snapped to the sub-pixel grid as vertices are. Around the line between them lies its *body*, a
-quadrilateral whose corners are each end plus and minus half the width, at a right angle to the
-line, rounded away from it to the grid: bodies are never narrower than asked for, so that a line of
-a pixel's width or more has no gap. All corners have the depth of their end, so the depth is that of
-the line, exactly, and constant across.
+A segment is clipped to the near and the far plane and to a band around the image, in float64; its
+ends are snapped to the sub-pixel grid as vertices are. Its *body* is a quadrilateral whose corners
+are each end plus and minus half the width along the line's normal, rounded outward to the grid:
+bodies are never narrower than the width, so that a line of a pixel's width or more has no gap. All
+corners have the depth of their end, so depth is that of the line, exactly, and constant across.
 
-Where two segments are joined and the line hardly bends, they share the corners on the bisector.
-Elsewhere a wedge fills what is open on the outer side, between the bodies' own corners. Ends that
-are joined to nothing, or to another width, are round or cut off. What is round is a fan whose
-corners lie on the circle, and whose sides lie `FLATNESS` pixels inside it at most; of lines up to
-two pixels wide, `THIN_FLATNESS`. Where a segment of no length and a pixel's width or more would so
-miss the centres of all pixels, it is the square of one pixel around its point.
+Where two joined segments hardly bend, they share corners on the bisector (a miter). Elsewhere a
+round join, a *wedge*, fills the gap on the outer side. Ends that are joined to nothing, or to
+another width, have round or butt caps. Round parts are fans whose corners lie on the circle, with a
+flatness of `FLATNESS` pixels at most; `THIN_FLATNESS` for lines up to two pixels wide. Where a
+round segment of no length and a pixel's width or more would miss all pixel centres, it becomes a
+square of one pixel around its point.
 
 Pieces of one segment touch along edges with common ends, so no sample is covered twice; those of
 two joined segments overlap on the inner side of a bend.
@@ -36,32 +35,31 @@ MOST_HALF = 3840.0
 """Largest half of a width, pixels; wider lines, which only world widths can give, are cut to it."""
 
 MARGIN = MOST_HALF + 256.0
-"""How far inside the guard band segments are cut, pixels: their corners stay in it."""
+"""How far inside the guard band segments are clipped, pixels: their corners stay in it."""
 
 FLATNESS = 0.0625
-"""How far inside its circle the side of a fan lies at most, pixels."""
+"""Largest distance of a fan's side from its circle, pixels."""
 
 THIN_FLATNESS = 0.3
 """The same, of lines up to two pixels wide: a half circle takes one triangle."""
 
 MOST_BEND = 0.125
-"""Joined segments share corners where these lie so little before and behind the joint, pixels."""
+"""Joined segments share corners that lie at most this far along the line from the joint, pixels."""
 
 MOST_HALVINGS = 9
 """How often a half circle is halved at most."""
 
 SCRATCH_SHAPE = ((1 << MOST_HALVINGS) + 1, 2)
-"""Unit vectors from one side of a fan to the other."""
+"""Shape of the scratch memory for a fan's unit vectors."""
 
 HIDDEN, SHOWN, START_CUT, END_CUT = 0, 1, 2, 4
-"""States of a segment: nothing of it is in reach of the picture; or it is, and which end of it
-was cut off."""
+"""States of a segment: clipped away; or visible, and which of its ends were clipped."""
 
 FREE, SHARED, WEDGE, CAPPED = 0, 1, 2, 3
-"""What an end of a segment is: cut off; with corners on the bisector; open on one side; round."""
+"""Kinds of ends: butt; mitered with its neighbour; round join on one side; round cap."""
 
 HALF_A, HALF_B, DEPTH_A, DEPTH_B = 0, 1, 2, 3
-"""Columns of numbers of a segment: half its width, units of the grid, and depth, at both ends."""
+"""Columns of a segment's data: half its width, sub-pixel units, and depth, at both ends."""
 
 
 @helper
@@ -119,10 +117,10 @@ def place_end(t, a, b, clip, band, depth_coefficients, extents, viewport):
 @helper
 def moved_depths(first, last, way, place, is_perspective):
     """
-    Return the depths at both ends of a segment that is to show those of another place.
+    Return the depths at both ends of a segment, extrapolated by an offset along it.
 
-    They go on in a straight line beyond its ends, as far as it is long; those of a perspective, so
-    that they stay above 0, to half of the lower one.
+    Extrapolation is linear and goes at most one segment length; in perspective, at most down to
+    half the lower depth, so that depths stay above 0.
     """
     squared = way[0] * way[0] + way[1] * way[1]
     if squared == 0.0:
@@ -142,7 +140,7 @@ def place_segments(
     placed: (int32[:, ::1], float64[:, ::1], uint8[::1], float64[:, ::1]),
 ):  # fmt: skip
     """
-    Take segments to the screen, cut to where they may be seen.
+    Clip segments, and project them to the screen.
 
     Parameters
     ----------
@@ -172,7 +170,7 @@ def place_segments(
     extents = extents_of(clip, viewport)
     unit = np.float64(np.int64(1) << viewport.grid_bits)
     for n in range(segments[0], segments[1]):
-        # What of it lies between the planes and in the guard band.
+        # Clip to the planes and the guard band.
         s, face = np.uintp(n), np.uintp(first_face + n)
         a, b = np.uintp(faces[face, 0]), np.uintp(faces[face, 1])
         states[s] = HIDDEN
@@ -198,12 +196,12 @@ def place_segments(
             h0, h1 = half / w0, half / w1
         numbers[s, HALF_A] = min(h0, MOST_HALF) * unit
         numbers[s, HALF_B] = min(h1, MOST_HALF) * unit
-        # Its depths, moved with it.
+        # Depths, with the offset applied.
         if depth_place[0] != 0.0 or depth_place[1] != 0.0:
             way = np.float64(x1 - x0) / unit, np.float64(y1 - y0) / unit
             d0, d1 = moved_depths(d0, d1, way, depth_place, depth_coefficients[0] > 0.0)
         numbers[s, DEPTH_A], numbers[s, DEPTH_B] = d0, d1
-        # Which ends are cuts.
+        # Which ends were clipped.
         state = SHOWN
         if first > 0.0:
             state |= START_CUT
@@ -226,7 +224,7 @@ def normal_of(ends, s):
 
 @helper
 def outward(offset):
-    """Return an offset in whole units, away from zero, but for what rounding has added to it."""
+    """Return an offset rounded away from zero to whole units, ignoring rounding errors."""
     size = np.ceil(abs(offset) - 1e-6)
     return np.int32(size) if offset >= 0.0 else np.int32(-size)
 
@@ -234,7 +232,7 @@ def outward(offset):
 @helper
 def joint_of(s, other, at_end, links, placed, is_round, unit):
     """
-    Return what an end of a segment is, and its corner's way from the end, x and y.
+    Return the kind of a segment's end, and the offset from the end to its corner, x and y.
 
     Parameters
     ----------
@@ -263,7 +261,7 @@ def joint_of(s, other, at_end, links, placed, is_round, unit):
     ox, oy, other_length = normal_of(ends, o)
     if length == 0.0 or other_length == 0.0:
         return CAPPED, x, y
-    # In one order, whichever of the two asks.
+    # In the same order for either segment.
     sx, sy = (nx + ox, ny + oy) if at_end else (ox + nx, oy + ny)
     bx, by = nx - ox, ny - oy
     sum_squared = sx * sx + sy * sy
@@ -280,7 +278,7 @@ def halve(ux, uy, vx, vy, around):
     """
     Return the unit vector in the middle of two.
 
-    Of opposite ones that on the way ``around``, 1 or -1 times a quarter turn from the first.
+    For opposite ones, a quarter turn from the first, in the direction ``around`` (1 or -1).
     """
     x, y = ux + vx, uy + vy
     length = np.sqrt(x * x + y * y)
@@ -291,7 +289,7 @@ def halve(ux, uy, vx, vy, around):
 
 @helper
 def count_halvings(ux, uy, vx, vy, around, half, unit):
-    """Return how often a fan of some radius between two unit vectors is halved."""
+    """Return how often the angle of a fan between two unit vectors is halved."""
     flatness = (THIN_FLATNESS if half <= unit else FLATNESS) * unit
     halvings = 0
     while halvings < MOST_HALVINGS:
@@ -334,9 +332,9 @@ def fill_fan(ux, uy, vx, vy, around, halvings, fan):
 @helper
 def wedge_of(s, o, placed, unit):
     """
-    Return the unit vectors of the outer corners of two joined segments, how they turn, halvings.
+    Return the fan of a round join: its first and last unit vector, direction, halvings.
 
-    The joint is the end of the first.
+    The joint is the end of the first segment.
     """
     ends, numbers = placed[0], placed[1]
     ux, uy, _ = normal_of(ends, s)
@@ -348,7 +346,7 @@ def wedge_of(s, o, placed, unit):
     elif turn < 0.0:
         around = -1.0
     else:
-        # Straight back: around the end of the first.
+        # A turn of 180 degrees: around the end of the first.
         around = -1.0
     half = numbers[s, HALF_B]
     return ux, uy, vx, vy, around, count_halvings(ux, uy, vx, vy, around, half, unit)
@@ -356,7 +354,7 @@ def wedge_of(s, o, placed, unit):
 
 @helper
 def cap_of(s, at_end, placed, unit):
-    """Return the unit vectors of the corners of a round end, how they turn, halvings."""
+    """Return the fan of a round cap: its first and last unit vector, direction, halvings."""
     ends, numbers = placed[0], placed[1]
     x, y, length = normal_of(ends, s)
     if length == 0.0:
@@ -368,7 +366,7 @@ def cap_of(s, at_end, placed, unit):
 
 @helper
 def reaches_picture(s, placed, viewport, unit):
-    """Return whether the box around a segment and its width reaches the picture that is drawn."""
+    """Return whether the bounding box of a segment with its width overlaps the picture."""
     ends, numbers = placed[0], placed[1]
     reach = 1.25 * max(numbers[s, HALF_A], numbers[s, HALF_B]) + 2.0
     left, right = min(ends[s, 0], ends[s, 2]) - reach, max(ends[s, 0], ends[s, 2]) + reach
@@ -381,7 +379,7 @@ def reaches_picture(s, placed, viewport, unit):
 
 @helper
 def dash_at(number, edges):
-    """Return where a dash of a strip begins and ends, counted from 0."""
+    """Return where dash ``number`` of a strip begins and ends."""
     each = (edges.shape[0] - 1) >> 1
     period = np.float64(number // each) * edges[edges.shape[0] - 1]
     own = np.uintp(2 * (number % each))
@@ -390,7 +388,7 @@ def dash_at(number, edges):
 
 @helper
 def first_dash(place, edges):
-    """Return the first dash that ends behind a place of a strip."""
+    """Return the first dash that ends beyond a position on a strip."""
     each = (edges.shape[0] - 1) >> 1
     number = each * np.int64(np.floor(place / edges[edges.shape[0] - 1]))
     while dash_at(number, edges)[1] <= place:
@@ -400,7 +398,7 @@ def first_dash(place, edges):
 
 @helper
 def is_dashed(s, placed, stretches, edges, unit):
-    """Return whether a segment shows its dashes: a period of them is as long as a pixel."""
+    """Return whether a segment is dashed: the period of its dashes is at least a pixel."""
     if edges.shape[0] == 0:
         return False
     _, _, length = normal_of(placed[0], s)
@@ -410,7 +408,7 @@ def is_dashed(s, placed, stretches, edges, unit):
 
 @helper
 def count_dashes(s, stretches, edges):
-    """Return how many dashes reach a segment."""
+    """Return how many dashes overlap a segment."""
     number, count = first_dash(stretches[s, 0], edges), np.int64(0)
     while dash_at(number, edges)[0] < stretches[s, 1]:
         number, count = number + 1, count + 1
@@ -425,7 +423,7 @@ def ends_on_dash(s, stretches, edges):
 
 @helper
 def share_at(place, s, placed, stretches):
-    """Return where on a segment, from 0 to 1 in the picture, a place of its strip lies."""
+    """Return the parameter on a segment, 0..1 in screen space, of a position on its strip."""
     first, last, parts = stretches[s, 0], stretches[s, 1], placed[3]
     share = (place - first) / (last - first)
     if parts.shape[0] == 0:
@@ -436,13 +434,13 @@ def share_at(place, s, placed, stretches):
 
 @helper
 def has_body(s, ends):
-    """Return whether a segment has a length in the picture."""
+    """Return whether a segment has a length on the screen."""
     return ends[s, 0] != ends[s, 2] or ends[s, 1] != ends[s, 3]
 
 
 @helper
 def next_has_body(other, placed):
-    """Return whether there is a segment with a length in the picture: -1 is none."""
+    """Return whether a neighbour exists (not -1) and has a length on the screen."""
     if other < 0:
         return False
     o = np.uintp(other)
@@ -454,8 +452,8 @@ def is_dot(s, before, behind, links, placed, unit):
     """
     Return whether a segment is drawn as the pixel that holds its point.
 
-    It has no length and round ends, which cover the centre of no pixel though they are a pixel wide
-    or more, and none that it is joined to has a length.
+    So if it and its neighbours have no length, and its round ends, a pixel or more wide, cover
+    no pixel centre.
     """
     ends, numbers = placed[0], placed[1]
     if has_body(s, ends) or before[0] != CAPPED or behind[0] != CAPPED:
@@ -474,7 +472,7 @@ def is_dot(s, before, behind, links, placed, unit):
 
 @helper
 def parts_of(s, links, placed, is_round, viewport, unit):
-    """Return of a segment what its start and its end are, and the corners' ways from them."""
+    """Return the kinds of a segment's start and end, and the offsets to their corners."""
     before = joint_of(s, np.int64(links[s, 0]), False, links, placed, is_round, unit)
     behind = joint_of(s, np.int64(links[s, 1]), True, links, placed, is_round, unit)
     return before, behind
@@ -482,7 +480,7 @@ def parts_of(s, links, placed, is_round, viewport, unit):
 
 @helper
 def dashed_ends(before, behind, s, dashes):
-    """Return what the ends of a dashed segment are: never round, a wedge only on a dash."""
+    """Return the kinds of a dashed segment's ends: never round, a wedge only on a dash."""
     first = FREE if before[0] == CAPPED else before[0]
     last = FREE if behind[0] == CAPPED else behind[0]
     if last == WEDGE and not ends_on_dash(s, dashes[0], dashes[1]):
@@ -560,7 +558,7 @@ def put_piece(piece, a, b, c, face, pieces, piece_faces):
 
 @helper
 def put_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, out, fan):
-    """Write a fan around a point, from it or from its first corner; return what comes next."""
+    """Write a fan around a point, from its centre or first corner; return next vertex and piece."""
     pieces, piece_faces = out
     ux, uy, vx, vy, around, halvings = fan_of
     sides = np.int64(1) << halvings
@@ -583,7 +581,7 @@ def put_fan(fan_of, x, y, half, depth, has_centre, vertex, piece, face, screen, 
 
 @helper
 def end_at(s, at_end, joint, placed):
-    """Return an end of a body: position, way to its corner, depth."""
+    """Return an end of a body: position, offset to its corner, depth."""
     ends, numbers = placed[0], placed[1]
     k, column = np.uintp(2 if at_end else 0), DEPTH_B if at_end else DEPTH_A
     return (
@@ -594,7 +592,7 @@ def end_at(s, at_end, joint, placed):
 
 @helper
 def cut_at(share, s, placed):
-    """Return what `end_at` does of a point of a segment, from 0 to 1 in the picture."""
+    """Return what `end_at` does for a point inside a segment, at 0..1 in screen space."""
     ends, numbers = placed[0], placed[1]
     nx, ny, _ = normal_of(ends, s)
     x = ends[s, 0] + share * np.float64(ends[s, 2] - ends[s, 0])
@@ -681,7 +679,7 @@ def write_pieces(
             vertex, piece = vertex + 4, piece + 2
         if shows_dashes:
             before, behind = dashed_ends(before, behind, s, dashes)
-        # A segment without length is a square.
+        # Segments without length: squares.
         if is_dot(s, before, behind, links, placed, unit):
             side = np.int32(0.5 * unit)
             first, last = (x0, y0 - side, -side, 0, d0), (x0, y0 + side, -side, 0, d1)

@@ -1,4 +1,4 @@
-"""The pieces of the segments of an object: allocate, share the work among threads, call kernels."""
+"""Run the tessellation of an object's segments: allocate, split among threads, call kernels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rasterjit.pipeline.visibility.primitives import (
 from rasterjit.runtime.threads import Workers, count_per_task
 
 SEGMENTS_PER_TASK = 65536
-"""Most segments that a task finds the pieces of."""
+"""Most segments that one task tessellates."""
 
 LEAST_SEGMENTS = 2048
 """Fewest, if there are several threads."""
@@ -30,7 +30,7 @@ EVEN_TASKS = 4
 
 
 def kernel_rows() -> Rows:
-    """Return what is called where there are lines."""
+    """Return the kernels that are called where there are lines."""
     from rasterjit.pipeline.visibility import line_pieces as own
 
     return rows_where("", own.place_segments, own.count_pieces, own.write_pieces)
@@ -39,7 +39,7 @@ def kernel_rows() -> Rows:
 def expand(
     one: Primitive, primitives: Primitives, projected: Projected, workers: Workers
 ) -> Expansion:
-    """Take the segments of an object to the screen, and count their pieces."""
+    """Project the segments of an object to the screen, and count their pieces."""
     # Memory, and tasks of some segments each.
     rule = one.rule
     if not isinstance(rule, LineRule):
@@ -100,7 +100,7 @@ def expand(
 def _move(
     clip_positions: NDArray[np.float64], right: float, down: float, viewport: Viewport
 ) -> None:
-    """Let samples be shaded by what lies so many pixels to the right of them and below."""
+    """Shift clip positions, so that samples interpolate at an offset of pixels right and down."""
     width = viewport.left + viewport.width + viewport.right
     height = viewport.top + viewport.height + viewport.bottom
     clip_positions[:, 0] -= 2.0 * right / width * clip_positions[:, 3]
@@ -114,7 +114,7 @@ def _dashes_of(
     projected: Projected,
     placed: tuple[NDArray[Any], ...],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where on its strip each segment lies, (S, 2), and the dashes, as kernels take them."""
+    """Return each segment's range on its strip, (S, 2), and the dashes, as kernels take them."""
     if not len(rule.dashes):
         return np.empty((0, 2)), np.empty(0)
     ends, _, states, parts = placed
@@ -130,7 +130,7 @@ def _dashes_of(
         z = np.zeros(len(x))
     lengths = np.sqrt((x * x + y * y) + z * z)
     if not one.is_world:
-        # What is cut off has no length in pixels.
+        # Clipped-away segments have no length in pixels.
         lengths[states == line_pieces.HIDDEN] = 0.0
     lengths[~np.isfinite(lengths)] = 0.0
     before = np.append(0.0, np.cumsum(lengths)[:-1])

@@ -1,16 +1,16 @@
 """
-Show the share of a mask's texels that are there, where pixels are larger than texels.
+Hashed alpha test for minified masks: preserve a mask's coverage where texels are below a pixel.
 
-There the mip levels of a mask hold shares (``mip_levels``), and a sample is there or not. If shares
-were compared with one number, thin leaves would vanish and dense ones grow together [1]_. So the
-cutoff varies from place to place, and takes every value from 0 to 1 equally often: then a share of
-samples is there that the texels say themselves, whatever lies around, by any filter [2]_.
+There mip levels of a mask hold coverage (``mip_levels``), but a sample is opaque or discarded. With
+one cutoff, thin leaves would vanish and dense ones grow together [1]_. So the cutoff varies over
+the texture, uniformly distributed in 0..1: the expected coverage is the texels' own, with any
+filter [2]_.
 
-Places are the cells of a lattice on the texture, two to a texel of the finer level, so that the
-same place gets the same cutoff however the picture is cut, and samples of a pixel get different
-ones. Of each 2 x 2 texels one gets a cutoff from each quarter of 0..1, in an order that a hash of
-the block decides; so do blocks of blocks, and the four cells of a texel. That keeps shares even of
-few pixels, be there one sample in each or some [3]_.
+Cutoffs belong to cells of a lattice on the texture, two per texel of the finer level: stable for
+any division of the picture, and different for the samples of a pixel. They are stratified: of each
+2 x 2 texels each has a cutoff from another quarter of 0..1, in an order hashed from the block; so
+do blocks of blocks, and the four cells of a texel. That keeps coverage accurate over few pixels,
+with one or several samples in each [3]_.
 
 References
 ----------
@@ -35,24 +35,24 @@ ALPHA = 3
 """The channel of colours."""
 
 CELLS = 2.0
-"""Cells of the lattice along a texel of the finer level that is read; `cutoff_of_cell` knows."""
+"""Cells of the lattice along a texel of the finer mip level; `cutoff_of_cell` relies on it."""
 
 FARTHEST_CELL = float(1 << 30)
-"""Cells beyond have the cutoff of the first."""
+"""Coordinates beyond this cell use cell 0."""
 
 BLOCKS = 3
-"""Blocks of texels, each of 2 x 2 smaller ones, in which cutoffs are even: 64 strata."""
+"""Levels of 2 x 2 blocks over which cutoffs are stratified: 64 strata."""
 
 LOW_BITS = 0x7FFFFFFF
-"""What is kept of a product, so that the next fits int64."""
+"""Mask for the low bits of a product, so that the next fits int64."""
 
 LEAST_SHARE = np.float32(1.0 / 256.0)
-"""Shares below this are none, and so near to 1 are all: what rounding made."""
+"""Coverage below this counts as 0, and within this of 1 as 1: rounding of 8-bit texels."""
 
 
 @helper
 def hashed(column, row, salt):
-    """Return 31 bits, int64, that look random, of a block's place, less than 2**31 each."""
+    """Hash a block's column and row, each below 2**31, to 31 bits, int64."""
     mixed = (column * 0x2545F491 + row * 0x1B873593 + salt * 0x3C6EF372) & LOW_BITS
     mixed = ((mixed ^ (mixed >> 15)) * 0x2C1B3C6D) & LOW_BITS
     mixed = ((mixed ^ (mixed >> 12)) * 0x297A2D39) & LOW_BITS
@@ -61,7 +61,7 @@ def hashed(column, row, salt):
 
 @helper
 def quarter_of(column, row):
-    """Return which of four cells one is; those next to each other in order lie across."""
+    """Return the index 0..3 of a cell in its 2 x 2 block; 0 and 1, 2 and 3 are diagonal."""
     right, up = column & 1, row & 1
     return ((right ^ up) << 1) | up
 
@@ -89,10 +89,10 @@ def cell_on_axis(u, size):
 @disjoint_helper
 def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cutoff):
     """
-    Replace what a mask shows by alphas that are above the cutoff or not.
+    Replace a mask's filtered alphas by alphas above or below the cutoff, by the hashed test.
 
-    On level 0, where texels are as large as pixels, they stay as they are, and the cutoff is the
-    material's. Towards level 1 it spreads over all values.
+    On level 0, where texels are as large as pixels, they stay, and the cutoff is the material's.
+    Towards level 1 cutoffs spread over 0..1.
     """
     one, none = np.float32(1.0), np.float32(0.0)
     for n in range(alphas.shape[0]):
@@ -109,7 +109,7 @@ def compare_with_share(alphas, u, v, widths, heights, levels, coarser, first, cu
 @helper
 def keep_share(count, cutoff, textures, owner, kind, places, lookup):
     """
-    Replace what a mask shows at samples of one object, right after its lookup.
+    Apply `compare_with_share` to samples of one object, right after the texture lookup.
 
     Parameters
     ----------

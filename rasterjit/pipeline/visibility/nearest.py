@@ -1,9 +1,9 @@
 """
-Find the nearest face at every sample: coverage, depth test, depth and face number.
+Rasterize tiles into the visibility buffer: coverage, depth test, depth and face number.
 
-For each tile, every triangle of its list is drawn into two small squares that stay in L1 (depth,
-face number), which are written to the frame once, background included. Triangles of objects with
-holes go to a tile of their own first; see ``alpha_test``.
+Every triangle of a tile's list is drawn into a depth tile and a face-number tile that stay in L1
+and are written to the frame once, background included. Alpha-tested triangles go to a scratch tile
+first; see ``alpha_test``.
 
 Coverage is exact. With the interior on the positive side of all three edges a sample is inside
 where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Stepping one pixel adds a
@@ -12,7 +12,7 @@ edge's own integer slope.
 
 Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
 (9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
-themselves float64. Lanes behind the box are masked: they may overflow, and end in spare columns.
+themselves float64. Lanes beyond the box are masked: they may overflow, and end in padding columns.
 Wider triangles get, for each row, the first and the last covered column from ``floor(e / s)`` of
 each edge, integers below 2**47 and 2**27, several rows at once. No row divides: the floor of
 ``(e + 1/2) * (1 / s)`` in float64 is the same, for the exact product misses every whole number by
@@ -20,10 +20,10 @@ at least 1/(2 s), and two roundings move it by less than 2**-51 of itself, or 2*
 Rows that the triangle does not reach inside the tile are passed over, as far as
 ``triangle_batches.cut_rows`` finds them; one too many has no columns.
 
-All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
-float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
-LLVM makes none of so short loops. Where no row has more than one sample, as in most slivers, a
-vector holds samples of several rows.
+All of this is float64 and 32-bit integers, since x86 before AVX-512 has no vector conversion from
+64-bit integers to float64. Rows of samples are explicit vectors (``intrinsics.draw_box``,
+``fill_rows``), since LLVM does not vectorize such short loops. Where no row has more than one
+sample, as in most slivers, a vector holds samples of several rows.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -33,21 +33,19 @@ these blocks of columns are the same for every tile size up to 64. It is clamped
 the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
 neither rotation nor winding of the face changes a bit.
 
-What lies below all samples drawn so far is not drawn: their least depth is kept for each cell of 8
-by 8. Triangles of a long list are put in order first, by ranges of how near they come, and drawn
-from near to far (`draw_ordered`): those in front of no cell that their box touches are left out
-before they are set up, most of them where there are many layers. Where half of them turn out to be
-seen that takes as long as it saves, so a thread goes by what the last ones did (`pays_to_order`).
-Short lists, and objects with holes, are drawn as they are listed. Then cells are found anew each
-time that twice as many triangles are drawn, and wide triangles that they hide are passed over; to
-look at the cells of small ones takes as long as it saves.
+Hierarchical Z: the least depth of each cell of 8 by 8 samples culls triangles behind it. Long lists
+are sorted first, roughly front to back by nearest depth (`draw_ordered`), and hidden triangles are
+culled before setup, most of them where depth complexity is high. Where half of the triangles are
+visible, sorting takes as long as it saves, so a thread goes by its recent lists (`pays_to_order`).
+Short lists, and alpha-tested objects, are drawn as they are listed. Then cell depths are updated
+each time the number of triangles drawn has doubled, and only wide triangles are tested: for small
+ones the test costs as much as it saves.
 
 The lower face number wins a tie. Lists ascend by face, so there a sample keeps the first of equal
 depths; of triangles in another order the numbers are compared.
 
-Depths are compared as they are stored: in the type of the arrays that hold them. What is between
-two values is rounded to one of them (float32, float64) or cut off behind the point (int32), which
-keeps their order, so that what bounds depths before bounds them after as well.
+Depths are compared in the type they are stored in: rounded (float32, float64) or truncated (int32).
+Both are monotonic, so that bounds on depths stay bounds afterwards.
 """
 
 from __future__ import annotations
@@ -132,23 +130,23 @@ from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
-"""A tile in scratch memory: its rows have room for groups that start in the last column."""
+"""Shape of a tile in scratch memory: rows are padded for groups that start in the last column."""
 
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
-What two depths of a plane may be off by, in units of its range and its largest depth together.
+Rounding error of two depths of a plane, relative to its range plus its largest depth.
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
 
 LEAST_ORDERED = 128
-"""Fewest triangles of a tile that it pays to put in order."""
+"""Fewest triangles of a tile for which sorting pays."""
 
 REMEMBERED = 1 << 16
-"""Most triangles that were put in order of which a thread remembers how many were seen."""
+"""Most sorted triangles in a thread's statistics of how many were visible."""
 
 FORGETTING_BITS = 4
-"""One of 2**4 triangles that are not put in order counts as if it had been, and were hidden."""
+"""One in 2**4 unsorted triangles counts as sorted and hidden, so that sorting is retried."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -167,10 +165,10 @@ def edges_at(a, b, c, column, row, grid_bits):
 @helper
 def crossing_line(edge):
     """
-    Return an edge as (value and a half, step down, columns for each unit of them, side).
+    Return an edge as (value + 1/2, step down, columns per unit of value, side).
 
-    It crosses a row at ``value * columns``; the side is 1 if its inside is to the right. An edge
-    along the row crosses beyond the block of columns, on the side that its sign tells.
+    It crosses a row at ``value * columns``; side is 1 if the inside is to the right. A horizontal
+    edge crosses beyond the block of columns, on the side given by its sign.
     """
     value, across, down = edge
     columns = 1.0 / np.float64(abs(across)) if across != 0 else np.float64(2 << BLOCK_BITS)
@@ -179,7 +177,7 @@ def crossing_line(edge):
 
 @helper
 def bound_span(first, last, line, row):
-    """Return the first and the last column, float64, that one edge leaves of a row."""
+    """Narrow a row's first and last column, float64, to the inside of one edge."""
     value, down, columns, begins = line
     crossing = np.floor((value + row * down) * columns)
     return (
@@ -215,10 +213,10 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
 @helper
 def inside_line(ax, ay, bx, by, left, top, grid_bits):
     """
-    Return the edge function of a -> b at a pixel as whole pixels, the rest, and steps; float64.
+    Return an edge function at a pixel in units of 2**grid_bits, the remainder, and its steps.
 
-    Steps across and down are multiples of ``2**grid_bits``, in which whole pixels count: below
-    2**45, so that sums of them are exact, and `inside_at` rounds once.
+    All are float64. Steps are whole such units, below 2**45, so that sums are exact, and
+    `inside_at` rounds once.
     """
     value = edge_at(ax, ay, bx, by, left, top, grid_bits)
     whole = value >> grid_bits
@@ -230,7 +228,7 @@ def inside_line(ax, ay, bx, by, left, top, grid_bits):
 
 @helper
 def inside_at(line, column, row):
-    """Return an edge function, rounded once, so many columns and rows from where it was taken."""
+    """Return an `inside_line`, rounded once, at an offset of columns and rows."""
     return (line[0] + column * line[1] + row * line[2]) * line[3] + line[4]
 
 
@@ -243,9 +241,9 @@ def depth_from(plane, edge_bc, edge_ca):
 @helper
 def depth_at_corners(plane, a, b, c, box, grid_bits):
     """
-    Return the lowest and the highest depth of a box of samples, before they are stored.
+    Return bounds on the depths of a box of samples, before they are stored.
 
-    A plane has them at corners of the box; what rounding may add is added.
+    A plane has its extremes at corners of the box; a bound on rounding is added.
     """
     lowest, highest = np.inf, -np.inf
     for row in (box[1], box[3]):
@@ -262,14 +260,14 @@ def depth_at_corners(plane, a, b, c, box, grid_bits):
 
 @helper
 def clamped(depth, plane):
-    """Return the depth inside the range of the vertices."""
+    """Return the depth clamped to the range of the vertices."""
     depth = plane[4] if depth < plane[4] else depth
     return plane[5] if depth > plane[5] else depth
 
 
 @helper
 def draw_small(n, whole, real, plane, origin, tile, is_mixed):
-    """Test the samples in the box of a triangle, row by row."""
+    """Rasterize a small triangle: test the samples of its box, row by row."""
     left, top = np.int64(whole[at(LEFT, n)]), np.int64(whole[at(TOP, n)])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
     rows = np.int64(whole[at(BOTTOM, n)]) - top + 1
@@ -293,7 +291,7 @@ def draw_small(n, whole, real, plane, origin, tile, is_mixed):
 
 @helper
 def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mixed):
-    """Find the first and last covered column of each row, and fill what lies between."""
+    """Rasterize a wide triangle: find the covered span of each row, and fill it."""
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
     columns, rows = right - left + 1, bottom - top + 1
@@ -307,7 +305,7 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
     )
     inside_bc = inside_line(bx, by, cx, cy, left, top, grid_bits)
     inside_ca = inside_line(cx, cy, ax, ay, left, top, grid_bits)
-    # Whole groups of rows: what is found of those behind the last is not read.
+    # Whole groups of rows: results beyond the last are not read.
     lanes = ((rows - 1) | 7) + 1
     longest = find_spans(
         spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
@@ -322,7 +320,7 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans, is_mix
 
 @helper
 def hidden_depth(n, whole, origin, cells):
-    """Return the depth below which a triangle is hidden in all cells that its box touches."""
+    """Return the least depth of the cells that a triangle's box touches: below it, it is hidden."""
     left = max(np.int64(whole[at(LEFT, n)]) - origin[0], np.int64(0)) >> CELL_BITS
     right = (np.int64(whole[at(RIGHT, n)]) - origin[0]) >> CELL_BITS
     top = (np.int64(whole[at(TOP, n)]) - origin[1]) >> CELL_BITS
@@ -337,7 +335,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans, 
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
-    Nothing is drawn if it lies below the tile depth, or is not small and its cells hide it.
+    It is culled if it lies below the tile depth, or, if wide, below the depths of its cells.
     """
     lowest, highest = real[at(RANGE, n)], real[at(RANGE + 1, n)]
     if tile[0].dtype.type(highest) < tile_depth:
@@ -420,9 +418,9 @@ def tile_window(number, columns, viewport):
 
 class Drawing(NamedTuple):
     """
-    How a kernel draws listed triangles: by the addresses of two others (``jit.Bound``).
+    Arguments by which a kernel draws listed triangles: addresses of other kernels (``jit.Bound``).
 
-    So these are compiled once for all that draws triangles.
+    So these are compiled once for all kernels that draw triangles.
     """
 
     asked: int64[::1]
@@ -432,24 +430,24 @@ class Drawing(NamedTuple):
     plan: int64[::1]
     """(2,): how to call ``triangle_batches.plan_batch``."""
     tile: int64[::1]
-    """(2,): how to call `draw_planned` for the tile at hand."""
+    """(2,): how to call `draw_planned` for the frame's tile."""
     own: int64[::1]
-    """(2,): the same for the tile of triangles with holes, if any object has them."""
+    """(2,): the same for the scratch tile of alpha-tested triangles, if there are any."""
     sort: int64[::1]
     """(2,): how to call ``triangle_batches.order_triangles``."""
     plan_ordered: int64[::1]
-    """(2,): how to call ``triangle_batches.plan_batch`` for triangles in order."""
+    """(2,): how to call ``triangle_batches.plan_batch`` for sorted triangles."""
     order: ORDER
-    """Triangles in order."""
+    """Sorted triangles."""
     cells: (int64[::1], int64[::1])
     """From `cell_masks`."""
     kept: int32[::1]
-    """(192,): those that are drawn next."""
+    """(192,): the next triangles to draw."""
 
 
 @helper
 def begin_tile(drawing, window, bits, shift, tile_depth):
-    """Note which tile is drawn, a `tile_window`, what vertices are moved by, and what is hidden."""
+    """Store a tile's `tile_window`, the offset added to vertices, and the tile depth."""
     asked = drawing.asked
     asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
     asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
@@ -467,14 +465,14 @@ def plan_listed(drawing, first, count):
 
 @helper
 def draw_some(drawing, words, first, end):
-    """Draw triangles ``first`` to ``end`` of the batch at hand into the tile of the words."""
+    """Draw triangles ``first`` to ``end`` of the current batch into the tile bound to ``words``."""
     drawing.asked[DRAW_FIRST], drawing.asked[DRAW_END] = first, end
     call_bound(words)
 
 
 @helper
 def draw_listed(first, count, whole, drawing, holes):
-    """Draw a batch of listed triangles, one after the other, but for their holes."""
+    """Draw a batch of listed triangles in order, with alpha test."""
     plan_listed(drawing, first, count)
     if holes.cutoffs.shape[0] == 0:
         draw_some(drawing, drawing.tile, 0, count)
@@ -492,7 +490,7 @@ def draw_listed(first, count, whole, drawing, holes):
 
 @helper
 def raise_cells(depths, cell_depths, drawn):
-    """Raise the depths of a tile's cells, those drawn to, to the least that their samples have."""
+    """Raise the depths of a tile's cells that were drawn to, to the least of their samples."""
     samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
     for row in range(CELLS):
         for column in range(CELLS):
@@ -508,7 +506,7 @@ def raise_cells(depths, cell_depths, drawn):
 
 @helper
 def open_cells(nearest, cell_depths):
-    """Return, a bit each, the cells in which something as near as that may be seen."""
+    """Return a bit mask of the cells in which a triangle of that nearest depth may be visible."""
     depths, mask = flat(cell_depths), np.int64(0)
     for n in range(depths.shape[0]):
         is_hidden = depths.dtype.type(nearest) < depths[n]
@@ -519,9 +517,9 @@ def open_cells(nearest, cell_depths):
 @helper
 def keep_seen(order, first, end, mask, tables, kept, count):
     """
-    Append the triangles that touch some of the cells to the kept.
+    Append the triangles that touch cells of a mask to ``kept``.
 
-    Returns how many these are, and the cells that any of them touches.
+    Returns how many ``kept`` holds, and the cells that any of them touches.
     """
     (of_columns, of_rows), touched = tables, np.int64(0)
     for n in range(np.uintp(first), np.uintp(end)):
@@ -537,7 +535,7 @@ def keep_seen(order, first, end, mask, tables, kept, count):
 
 @helper
 def draw_kept(drawing, first, count):
-    """Set up and draw triangles in order."""
+    """Set up and draw sorted triangles."""
     drawing.asked[FIRST], drawing.asked[COUNT] = first, count
     call_bound(drawing.plan_ordered)
     draw_some(drawing, drawing.tile, 0, count)
@@ -545,7 +543,7 @@ def draw_kept(drawing, first, count):
 
 @helper
 def draw_ordered(first, count, scratch, drawing):
-    """Draw listed triangles from near to far, but for those that are hidden by then."""
+    """Draw listed triangles front to back, culling those that are hidden by then."""
     drawing.asked[FIRST], drawing.asked[COUNT] = first, count
     call_bound(drawing.sort)
     drawing.asked[TO_COME], drawing.asked[MIXED] = 0, 1
@@ -578,7 +576,7 @@ def draw_ordered(first, count, scratch, drawing):
 
 @cache
 def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the cells of columns, and of rows, of a tile, a bit each, by ``8 * last + first``."""
+    """Return bit masks of a tile's cells by range of columns, and of rows, at 8 * last + first."""
     columns, rows = np.zeros(CELLS * CELLS, np.int64), np.zeros(CELLS * CELLS, np.int64)
     for last in range(CELLS):
         for first in range(last + 1):
@@ -594,9 +592,9 @@ def cell_masks() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 @helper
 def pays_to_order(asked, count):
     """
-    Return whether so many listed triangles are put in order.
+    Return whether to sort a list of triangles.
 
-    They are while half of the last ones turned out to be hidden; now and then it is tried again.
+    It is while half of the recently sorted triangles were hidden; else it is retried now and then.
     """
     if count < LEAST_ORDERED:
         return False
@@ -611,7 +609,7 @@ def pays_to_order(asked, count):
 
 @helper
 def draw_list(first, end, scratch, drawing, holes):
-    """Draw listed triangles ``first`` to ``end`` into the thread's tile, but for their holes."""
+    """Draw listed triangles ``first`` to ``end`` into the thread's tile, with alpha test."""
     if holes.cutoffs.shape[0] == 0 and pays_to_order(drawing.asked, end - first):
         for begin in range(first, end, ORDERED):
             count = min(ORDERED, end - begin)
@@ -639,7 +637,7 @@ def clear_tile(depths, numbers, empty):
 
 @helper
 def leave_empty(frame, window, empty):
-    """Write to the frame that nothing is in the window of a tile."""
+    """Clear the window of a tile in the frame."""
     depth, face_id = frame
     for row in range(window[1], window[3] + 1):
         depths = depth[row, window[0] : window[2] + 1]
@@ -652,18 +650,18 @@ def leave_empty(frame, window, empty):
 
 @cache
 def empty_depth(depth_type: Any) -> Any:
-    """Return the depth where nothing is, of a type of depths: below all that is stored."""
+    """Return the depth of empty samples, for a type of depths: below every stored one."""
     kind = np.dtype(depth_type)
     return kind.type(-1 if kind.kind == "i" else -np.inf)
 
 
 EMPTY = 7
-"""Where scratch memory holds the depth of nothing."""
+"""Index in the scratch memory of the depth of empty samples."""
 
 
 def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
     """
-    Return the memory that a thread needs to draw: a tile, and what is known of a batch.
+    Return a thread's memory for rasterizing: a tile, and a batch.
 
     Depths are stored in the given type: float32, float64 or int32.
     """
@@ -686,18 +684,18 @@ SCRATCH = (
 
 
 class TileDrawer(NamedTuple):
-    """What a thread needs to draw into a tile; keep it as long as kernels call by its addresses."""
+    """A thread's state for rasterizing a tile; keep it alive while kernels hold its addresses."""
 
     scratch: tuple[Any, ...]
     """From `scratch_memory`."""
     drawing: Drawing
     holes: Holes
     called: tuple[Any, ...]
-    """What is behind the addresses."""
+    """Owners of the memory behind the addresses."""
 
 
 class TileMemory(NamedTuple):
-    """The memory of a `TileDrawer`: what was drawn before it leaves no trace in pictures."""
+    """The memory of a `TileDrawer`; its former contents do not affect pictures."""
 
     scratch: tuple[Any, ...]
     """From `scratch_memory`."""
@@ -709,7 +707,7 @@ class TileMemory(NamedTuple):
 
 
 def tile_memory(depth_type: Any = np.float32) -> TileMemory:
-    """Return the memory to draw into a tile with, of stored depths of a type."""
+    """Return the memory of a `TileDrawer`, for stored depths of a type."""
     return TileMemory(
         scratch_memory(depth_type), np.zeros(ASKED, np.int64), np.empty((CELLS, CELLS), depth_type),
         order_memory(), np.empty(3 * BATCH, np.int32),
@@ -725,7 +723,7 @@ def tile_drawer(
     memory: TileMemory | None = None,
 ) -> TileDrawer:
     """
-    Return what a thread needs to draw into a tile.
+    Return a thread's state for rasterizing a tile.
 
     Parameters
     ----------
@@ -765,12 +763,12 @@ def drawn_into(
 
 
 ALL = np.empty(0, np.int64)
-"""In place of a count of tiles taken, where one thread draws all."""
+"""Stands for the shared counter of tiles where one thread draws all."""
 
 
 @helper
 def next_taken(taken, count):
-    """Take the next of so many tiles; return the first of them, and one past the last."""
+    """Claim the next tiles from the shared counter; return the first, and one past the last."""
     if taken.shape[0] == 0:
         return np.int64(0), np.int64(0)
     first = min(add_to(taken, 0, taken[1]), np.int64(count))

@@ -1,24 +1,22 @@
 """
-Draw points: squares, discs and spheres, each into the depth and the face number of its pixels.
+Rasterize points as squares, discs and spheres into the visibility buffer.
 
-A picture holds of each pixel the nearest depth, and the lowest face number of equal ones: that
-depends on no order. So points are drawn one after the other as they lie in memory, and no list of
-them is made. Several threads draw into pictures of their own, which are merged by the same rule.
+A pixel keeps the nearest depth, and the lowest face number of equal depths, in any drawing order.
+So points are drawn in memory order, without binning. Each thread draws into its own picture; these
+are merged by the same rule.
 
 Which pixels a point covers, with the snapped centre (X, Y) and the size D in units of the sub-pixel
 grid, both rounded once, and pixels' centres (x, y):
 
-- Square: ``X - D/2 <= x < X + D/2``, the same in y. That is the top-left rule of triangles, and
-  squares side by side share no pixel. One of a pixel or more holds a pixel's centre: an interval
-  that long, closed at one end, holds one of the numbers that lie a pixel apart.
+- Square: ``X - D/2 <= x < X + D/2``, the same in y. That is the top-left rule of triangles:
+squares side by side share no pixel. One of a pixel or more always covers a pixel's centre.
 - Disc: ``(x - X)^2 + (y - Y)^2 <= (D/2)^2``. One of a pixel or more may hold no pixel's centre;
   then it covers the pixel that a square of one pixel there would.
-- Sphere: where the line of sight through the pixel's centre meets it, which is not rounded to the
-  grid, but found in float64; and one of a pixel or more covers at least one pixel, as a disc does.
+- Sphere: where the ray through the pixel's centre hits it, in float64, not rounded to the grid; one
+of a pixel or more covers at least one pixel, as a disc does.
 
-Squares and discs have the depth of their centre. The depth of a sphere is that of the point where
-the line of sight meets it first, in front of the near plane: of one that this plane cuts the inside
-is seen, as of a closed mesh.
+Squares and discs have the depth of their centre. A sphere has the depth of the ray's first hit
+beyond the near plane: if that plane cuts the sphere, its inside is seen, as of a closed mesh.
 
 References
 ----------
@@ -66,7 +64,7 @@ NOT_POINTS, SQUARE, DISC, SPHERE = range(4)
 """Shapes, as ``PointRows.shapes`` numbers them."""
 
 IN_PIXELS, IN_UNITS = range(2)
-"""What sizes are in: pixels, or scene units, which shrink with distance."""
+"""Units of sizes: pixels, or scene units, which shrink with distance."""
 
 UNSEEN = NEAR | FAR | GUARD | INVALID
 """A point with one of these outcodes is not drawn, unless it is a sphere."""
@@ -87,22 +85,22 @@ class PointRows(NamedTuple):
     face_starts: int64[::1]
     """(O+1,): and faces, one for each vertex if it is of points."""
     shapes: int64[:, ::1]
-    """(O, 2): shape, `NOT_POINTS` for other objects; what sizes are in."""
+    """(O, 2): shape, `NOT_POINTS` for other objects; unit of the sizes."""
     size_places: int64[:, ::1]
-    """(O, 2): place of the first size in ``sizes``, and steps from one point's to the next's."""
+    """(O, 2): index of the first size in ``sizes``, and stride between points."""
     sizes: float64[::1]
     """(S,): sides and diameters, in pixels or in units of the model."""
     scales: float64[::1]
-    """(O,): what sizes are multiplied by, to be in pixels of this picture or in scene units."""
+    """(O,): factors that turn sizes into pixels of this picture or scene units."""
 
 
 class Sight(NamedTuple):
-    """How lines of sight run through pixels."""
+    """The camera's rays: how they run through pixels."""
 
     matrix: float64[:, ::1]
     """(4, 4): ``clip_from_relative``."""
     away: float64
-    """1 or -1: which of two directions leads away from the viewer."""
+    """1 or -1: sign of the ray direction that leads away from the eye."""
     across: float64
     """How many pixels wide a scene unit is in the picture where w is 1."""
     down: float64
@@ -125,7 +123,7 @@ def first_centre(twice, half_and_unit):
 
 @helper
 def put(place, depth, face, depths, faces):
-    """Keep a depth and a face in a pixel if they are nearer, or as near and the face lower."""
+    """Depth-test a face at a pixel: nearer wins, and the lower face number at equal depth."""
     at = depths[place]
     if depth >= at and (depth > at or face < faces[place]):
         depths[place] = depth
@@ -151,7 +149,7 @@ def sizes_in_grid(size, unit, scale, w, sight, viewport):
 
 @helper
 def draw_square(x, y, sizes, depth, face, frame, viewport):
-    """Draw a square; return what became of it."""
+    """Draw a square; return its outcome."""
     (depths, faces), (wide, high) = frame, sizes
     bits = viewport.grid_bits
     grid = np.int64(1) << bits, bits
@@ -191,7 +189,7 @@ def draw_one_pixel(column, row, depth, face, frame, viewport):
 
 @helper
 def is_in_disc(across, down, wide, high):
-    """Return whether a way from the centre, doubled, ends in a disc of this width and height."""
+    """Return whether a doubled offset from the centre lies in a disc of this width and height."""
     if wide == high:
         return across * across + down * down <= wide * wide
     x, y = np.float64(across) / np.float64(wide), np.float64(down) / np.float64(high)
@@ -200,7 +198,7 @@ def is_in_disc(across, down, wide, high):
 
 @helper
 def reach_in_row(down, wide, high):
-    """Return how far a disc reaches to each side, doubled, so far from its centre."""
+    """Return a disc's doubled half width in the row at a doubled offset ``down``."""
     if wide == high:
         return whole_root(wide * wide - down * down)
     y = np.float64(down) / np.float64(high)
@@ -209,13 +207,13 @@ def reach_in_row(down, wide, high):
 
 @helper
 def draw_disc(x, y, sizes, depth, face, frame, viewport):
-    """Draw a disc; return what became of it."""
+    """Draw a disc; return its outcome."""
     (depths, faces), (wide, high) = frame, sizes
     bits = viewport.grid_bits
     unit = np.int64(1) << bits
     grid = unit, bits
     column, row = holding_pixel(x, bits), holding_pixel(y, bits)
-    # No pixel's centre is nearer than that of the pixel that holds the disc's.
+    # The pixel that holds the disc's centre has the nearest pixel centre.
     across, down = 2 * (column * unit - x) + unit, 2 * (row * unit - y) + unit
     if min(wide, high) < 1 or not is_in_disc(across, down, wide, high):
         if min(wide, high) >= unit:
@@ -237,7 +235,7 @@ def draw_disc(x, y, sizes, depth, face, frame, viewport):
 
 @helper
 def scalar(ax, ay, az, bx, by, bz):
-    """Return the scalar product of two vectors."""
+    """Return the dot product of two vectors."""
     return ax * bx + ay * by + az * bz
 
 
@@ -261,10 +259,10 @@ def ndc_of(column, row, viewport):
 @helper
 def nearest_to_centre(centre, ndc, sight):
     """
-    Return the way from a sphere's centre to the line of sight that is nearest, and its direction.
+    Return the offset from a sphere's centre to the nearest point of a ray, and its direction.
 
-    The line is where two planes meet, ``r0 p = x r3 p`` and ``r1 p = y r3 p`` with rows r of the
-    matrix; how far the centre is from them are differences of its clip coordinates.
+    The ray is the intersection of two planes, ``r0 p = x r3 p`` and ``r1 p = y r3 p`` with rows r
+    of the matrix; the centre's distances from them are differences of its clip coordinates.
     """
     m, (x, y) = sight.matrix, ndc
     ax, ay, az = m[0, 0] - x * m[3, 0], m[0, 1] - x * m[3, 1], m[0, 2] - x * m[3, 2]
@@ -285,7 +283,7 @@ def nearest_to_centre(centre, ndc, sight):
 
 @helper
 def is_between_planes(centre, offset, sight):
-    """Return whether a point is in front of the near plane, and whether before the far one."""
+    """Return whether a point is beyond the near plane, and whether before the far one."""
     m = sight.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
     z, w = clip_row(m, 2, point), clip_row(m, 3, point)
@@ -295,10 +293,9 @@ def is_between_planes(centre, offset, sight):
 @helper
 def meet_sphere(centre, radius, ndc, sight):
     """
-    Return the way from a sphere's centre to the point of it that is seen, and whether one is.
+    Intersect a ray with a sphere: return the offset from its centre to the visible hit, and a code.
 
-    0 if none is; 1 if one is; 2 if the line of sight passes by, which is nearest to it where the
-    way ends.
+    0: no visible hit; 1: hit; 2: the ray misses, and the offset leads to its nearest point.
     """
     way, along = nearest_to_centre(centre, ndc, sight)
     left = radius * radius - scalar(way[0], way[1], way[2], way[0], way[1], way[2])
@@ -324,9 +321,9 @@ def depth_on_sphere(centre, offset, sight, depth_coefficients):
 @helper
 def touching_planes(centre, radius, row, sight):
     """
-    Return the least and the greatest ``x / w`` of the planes through the eye that touch a sphere.
+    Return a sphere's bounds in NDC x (row 0) or y (row 1), from tangent planes through the eye.
 
-    Of NDC x if the row is 0, y if it is 1; all there are unless the sphere is in front of the eye.
+    Unbounded unless the whole sphere is in front of the eye.
     """
     m = sight.matrix
     a, w = clip_row(m, row, centre), clip_row(m, 3, centre)
@@ -345,7 +342,7 @@ def touching_planes(centre, radius, row, sight):
 
 @helper
 def pixels_between(low, high, length, before, count):
-    """Return the first and the last pixel of a part whose centre may lie between two places."""
+    """Return the first and the last pixel of a part whose centre may lie between two NDC bounds."""
     first = np.floor(min(max((low + 1.0) * 0.5 * length - before - 1.5, 0.0), np.float64(count)))
     last = np.ceil(min(max((high + 1.0) * 0.5 * length - before + 0.5, -1.0), count - 1.0))
     return np.int64(first), np.int64(last)
@@ -367,9 +364,9 @@ def is_out_of_sight(centre, radius, sight):
 @helper
 def nearest_depth(centre, radius, sight, depth_coefficients):
     """
-    Return a depth that no point of a sphere has, as it is stored; inf where that is not plain.
+    Return a stored depth nearer than every point of a sphere; inf where there is no simple bound.
 
-    What is stored as nearer is nearer than all of them.
+    A pixel whose stored depth is nearer hides the sphere.
     """
     m = sight.matrix
     x, y, z = m[3, 0], m[3, 1], m[3, 2]
@@ -379,7 +376,7 @@ def nearest_depth(centre, radius, sight, depth_coefficients):
         sign = 1.0 if depth_coefficients[1] > 0.0 else -1.0
     elif depth_coefficients[1] != 0.0:
         return np.inf
-    # A little farther out, and nearer, for rounding, to float32 as well.
+    # With a margin for rounding, to float32 as well.
     reach = sign * radius * (1.0 + 2.0**-20) / np.sqrt(scalar(x, y, z, x, y, z))
     point = centre[0] + reach * x, centre[1] + reach * y, centre[2] + reach * z
     w = clip_row(m, 3, point)
@@ -391,7 +388,7 @@ def nearest_depth(centre, radius, sight, depth_coefficients):
 
 @helper
 def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport):
-    """Draw the pixels whose lines of sight meet a sphere; return what became of it."""
+    """Draw the pixels whose rays hit a sphere; return its outcome."""
     depths, faces = frame
     kind = depths.dtype.type
     if is_out_of_sight(centre, radius, sight):
@@ -406,7 +403,7 @@ def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport
     for row in range(top, bottom + 1):
         start = row * viewport.width
         for column in range(left, right + 1):
-            # Once it is known to cover a pixel: what is hidden counts as well.
+            # Only once it is known to cover a pixel: hidden spheres count as drawn.
             if outcome == POINTS_DRAWN and depths[np.uintp(start + column)] > bound:
                 continue
             ndc = ndc_of(column, row, viewport)
@@ -420,7 +417,7 @@ def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport
 
 @helper
 def draw_sphere_pixel(x, y, centre, radius, face, frame, sight, depth_coefficients, viewport):
-    """Draw the pixel that holds a sphere's centre, if its line of sight misses the sphere."""
+    """Draw the pixel that holds a sphere's centre, if its ray misses the sphere."""
     column, row = holding_pixel(x, viewport.grid_bits), holding_pixel(y, viewport.grid_bits)
     offset, is_seen = meet_sphere(centre, radius, ndc_of(column, row, viewport), sight)
     if is_seen != 2:
@@ -431,7 +428,7 @@ def draw_sphere_pixel(x, y, centre, radius, face, frame, sight, depth_coefficien
 
 @helper
 def centre_of(positions, vertex, matrices, owner):
-    """Return where a point lies in world axes, relative to the eye, float64."""
+    """Return a point's position in world axes, relative to the eye, float64."""
     m = matrices
     x, y, z = positions[vertex, 0], positions[vertex, 1], positions[vertex, 2]
     return (
@@ -484,7 +481,7 @@ def draw_pixels(first_face, count, frame, viewport, scratch, counts):
     counts[POINTS_DRAWN] += drawn
     counts[POINTS_INVALID] += invalid
     counts[POINTS_OUTSIDE] += count - drawn - invalid
-    # Ask for all pixels before any is waited for.
+    # Prefetch all pixels first.
     for i in range(count):
         place = whole[CODE, np.uintp(i)]
         if place >= 0:
@@ -621,7 +618,7 @@ def merge_pictures(
     frame: (stored[:, ::1], int32[:, ::1]),
 ):  # fmt: skip
     """
-    Keep what is nearest in several pictures.
+    Merge pictures: keep the nearest of each pixel.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """
-Draw the points of a picture: share them among threads, and find squares' triangles.
+Run the rasterization of points: split them among threads, or expand squares to triangles.
 
-See ``point_coverage`` for which pixels they cover. In pictures of one sample all points are drawn
-as such, after all triangles. Where triangles are drawn once more, for what is see-through or for
-several samples, squares are two triangles each; discs and spheres, which have none, are a picture
-of their own that is laid among them.
+See ``point_coverage`` for which pixels they cover. With one sample a pixel, all points are drawn as
+such, after all triangles. For transparency or several samples, which draw triangles again, squares
+are two triangles each; discs and spheres have none, and are a picture that is depth-tested with
+the triangles.
 """
 
 from __future__ import annotations
@@ -45,27 +45,27 @@ from rasterjit.pipeline.visibility.primitives import (
 from rasterjit.runtime.threads import Workers, rows_per_task
 
 LEAST_POINTS = 1 << 16
-"""Fewest points for which another thread draws a picture of its own."""
+"""Fewest points per thread: each draws a picture of its own."""
 
 SHAPE_WEIGHT = 16
-"""How many points of one pixel take about as long as one of another shape."""
+"""Cost of a point of another shape, in points of one pixel."""
 
 MOST_MERGED = 1 << 29
-"""Most memory for pictures of threads, bytes."""
+"""Most memory for the threads' pictures, bytes."""
 
 
 SHAPES = {"square": SQUARE, "disc": DISC, "sphere": SPHERE}
 
 
 class PointsSeen(NamedTuple):
-    """The points of a picture, for those who look where on them samples lie."""
+    """The points of a picture, for passes that need positions and normals on them."""
 
     rows: PointRows
     sight: Sight
     viewport: Viewport
     picture: tuple[NDArray[Any], NDArray[np.int32]] | None = None
-    """Depth and face number, (H, W), of those that are no triangles alone; ``None``: nobody looks
-    for what lies before them."""
+    """Depth and face number, (H, W), of points that are not triangles; ``None`` if no transparency
+    or multisampling needs them."""
 
     @property
     def read(self) -> tuple[PointRows, Sight, Viewport]:
@@ -79,10 +79,10 @@ class PointsSeen(NamedTuple):
 
 
 class DrawnPoints(NamedTuple):
-    """All points of a picture, and the way to its screen."""
+    """All points of a picture, and their transforms."""
 
     positions: NDArray[np.float64] | NDArray[np.float32]
-    """(V, 3), model space; the way to the screen is float64 for both types."""
+    """(V, 3), model space; projected in float64 for both types."""
     relative_from_model: NDArray[np.float64]
     """(O, 4, 4): to world axes with the origin at the eye."""
     points: PointRows
@@ -95,9 +95,9 @@ def sight_of(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
 ) -> Sight:
-    """Return how lines of sight run through a picture, or through a part of one."""
+    """Return the camera's rays through a picture, or through a part of one."""
     right, up, deeper, further = (row[:3] for row in clip_from_relative.tolist())
-    # Away from the viewer w grows, or the stored depth falls where w does not change.
+    # Away from the eye w grows, or, where w is constant, the stored depth falls.
     if any(further):
         away = _turn(right, up, further)
     else:
@@ -109,7 +109,7 @@ def sight_of(
 
 
 def _turn(a: list[float], b: list[float], c: list[float]) -> float:
-    """Return the sign of a determinant of three rows."""
+    """Return the sign of the determinant of three rows."""
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.copysign(1.0, x * c[0] + y * c[1] + z * c[2])
 
@@ -119,7 +119,7 @@ def draw_cloud(
     workers: Workers,
 ) -> NDArray[np.int64]:  # fmt: skip
     """
-    Draw all points into a picture: the same bits for any number of threads.
+    Draw all points into a picture, with the same bits for any number of threads.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def draw_cloud(
 
 
 def clear(frame: tuple[NDArray[Any], NDArray[np.int32]]) -> None:
-    """Empty a picture, or several."""
+    """Clear a picture, or several."""
     frame[0].fill(empty_depth(frame[0].dtype))
     frame[1].fill(NOTHING)
 
@@ -184,7 +184,7 @@ def merge(
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
 ) -> None:
-    """Keep what is nearest in pictures (N, H, W), and in the frame, in the frame."""
+    """Merge pictures (N, H, W) into the frame, keeping the nearest of each pixel."""
     height, per_task = len(frame[1]), rows_per_task(frame[1].shape, workers)
     workers.call(
         merge_pictures,
@@ -194,10 +194,10 @@ def merge(
 
 def is_painted(one: Primitive, keeps_lists: bool, hit_tests: AlphaTests | None) -> bool:
     """
-    Tell whether an object is of points that are drawn as such; squares may be two triangles.
+    Tell whether an object consists of points that are drawn as points.
 
-    They are where lists of triangles are kept, to draw these once more, and where it is tested
-    whether they are hit.
+    Squares become two triangles where lists of triangles are kept, to draw these again, and for
+    hit tests.
     """
     if not isinstance(one.rule, PointRule):
         return False
@@ -213,7 +213,7 @@ def points_of(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
 ) -> PointsSeen:
-    """Return the points among the objects of a picture, and how lines of sight run."""
+    """Return the points among the objects of a picture, and the camera's rays."""
     count = len(vertex_starts) - 1
     shapes, places = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
     scales, sizes, first = np.zeros(count), [], 0
@@ -241,7 +241,7 @@ def only(rows: PointRows, objects: Sequence[Primitive]) -> PointRows:
 
 
 def sums_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return what became of points that are not drawn, (5,), as `set_up_triangles` counts it."""
+    """Return the counts of points not drawn, by outcome, (5,), as `set_up_triangles` has them."""
     outside, unsampled, invalid, _ = counts.tolist()
     return np.array([outside, 0, 0, unsampled, invalid], np.int64)
 

@@ -1,12 +1,10 @@
 """
-Draw lines and points as a triangle is drawn: find the pieces that stand in for each of them.
+Expand lines and points into screen-space triangles ("pieces"), which are rasterized instead.
 
-A segment is a face (a, b, b), a point a face (i, i, i), which has no area of its own. Behind the
-pieces of faces that were clipped come those of segments and points, triangles on the screen with
-vertices of their own; so all that follows, from coverage to transparency, knows nothing of them.
-Vertices of segments and points get an outcode of those that are ``CLIPPED``: the pieces are drawn
-in the face's place, and where a sample lies on it is found from its clip positions (see
-``barycentric``).
+A segment is a face (a, b, b), a point a face (i, i, i), without area. Their pieces follow those of
+clipped faces, as triangles with their own vertices, so later stages, from coverage to transparency,
+need no special case. Vertices of segments and points get a ``CLIPPED`` outcode: then pieces are
+drawn in the face's place, and weights come from clip positions (see ``barycentric``).
 """
 
 from __future__ import annotations
@@ -25,22 +23,20 @@ from rasterjit.scene.vectors import cross, dot, length
 
 
 class LineRule(NamedTuple):
-    """How the segments of an object are drawn."""
+    """Drawing rules for the segments of an object."""
 
     links: NDArray[np.int32]
-    """(S, 2): the segments of the object that each is joined to, the one before and the one
-    behind it; -1 where there is none."""
+    """(S, 2): the segments before and after that each is joined to; -1 for none."""
     dashes: NDArray[np.float64]
     """(D,): lengths of dash, gap, dash, gap ..., in the unit of the widths; (0,) where solid."""
     is_round: bool
-    """Whether ends are; else they are cut off."""
+    """Whether caps are round; else butt."""
     depth_place: tuple[float, float] = (0.0, 0.0)
-    """Where depths and attributes are taken from: how far to the right of each sample and below it,
-    pixels."""
+    """Offset, right and down, from a sample to where depth and attributes are evaluated, pixels."""
 
 
 class PointRule(NamedTuple):
-    """How the points of an object are drawn."""
+    """Drawing rules for the points of an object."""
 
     shape: str
     """``square``, ``disc`` or ``sphere``."""
@@ -58,7 +54,7 @@ class Primitive(NamedTuple):
     faces: tuple[int, int]
     """Its first face, and one past the last."""
     sizes: NDArray[np.float64]
-    """(1,) or (N,): widths of segments, sizes of points, of all or of each."""
+    """(1,) or (N,): widths of segments or sizes of points, shared or each."""
     is_world: bool
     """Whether they are in model space, else in pixels."""
     rule: LineRule | PointRule
@@ -70,15 +66,15 @@ class Primitives(NamedTuple):
     objects: tuple[Primitive, ...]
     """In the order of their faces."""
     scales: NDArray[np.float64]
-    """(O,): how much the transform of each object of the scene scales, where it does most."""
+    """(O,): largest scale factor of each object's transform."""
     pixels: float
     """Pixels of the picture that is drawn, of a pixel that sizes are in."""
     units: float
-    """Pixels of the picture that is drawn, of a world unit across the view, at w = 1."""
+    """Pixels of the drawn picture per world unit across the view, at w = 1."""
     positions: NDArray[np.float64] | NDArray[np.float32]
     """(V, 3), model space."""
     lengths: tuple[float, float]
-    """Columns and rows that a world unit is long along each, at w = 1."""
+    """Columns and rows per world unit along each, at w = 1."""
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -90,7 +86,7 @@ class Primitives(NamedTuple):
         return next((one for one in self.objects if one.number == number), None)
 
     def factor(self, one: Primitive) -> float:
-        """Return what takes sizes of an object to pixels, of those in model space at w = 1."""
+        """Return the factor from an object's sizes to pixels; at w = 1 for those in model space."""
         return self.units * float(self.scales[one.number]) if one.is_world else self.pixels
 
 
@@ -136,13 +132,13 @@ def primitives_of(
 def lengths_across(
     clip_from_relative: NDArray[np.float64], size: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return how many columns and rows a world unit along each is long, at w = 1."""
+    """Return the columns and rows per world unit along each, at w = 1."""
     right, up, _, deep = (row[:3] for row in np.asarray(clip_from_relative).tolist())
     return _length_across(right, deep) * size[0] / 2.0, _length_across(up, deep) * size[1] / 2.0
 
 
 def _length_across(row: list[float], deep: list[float]) -> float:
-    """Return the length of what a row has across the direction in which w grows, if it does."""
+    """Return the length of a row's component perpendicular to the direction in which w grows."""
     square = dot(deep, deep)
     if square > 0.0:
         share = dot(row, deep) / square
@@ -151,7 +147,7 @@ def _length_across(row: list[float], deep: list[float]) -> float:
 
 
 def _area_across(clip_from_relative: NDArray[np.float64]) -> float:
-    """Return the area that a square of side 1 across the view has in x and y, at w = 1."""
+    """Return the area in x and y, at w = 1, of a unit square facing the view."""
     columns, rows, _, deep = (row[:3].tolist() for row in np.asarray(clip_from_relative))
     normal = cross(columns, rows)
     size = length(deep)
@@ -159,7 +155,7 @@ def _area_across(clip_from_relative: NDArray[np.float64]) -> float:
 
 
 class Projected(NamedTuple):
-    """What is known of a picture's vertices before its pieces are found."""
+    """A picture's faces and projected vertices, before expansion."""
 
     faces: NDArray[np.int32]
     """(F, 3)."""
@@ -172,7 +168,7 @@ class Projected(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """The pieces of an object, counted and about to be written."""
+    """The counted pieces of an object, and the function that writes them."""
 
     vertices: int
     pieces: int
@@ -186,7 +182,7 @@ Expand = Callable[[Primitive, Primitives, Projected, Workers], Expansion]
 
 
 def runs_between(runs: Sequence[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
-    """Yield what some ascending runs of numbers, first and one past the last, leave of so many."""
+    """Yield the gaps that ascending runs (first, one past the last) leave in ``range(count)``."""
     first = 0
     for start, end in runs:
         if start > first:
@@ -206,7 +202,7 @@ def expand(
     workers: Workers,
 ) -> tuple[Faces, ScreenVertices]:
     """
-    Find the pieces of all segments and points.
+    Expand all segments and points into pieces.
 
     Parameters
     ----------
@@ -255,7 +251,7 @@ def expand(
     _copy_pieces(cut, copied, len(cut.pieces), pieces, piece_faces, place)
     for one in primitives.objects:
         codes = screen.codes[slice(*one.vertices)]
-        # Not outside, for they reach farther than their vertices.
+        # Never outside: they reach farther than their vertices.
         codes[:] = np.where(codes & INVALID, INVALID, GUARD)
     return Faces(cut.faces, pieces, piece_faces), screen
 
@@ -268,7 +264,7 @@ def _copy_pieces(
     piece_faces: NDArray[np.int32],
     place: int,
 ) -> int:
-    """Copy some pieces of triangles to a place among all; return where the next go."""
+    """Copy pieces into the array of all; return the index of the next."""
     end = place + stop - first
     pieces[place:end] = cut.pieces[first:stop]
     piece_faces[place:end] = cut.piece_faces[first:stop]

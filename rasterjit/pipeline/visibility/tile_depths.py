@@ -1,10 +1,9 @@
 """
-Hierarchical Z: find the tile depths, beyond which a tile hides everything.
+Hierarchical Z: compute a tile depth, behind which everything in the tile is hidden.
 
-A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
-it has there. What lies below the highest of these is hidden in the whole tile, wherever it stands
-in the list, so visibility passes over it. Tile depths are bounds from below of what is stored,
-rounding included, so no sample changes by a bit. A triangle with holes raises none.
+It is the greatest of the lowest depths of triangles that cover every sample of the tile (greater is
+nearer). Triangles below it are culled, wherever they stand in the list. It is a lower bound of
+stored depths, rounding included, so culling changes no bit. Alpha-tested triangles do not count.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def clockwise_from_top(corners, screen):
     """
     Return the vertex numbers clockwise on the screen, starting at the topmost, then leftmost.
 
-    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
+    The order depends on positions alone, so a face is drawn alike whichever vertex it lists first.
     """
     a, b, c = corners
     ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
@@ -62,7 +61,7 @@ def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
 
 @helper
 def worst(value, step, count):
-    """Return the least value of an edge over a block of samples, along one side of the block."""
+    """Return the least value of an edge along one side of a block of samples."""
     return value + min(step * (count - 1), np.int64(0))
 
 
@@ -102,7 +101,7 @@ def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_dept
                 | worst(e2, across[2], width)
             ) >= 0
             e0, e1, e2 = e0 + across[0] * size, e1 + across[1] * size, e2 + across[2] * size
-            # What is not nearer anywhere raises nothing.
+            # A triangle that is nowhere nearer raises nothing.
             if is_covered and tile_depths[tile] < highest:
                 whole = left, y, left + width - 1, y + height - 1
                 lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
