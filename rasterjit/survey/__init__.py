@@ -1,1 +1,1 @@
-"""Look at the scene once: what is there, where, what is in view, and all of it as arrays."""
+"""Scene analysis: count, transform, cull and pack the objects of a scene into arrays."""

@@ -1,7 +1,7 @@
 """
-Join the meshes, materials and textures of a scene into the arrays that kernels read.
+Pack the meshes, materials and textures of a scene into the arrays that kernels read.
 
-This is the border to the kernels: all arrays that they read are cast and joined here, once.
+All arrays that kernels read are cast and joined here, once.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ MODELS = {
 }
 
 MANY_VERTICES = 1 << 16
-"""Fewest vertices of a mesh of which those are looked for that no face uses."""
+"""Fewest vertices of a mesh that is searched for unused ones."""
 
 VERTEX_BLOCK = 1 << 12
-"""Vertices in a row that are left out together, if no face uses any of them."""
+"""Consecutive vertices that are skipped together, if no face uses any of them."""
 
 _WHITE, _DARK, _UNLIT = (1.0,) * 3, (0.0,) * 3, (0.0,) * 4
 
 NORMAL = 1
-"""Place of normal maps among the textures of a material."""
+"""Index of normal maps among the textures of a material."""
 
 WRAPS = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
 
@@ -79,10 +79,10 @@ ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
 """Row of the table for an object without a texture of a kind."""
 
 _Picture: TypeAlias = tuple[Pyramid, AlphaUse]
-"""A picture, and what its alpha does to its texels."""
+"""A mip pyramid, and the use of its alpha."""
 
 UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-"""The transform that changes nothing."""
+"""The identity transform."""
 
 
 class SceneArrays(NamedTuple):
@@ -99,7 +99,7 @@ class SceneArrays(NamedTuple):
     primitives: tuple[Primitive, ...] = ()
     """The objects whose faces are segments or points."""
     unused: tuple[tuple[int, int], ...] = ()
-    """Runs of vertices that belong to no face, ascending: the first, and one past the last."""
+    """Runs of vertices that no face uses, ascending: the first, and one past the last."""
 
     @property
     def sideless(self) -> tuple[int, ...]:
@@ -181,7 +181,7 @@ def _join_primitives(
 
 
 def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
-    """Return each mesh with how often it follows itself: instances are joined at once."""
+    """Run-length encode the meshes: return each with its number of consecutive instances."""
     return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
 
 
@@ -193,7 +193,7 @@ def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
 
 
 def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
-    """Join arrays (n, k) row by row, each as often as it says."""
+    """Concatenate arrays (n, k) along rows, each repeated as given."""
     total = sum(len(array) * count for array, count in parts)
     first = parts[0][0]
     joined = np.empty((total, first.shape[1]), first.dtype)
@@ -208,7 +208,7 @@ def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
 def join_normals(
     meshes: Sequence[Mesh], shadings: Collection[str] = SHADINGS
 ) -> NDArray[np.float32]:
-    """Join the vertex normals of objects that are shaded in some ways, (V, 3); zero for others."""
+    """Join the vertex normals of objects with given shading models, (V, 3); zero for others."""
 
     def normals(mesh: Mesh) -> NDArray[np.float32] | None:
         return mesh.vertex_normals() if mesh.material.shading in shadings else None
@@ -221,7 +221,7 @@ def join_uv(meshes: Sequence[Mesh], kind: int | None = None) -> NDArray[np.float
     """
     Join the texture coordinates, (V, 2); NaN where an object has none.
 
-    Of each object its ``uv``, or those by which its texture of a kind is laid.
+    For each object its ``uv``, or the set that its texture of a kind uses.
     """
     parts = [
         (
@@ -238,7 +238,7 @@ def join_attribute(
     meshes: Sequence[Mesh], name: str, attribute: Attribute
 ) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
     """
-    Join an attribute of one's own.
+    Join a custom attribute.
 
     Returns
     -------
@@ -260,7 +260,7 @@ def join_attribute(
 
 
 def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
-    """Join what the objects look like; a kind of colour that no object has is ``None``."""
+    """Join materials and colours; a kind of colour that no object has is ``None``."""
     runs = runs_of(meshes)
     rows = [
         (
@@ -284,7 +284,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
 
 
 def single_sided(meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
-    """Return whether the back faces of each object are not drawn, (O,)."""
+    """Return whether back faces of each object are culled, (O,)."""
     return np.array([not mesh.material.double_sided for mesh in meshes], bool)
 
 
@@ -331,7 +331,7 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
 
 
 def join_through(meshes: Sequence[Mesh]) -> Through:
-    """Join how light goes through the objects."""
+    """Join the transmission of the objects."""
     runs = runs_of(meshes)
     rows, factors = [], []
     for mesh, _ in runs:
@@ -345,28 +345,28 @@ def join_through(meshes: Sequence[Mesh]) -> Through:
 
 def _joint_scale(mesh: Mesh) -> float:
     """
-    Return how much joints scale a posed mesh: the root mean square over three axes of each.
+    Return the scale that joints give a posed mesh: the root mean square over the axes of each.
 
-    Those that no vertex follows have no part. What no joint has moved is not scaled.
+    Joints without vertices do not count. A mesh without joints has scale 1.
     """
     if mesh._skinned is None:
         return 1.0
     rest, matrices = mesh._skinned
     followed = np.unique(rest.joints[rest.weights > 0.0])
     total = 0.0
-    # In an order that no library chooses.
+    # Sum in a fixed order.
     for part in (matrices[followed, :3, :3] ** 2).ravel().tolist():
         total += part
     return math.sqrt(total / (3 * max(len(followed), 1)))
 
 
 def join_layers(meshes: Sequence[Mesh]) -> Layers:
-    """Join what glTF's extensions lay over the objects."""
+    """Join the material layers of glTF's extensions."""
     from rasterjit.pipeline.lighting.sheen import ALBEDO
 
     runs = runs_of(meshes)
     own = [mesh.material for mesh, _ in runs]
-    # As rows of samples come: white, not lit as a matt surface, dark as yet, metal, roughness.
+    # In the order of sample rows: white, not lit as diffuse, black so far, metal, roughness.
     coats = [
         (one.clearcoat * one.has_clearcoat, *_WHITE, *_UNLIT, 1.0, one.clearcoat_roughness)
         for one in own
@@ -392,7 +392,7 @@ def join_layers(meshes: Sequence[Mesh]) -> Layers:
 
 
 def _head_on(ior: float) -> float:
-    """Return the share of light straight on that a dielectric mirrors."""
+    """Return F0 of a dielectric."""
     return ((ior - 1.0) / (ior + 1.0)) ** 2
 
 
@@ -467,7 +467,7 @@ def join_face_scalars(meshes: Sequence[Mesh]) -> NDArray[np.float32] | None:
 
 def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
     """
-    Join what lies over the objects besides a base colour, and what it needs.
+    Join the material maps besides base colour, with tangents and coordinates.
 
     ``kinds_apart`` is that of the `Inventory`.
     """
@@ -508,14 +508,14 @@ def _repeat(
 
 
 def join_textures(meshes: Sequence[Mesh]) -> Textures:
-    """Join the textures of the objects, each picture once, and their texture coordinates."""
+    """Join the textures of the objects, each image once, and their texture coordinates."""
     runs = runs_of(meshes)
     counts = [count for _, count in runs]
     kinds = [mesh.material.textures_read() for mesh, _ in runs]
     if not any(texture is not None for row in kinds for texture in row[texturing.CORE_KINDS :]):
         kinds = [row[: texturing.CORE_KINDS] for row in kinds]
     textures = [texture for row in kinds for texture in row if texture is not None]
-    # The alpha of others than base colours does nothing.
+    # Only the alpha of base colours is used.
     others = (None,) * (len(kinds[0]) - 1)
     uses = [(_least_use(mesh), *others) for mesh, _ in runs]
     pairs = [list(zip(*row, strict=True)) for row in zip(kinds, uses, strict=True)]
@@ -541,7 +541,7 @@ NO_TEXTURES = Textures(
     np.empty((0, texturing.KINDS, texturing.TABLE_COLUMNS), np.int64), np.empty((0, 2), np.float32),
     np.empty((0, texturing.KINDS, 6)),
 )  # fmt: skip
-"""What stands for the textures of objects that have none."""
+"""The textures of a scene without any."""
 
 
 def join_alpha_tests(
@@ -550,7 +550,7 @@ def join_alpha_tests(
     surface: Surface,
     textures: Textures | None,
 ) -> AlphaTests:
-    """Return which objects have holes, and what decides where; no textures if none has any."""
+    """Return the alpha-tested objects, and the inputs of the test; no textures if it needs none."""
     cutoffs = {
         mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
         for mesh in dict.fromkeys(meshes)
@@ -567,7 +567,7 @@ def join_alpha_tests(
 
 
 def _least_use(mesh: Mesh) -> AlphaUse:
-    """Return `alpha_use_of`; cutoffs between which no texel lies are one."""
+    """Return `alpha_use_of`, with cutoffs merged between which no texel's alpha lies."""
     use, texture = alpha_use_of(mesh), mesh.material.base_color_texture
     if texture is None or not isinstance(use, float):
         return use
@@ -577,7 +577,7 @@ def _least_use(mesh: Mesh) -> AlphaUse:
 def _join_texels(
     textures: Sequence[tuple[Texture, AlphaUse]],
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[_Picture, tuple[int, int]]]:
-    """Return the texels and levels of all pictures, and the first level and how many of each."""
+    """Return the texels and levels of all images, and the first level and level count of each."""
     has_levels: dict[_Picture, bool] = {}
     for texture, use in textures:
         picture, wants = (texture.pyramid, use), texture.filter == "trilinear"
@@ -617,7 +617,7 @@ def front_turns_of(screen_turn: int, mirrored: NDArray[np.float64]) -> NDArray[n
 
 
 def placement_of(arrays: SceneArrays, views: Views) -> Placement:
-    """Return the record of where the objects stand."""
+    """Return the record of the objects' transforms."""
     return Placement(
         arrays.face_starts,
         arrays.positions,

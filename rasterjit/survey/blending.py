@@ -1,4 +1,4 @@
-"""Decide which objects are seen through, and what a pixel shows besides its nearest face."""
+"""Decide which objects are transparent, and which layers and samples a pixel has."""
 
 from __future__ import annotations
 
@@ -14,34 +14,33 @@ from rasterjit.survey.contents import in_words
 
 
 class PixelLayers(NamedTuple):
-    """What a pixel shows besides its nearest face."""
+    """Samples and transparent layers of a pixel, and how they are blended."""
 
     is_blended: NDArray[np.uint8]
-    """(O,): 1 for each object through which what lies behind is seen."""
+    """(O,): 1 for each transparent object."""
     has_blended: bool
     samples: int | str
     """Samples of each pixel, or ``"area"``."""
     most: int | None = None
-    """Transparent surfaces seen at a sample, the nearest ones; ``None`` -> all."""
+    """Most transparent layers of a sample, nearest first; ``None`` -> all."""
     mixes_codes: bool = False
-    """Whether colours are mixed as 8-bit sRGB codes, not as light."""
+    """Whether colours are blended as 8-bit sRGB codes, not in linear light."""
     in_order: bool = False
-    """Whether a face is seen through another only if it was drawn before, as OpenGL has it."""
+    """Whether a face is visible through another only if it was drawn before, as in OpenGL."""
     at_centers: bool = False
-    """Whether faces are shaded at the pixel's centre though that lies beside them, as OpenGL does
-    it."""
+    """Whether faces are shaded at the pixel's centre even if it lies off them, as in OpenGL."""
 
 
 class Transparency(NamedTuple):
-    """Which objects are seen through."""
+    """The transparent objects."""
 
     is_blended: NDArray[np.uint8]
-    """(O,): 1 for each that is, and that can reach the picture."""
+    """(O,): 1 for each that is transparent and may be in view."""
     used: bool
     reason: str
 
     def same(self, other: Transparency) -> bool:
-        """Tell whether another says the same."""
+        """Tell whether another has the same objects."""
         own = self.used, self.reason, self.is_blended.tobytes()
         return own == (other.used, other.reason, other.is_blended.tobytes())
 
@@ -57,7 +56,7 @@ def find_transparency(
     in_view: NDArray[np.bool_],
 ) -> Transparency:
     """
-    Decide which objects are laid over what lies behind them.
+    Decide which objects are blended.
 
     Parameters
     ----------
@@ -94,9 +93,9 @@ def layers_of(
     quality: Quality,
 ) -> PixelLayers | None:
     """
-    Return what pixels show besides their nearest faces; ``None`` if nothing.
+    Return the samples and layers of pixels; ``None`` for one opaque sample.
 
-    Of the quality only how many transparent surfaces are seen, and how colours are mixed.
+    Reads from the quality only the most layers, and the blending space.
 
     Raises
     ------
@@ -112,7 +111,7 @@ def layers_of(
             "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
             f"{place if name == place else f'{name!r} ({place})'} with alpha_mode 'blend'"
         )
-    # Each of many pictures lays its layers at one sample.
+    # With many pictures, each has one sample.
     own = samples if antialiases else 1
     most = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
     mixes_codes = quality.blending == "srgb8"
@@ -120,5 +119,5 @@ def layers_of(
 
 
 def mixing_note(quality: Quality) -> str:
-    """Say what colours are mixed in, if not in light."""
+    """Say in which space colours are blended, if not in linear light."""
     return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""

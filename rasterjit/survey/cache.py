@@ -1,4 +1,4 @@
-"""What a scene's frames have in common, kept from one to the next as long as it holds."""
+"""Cache what the frames of a scene share: joined arrays, tables and boxes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
 
 class Shapes:
     """
-    What follows from the meshes alone; each part is made when first asked for.
+    Arrays that depend on the meshes alone; each is made on first use.
 
     Parameters
     ----------
@@ -83,13 +83,13 @@ class Shapes:
 
     @cached_property
     def listed_places(self) -> NDArray[np.uint8]:
-        """At which place the first corner of each face is as its mesh lists it, (F,): 0, 1, 2."""
+        """Index of each face's first corner in its mesh's order, (F,): 0, 1, 2."""
         listed = np.concatenate([mesh.faces for mesh in self.meshes])
         starts = np.repeat(self.arrays.vertex_starts[:-1], np.diff(self.arrays.face_starts))
         return listed_places(listed + starts[:, np.newaxis], self.arrays.faces)
 
     def faces_as(self, other: Shapes) -> NDArray[np.int32]:
-        """Return the faces, (F, 3), begun where those of other shapes are, as meshes list both."""
+        """Return the faces, (F, 3), rotated to begin at the same corners as in other shapes."""
         faces = self.arrays.faces
         both = zip(self.meshes, other.meshes, strict=True)
         if all(one._faces_to_draw() is another._faces_to_draw() for one, another in both):
@@ -152,16 +152,16 @@ class Shapes:
 
     @cached_property
     def _as_made(self) -> list[Mesh]:
-        """The mesh of each object when nothing poses it."""
+        """The mesh of each object in its rest pose."""
         return [mesh if mesh._rest is None else mesh._rest for mesh in self.meshes]
 
     @cached_property
     def rest_boxes(self) -> NDArray[np.float64]:
-        """The boxes of all objects when nothing poses them."""
+        """The boxes of all objects in their rest pose."""
         return mesh_boxes(self._as_made) if self.is_posed else self.boxes
 
     def at_rest(self, placement: Placement) -> Placement:
-        """Return a record with the vertices of all objects when nothing poses them."""
+        """Return a record with the vertices of all objects in their rest pose."""
         if not self.is_posed:
             return placement
         return placement._replace(positions=self._rest_positions)
@@ -173,7 +173,7 @@ class Shapes:
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:
-        """Every edge of the faces once, (N, 2), but for what are segments and points."""
+        """Every edge of the triangles once, (N, 2)."""
         faces = self.arrays.faces
         if self.arrays.primitives:
             runs = runs_between([one.faces for one in self.arrays.primitives], len(faces))
@@ -198,7 +198,7 @@ class Shapes:
         counts: dict[Mesh, int] = {}
         numbers = []
         for mesh in self.meshes:
-            # Of one that is posed, what it was made as counts.
+            # A posed mesh counts as its rest mesh.
             shared = mesh if mesh._rest is None else mesh._rest
             numbers.append(counts.get(shared, 0))
             counts[shared] = numbers[-1] + 1
@@ -207,7 +207,7 @@ class Shapes:
 
 class MaterialTables:
     """
-    What follows from the meshes and their materials; each part is made when first asked for.
+    Arrays that depend on the meshes and their materials; each is made on first use.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ class MaterialTables:
 
     @cached_property
     def inventory(self) -> Inventory:
-        """What decides which effects a frame needs."""
+        """The properties of objects that decide which effects a frame needs."""
         return Inventory(self.meshes)
 
     @cached_property
@@ -250,7 +250,7 @@ class MaterialTables:
         return join_textures(self.meshes)
 
     def alpha_tests(self, has_textures: bool) -> AlphaTests:
-        """Return which objects have holes, and what decides where, with textures or without."""
+        """Return the inputs of the alpha test, with textures or without."""
         if has_textures not in self._alpha_tests:
             starts = self._shapes.arrays.face_starts
             textures = self.textures if has_textures else None
@@ -266,12 +266,12 @@ class MaterialTables:
 
     @cached_property
     def through(self) -> Through:
-        """How light goes through all objects."""
+        """Transmission of all objects."""
         return plan_arrays.join_through(self.meshes)
 
     @cached_property
     def layers(self) -> Layers:
-        """Varnish, fibres and own mirrors of all objects."""
+        """Clearcoat, sheen and custom specular of all objects."""
         return join_layers(self.meshes)
 
     @cached_property
@@ -281,17 +281,17 @@ class MaterialTables:
 
     @cached_property
     def maps(self) -> Maps:
-        """What lies over all objects besides a base colour."""
+        """Material maps of all objects besides base colour."""
         return join_maps(self.meshes, self.inventory.kinds_apart)
 
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
-        """Whether the back faces of each object are not drawn, (O,)."""
+        """Whether back faces of each object are culled, (O,)."""
         return plan_arrays.single_sided(self.meshes)
 
 
 class SceneCache(NamedTuple):
-    """A scene's objects, looked through for many frames."""
+    """The analysed objects of a scene, shared by many frames."""
 
     shapes: Shapes
     tables: MaterialTables
@@ -299,20 +299,20 @@ class SceneCache(NamedTuple):
     """``world_from_model`` of each object."""
     places: Places
     extents: Extents
-    """Of the objects at their places."""
+    """Bounds of the objects in world space."""
     all_tables: dict[Any, MaterialTables]
-    """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
+    """Tables by the settings of a quality that they depend on."""
     cut: Cut | None = None
-    """What its numbers mean, if they are what a section has left of another scene."""
+    """Mapping to the original scene, if this is one cut by a section."""
 
     @property
     def inventory(self) -> tuple[Inventory, Extents]:
-        """What the objects are, and how far they reach, as a plan takes them."""
+        """The objects' properties and extents, as planning takes them."""
         return self.tables.inventory, self.extents
 
     @property
     def edges(self) -> NDArray[np.int32]:
-        """Every edge of the faces once, (N, 2), but for those inside of faces that were cut."""
+        """Every edge of the faces once, (N, 2), without those that a section made inside a face."""
         if self.cut is None:
             return self.shapes.edges
         known = self.shapes.cut_edges
@@ -333,7 +333,7 @@ def prepare(
     has_environment: bool = False,
 ) -> SceneCache:
     """
-    Look through the nodes of a scene.
+    Analyse the nodes of a scene, reusing what still holds.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ def prepare(
 
 
 def _moved(known: SceneCache, matrices: Sequence[NDArray[np.float64]]) -> Places | None:
-    """Return where objects stand, given what is known of them before; None where that is little."""
+    """Update the objects' transforms where few have moved; None where many have."""
     if are_same(known.matrices, matrices):
         return known.places
     if len(known.matrices) != len(matrices):

@@ -1,9 +1,9 @@
 """
-Say what a camera sees, in words, for who asks: where it looks, what is up, how much is in view.
+Describe in words what a camera sees: where it looks, what is up, how much is in view.
 
-A pose in another program's convention, degrees for radians and a transposed rotation are matrices
-like any other, and cannot be refused. What they show gives them away. Points spread over the
-surfaces are looked at, not all vertices: it takes milliseconds for any scene.
+It helps find wrong poses: one in another program's convention, degrees for radians, a transposed
+rotation. All are valid matrices and cannot be refused. Points sampled on the surfaces are tested,
+not all vertices: it takes milliseconds for any scene.
 """
 
 from __future__ import annotations
@@ -24,42 +24,41 @@ Float64 = NDArray[np.float64]
 Row = tuple[str, str]
 
 POINTS = 4096
-"""Looked at in all, spread over the surfaces by area."""
+"""Sample points in all, distributed over the surfaces by area."""
 
 FACES = 1 << 16
-"""Whose areas are measured, at most; of larger scenes every n-th."""
+"""Most faces whose areas are measured; of larger scenes every n-th."""
 
 OBJECTS = 1024
-"""Looked at, at most; of more every n-th."""
+"""Most objects sampled; of more every n-th."""
 
 LEAST_FACES = 16
-"""Whose areas are measured of each object, if it has as many."""
+"""Fewest faces measured of each object, if it has as many."""
 
 STEPS = 0.7548776662466927, 0.5698402909980532
-"""Steps of the two shares by which points lie on their faces: of the R2 sequence, which fills a
-square evenly."""
+"""Steps of the R2 low-discrepancy sequence, which places points on faces."""
 
 FORESHORTENED = 0.02
-"""Least length in the picture, of an axis of length 1, that has a direction there."""
+"""Least projected length of a unit axis; shorter ones have no direction in the picture."""
 
 AXES = ("y", 1), ("z", 2), ("x", 0)
-"""Of the world, and their numbers; of several that are up, the first."""
+"""World axes and their numbers; of several that are up, the first counts."""
 
 
 class ThroughLens(NamedTuple):
     """How a lens bends what a camera sees."""
 
     pixels: Callable[[Float64], Float64]
-    """Returns where points relative to the eye, (N, 3), are seen: pixels (N, 2), NaN if not."""
+    """Projects points relative to the eye, (N, 3), to pixels (N, 2); NaN if not visible."""
     directions: Callable[[Float64, Float64], Float64]
-    """Returns what pixels at columns (C,) and rows (R,) look along, (R, C, 3), of any length, zero
-    or NaN beyond the field."""
+    """Returns ray directions at columns (C,) and rows (R,): (R, C, 3), of any length, zero or NaN
+    beyond the field of view."""
     clips: tuple[Float64, ...]
-    """`clip_from_relative` of each picture that the frame is taken from."""
+    """`clip_from_relative` of each pinhole picture that the frame is resampled from."""
 
 
 class CameraView(NamedTuple):
-    """A camera and what may be seen; put into words when it is printed."""
+    """A camera's view of a scene; prints as text."""
 
     nodes: tuple[Node, ...]
     camera: Camera
@@ -68,7 +67,7 @@ class CameraView(NamedTuple):
     """``None`` -> no lens."""
 
     def rows(self) -> list[Row]:
-        """Return rows of text, a name and what there is to say."""
+        """Return rows of text: name and description."""
         clip = clip_from_relative(self.camera, self.size)
         rows = []
         try:
@@ -92,10 +91,10 @@ class CameraView(NamedTuple):
             rows = np.array([0.0, 0.5 * down, down])
             top, middle, bottom = self.through.directions(np.array([across]), rows)[:, 0]
             tall = math.degrees(_angle(top, middle) + _angle(middle, bottom))
-            # Beyond its field a lens looks nowhere.
+            # Beyond its field of view a lens has no rays.
             angle = "" if math.isnan(tall) else f", {tall:.3g} degrees from top to bottom"
             return f"perspective, {place}, through a lens{angle}"
-        # The angle between what is seen in the middle of the upper and the lower edge.
+        # The angle between the rays at the middles of the upper and the lower edge.
         angle = _angle(*_directions(clip, [(0.0, 1.0), (0.0, -1.0)]))
         return f"perspective, {place}, {math.degrees(angle):.3g} degrees from top to bottom"
 
@@ -124,7 +123,7 @@ class CameraView(NamedTuple):
         count = int(np.count_nonzero(left))
         text = f"{_percent(count, len(points))} of the surface"
         if not count:
-            # Something small may be in view between them.
+            # Small objects between the sample points may be in view.
             text = f"none of {len(points)} points on the surface"
         else:
             across, down = (math.ceil(np.ptp(values[left])) for values in seen)
@@ -135,7 +134,7 @@ class CameraView(NamedTuple):
     def _seen_through(
         self, through: ThroughLens, clip: Float64, points: Float64
     ) -> tuple[dict[str, NDArray[np.bool_]], tuple[Float64, Float64]]:
-        """Say which points are away, and why, and where points are seen: columns and rows."""
+        """Return which points are out of view, and why, and the columns and rows of the others."""
         column, row = through.pixels(points).T
         is_inside = (column >= 0.0) & (column <= self.size[0])
         is_inside &= (row >= 0.0) & (row <= self.size[1])
@@ -168,7 +167,7 @@ def _describe_up(axes: Sequence[Float64]) -> str:
                 found.append((tilt, order, f"{sign}{name}", "right" if x > 0.0 else "left"))
     tilt, _, name, side = min(found)
     told = f"{name} of the world" + (f", {tilt:g} degrees to the {side}" if tilt else "")
-    # Right and up, seen against the line of sight, are those of a right hand.
+    # Right, up and backward are right-handed unless the picture is mirrored.
     return told + ("; mirrored" if np.dot(np.cross(right, up), ahead) > 0.0 else "")
 
 
@@ -215,7 +214,7 @@ def _areas(corners: Float64) -> Float64:
 
 
 def _directions(clip: Float64, places: Sequence[tuple[float, float]]) -> list[Float64]:
-    """Return what a perspective looks along at places in NDC, (3,) each, of length one."""
+    """Return unit ray directions of a perspective at positions in NDC, (3,) each."""
     inverse = transforms.inverse(np.vstack([clip[[0, 1, 3]], (0.0, 0.0, 0.0, 1.0)]))
     right, up, ahead = inverse[:3, :3].T
     return [transforms.unit_vector("way", x * right + y * up + ahead) for x, y in places]
@@ -229,7 +228,7 @@ def _angle(one: Float64, other: Float64) -> float:
 
 
 def _picture_axes(clip: Float64) -> list[Float64]:
-    """Return what is right, up and ahead in the middle of a picture, (3,) each, of length one."""
+    """Return unit vectors right, up and ahead at the centre of a picture, (3,) each."""
     if clip[3, :3].any():
         (ahead,) = _directions(clip, [(0.0, 0.0)])
     else:
@@ -246,12 +245,12 @@ def _picture_axes(clip: Float64) -> list[Float64]:
 
 
 def _triple(values: Float64) -> str:
-    """Return three numbers, short."""
+    """Format three numbers."""
     return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 12).tolist()) + ")"
 
 
 def _percent(count: int, whole: int) -> str:
-    """Return a share for people, not 0 of a little nor 100 of nearly all."""
+    """Format a percentage; never 0 for a few nor 100 for nearly all."""
     share = 100.0 * count / whole
     if 0 < count < whole and not 1.0 <= share <= 99.0:
         return "under 1 %" if share < 1.0 else "over 99 %"

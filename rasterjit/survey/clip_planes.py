@@ -1,11 +1,11 @@
 """
-Decide where the near and the far plane are that a camera leaves open; count what given ones cut.
+Choose near and far planes that a camera leaves open, and report what given planes clip.
 
-Boxes settle most frames: those around objects, then, of an object that may reach a plane, its
-sphere, and the boxes around some hundred faces each. Of the faces in those that are left, the part
-inside the four sides of the view is found, as exactly as float64 has it. An open plane is put where
-it leaves points and lines as well: they count as large as the largest of their object. Those that
-given planes cut are not told of.
+Bounding volumes settle most frames: boxes of objects, then, for an object that may reach a plane,
+its sphere, and boxes of some hundred faces each. For the faces in the remaining boxes, the depth
+range of the part inside the four sides of the frustum is found in float64. Open planes include
+points and lines, each as large as the largest of its object. Points and lines clipped by given
+planes are not reported.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ from rasterjit.survey.placement import Boxes, along, is_between
 Float64 = NDArray[np.float64]
 
 CLEARANCE = 2.0**-7
-"""Share of its distance by which an open near plane is nearer than all that is seen, and a far
-plane farther: more than vertices are rounded by where float32 holds them at all."""
+"""Relative margin of an open near plane before all that is visible, and of a far plane beyond it:
+more than float32 rounding of vertices."""
 
 WIDENING = 1.0 + 2.0**-10
-"""How many times as wide as the picture the view is taken to be: snapping moves vertices."""
+"""Factor by which the view is widened, since snapping moves vertices."""
 
 UNBOXED = 1 << 13
-"""Most faces of a mesh that are looked at without boxes: to do so takes no longer."""
+"""Most faces of a mesh that are tested without boxes: it takes no longer."""
 
 MOST_KNOWN = 256
-"""What is known of a mesh: of each of its objects, from each camera."""
+"""Most cached results of a mesh: one for each of its objects and cameras."""
 
 CHUNK = 1 << 16
-"""Vertices looked at at once, so that they stay in the cache."""
+"""Vertices processed together, so that they stay in the cache."""
 
 _ROUND_OFF = 1.01
-"""Factor on a least or largest value, so that its first three digits are on the safe side."""
+"""Factor that makes a bound safe when printed with three digits."""
 
 
 class PlaneCut(NamedTuple):
-    """What a plane that was given cuts away, whole or in part, that else were in view."""
+    """Objects in view that a given near or far plane clips, whole or in part."""
 
     name: str
     """``"near"`` or ``"far"``."""
@@ -65,10 +65,10 @@ class PlaneCut(NamedTuple):
     plane: float
     """Its distance, scene units."""
     needed: float
-    """The distance at which it would cut nothing."""
+    """The distance at which it would clip nothing."""
 
     def beside(self, other: PlaneCut) -> PlaneCut:
-        """Return what the plane cuts of two parts together."""
+        """Merge the clipping of two parts of a picture."""
         choose = min if self.name == "near" else max
         return self._replace(
             faces=self.faces + other.faces, needed=choose(self.needed, other.needed)
@@ -84,24 +84,24 @@ class PlaneCut(NamedTuple):
 
 
 class BesidePlanes(NamedTuple):
-    """What a camera sees beside its planes."""
+    """Depths in view that lie outside a camera's near and far planes."""
 
     near_steps: int = 0
-    """How often an open near plane must be halved to cut nothing."""
+    """How often an open near plane must be halved to clip nothing."""
     most_near_steps: int = MOST_STEPS
     """How often it may be."""
     far_steps: int = 0
-    """How often an open far plane must be doubled, which it may."""
+    """How often an open far plane must be doubled to clip nothing."""
     cut: tuple[PlaneCut, ...] = ()
-    """What given planes cut."""
+    """What given planes clip."""
 
     @property
     def steps(self) -> tuple[int, int]:
-        """What `settled` takes."""
+        """Arguments of `settled`."""
         return min(self.near_steps, self.most_near_steps), self.far_steps
 
     def beside(self, other: BesidePlanes) -> BesidePlanes:
-        """Return what two views, or parts of one, need that have one near and one far plane."""
+        """Merge the needs of two views, or parts of one, that share near and far planes."""
         cuts: dict[str, PlaneCut] = {}
         for one in (*self.cut, *other.cut):
             cuts[one.name] = one.beside(cuts[one.name]) if one.name in cuts else one
@@ -117,7 +117,7 @@ NO_LOOK = BesidePlanes()
 
 
 def join(looks: Sequence[BesidePlanes]) -> BesidePlanes:
-    """Return what views need together that have one near and one far plane."""
+    """Merge the needs of views that share near and far planes."""
     return reduce(BesidePlanes.beside, looks, NO_LOOK)
 
 
@@ -129,7 +129,7 @@ def look_at_planes(
     quality: Quality,
 ) -> BesidePlanes:
     """
-    Find what a camera sees beside its planes.
+    Find the depths in view outside a camera's planes.
 
     Parameters
     ----------
@@ -148,22 +148,22 @@ def look_at_planes(
         return NO_LOOK
     planes, row, (near, far) = margins.planes, margins.row, margins.ends
     most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
-    # Look at the box around all objects.
+    # Test the box around all objects.
     is_open = planes.is_near_open or planes.is_far_open
     beyond = spheres_beyond(nodes, boxes.relative_from_model) if is_open else []
     depths = np.negative(camera.view_matrix()[2]).tolist()
     if not beyond and boxes.are_between(depths, near if near > 0.0 else -math.inf, far):
         return BesidePlanes(most_near_steps=most_steps)
-    # Look at those of each.
+    # Test the box of each.
     crosses = boxes.may_cross(*margins.inside)
     if crosses.any() and not isinstance(camera, OrthographicCamera):
-        # Where the far plane is many times as far as the near one, w tells more than z.
+        # Where the far plane is many times as far as the near one, w is more precise than z.
         lows, highs, _ = boxes.w_ranges(row, crosses)
         crosses[crosses] = ~((lows >= near) & (highs <= far))
     crosses[beyond] = True
     if not crosses.any():
         return BesidePlanes(most_near_steps=most_steps)
-    # Look at those of faces, and at the faces.
+    # Test the boxes of faces, and the faces.
     rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
     found = [NOTHING]
     for k in np.flatnonzero(crosses).tolist():
@@ -194,9 +194,9 @@ def look_at_planes(
 
 def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
     """
-    Return the numbers of objects that are spheres and reach beyond their boxes.
+    Return the numbers of objects that are spheres and may reach beyond their boxes.
 
-    Matrices, (O, 4, 4), that scale unevenly scale the boxes so, but spheres stay round.
+    Non-uniform scales in the matrices, (O, 4, 4), scale the boxes, but spheres stay round.
     """
     return [
         k
@@ -208,31 +208,31 @@ def spheres_beyond(nodes: Sequence[Node], matrices: Float64) -> list[int]:
 
 
 def _is_uneven(columns: list[list[float]]) -> bool:
-    """Tell whether axes, (3, 3), are not of one length, or not at right angles."""
+    """Tell whether axes, (3, 3), differ in length, or are not orthogonal."""
     x, y, z = columns
     a, b, c = dot(x, x), dot(y, y), dot(z, z)
     most = max(a, b, c)
     apart = max(most - min(a, b, c), abs(dot(x, y)), abs(dot(y, z)), abs(dot(z, x)))
-    # What is not a number is not sure.
+    # NaN counts as unsure.
     return not apart <= CLEARANCE * CLEARANCE * most
 
 
 class Margins(NamedTuple):
-    """Between which depths what is in view must lie for planes to cut nothing of it."""
+    """The depth range within which near and far planes clip nothing."""
 
     planes: Planes
     row: Float64
-    """(4,): times a point relative to the eye, its depth, scene units."""
+    """(4,): its product with a point relative to the eye is the depth, scene units."""
     ends: tuple[float, float]
     """The least depth and the greatest."""
     inside: tuple[float, float]
-    """How far inside of the near and the far plane they are, clip space; -inf -> anywhere."""
+    """Their distance inside the near and the far plane, clip space; -inf -> anywhere."""
 
 
 def margins_of(camera: Camera, clip_from_relative: Float64) -> Margins | None:
-    """Return between which depths the planes of a camera cut nothing; ``None`` if none is asked."""
+    """Return the depths between which a camera's planes clip nothing; ``None`` if not needed."""
     planes = planes_of(camera)
-    # Planes that rendering has put somewhere cut what they must.
+    # Planes chosen by rendering clip only what they must.
     if planes is None or planes.near_steps is not None or planes.far_steps is not None:
         return None
     near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
@@ -260,7 +260,7 @@ def _depths(
     camera: Camera, planes: Planes, clip_from_relative: Float64
 ) -> tuple[Float64, tuple[float, float]]:
     """
-    Return what tells the depth of a point, and the distances of planes as clip space has them.
+    Return the row that gives a point's depth, and the planes' distances in clip space.
 
     Returns
     -------
@@ -280,13 +280,13 @@ def _depths(
 
 
 def _sides(clip_from_relative: Float64) -> Float64:
-    """Return what is at least 0 inside of each side of the view: right, top, left, bottom."""
+    """Return planes that are >= 0 inside each side of the frustum: right, top, left, bottom."""
     x, y, w = clip_from_relative[0], clip_from_relative[1], WIDENING * clip_from_relative[3]
     return np.stack((w - x, w - y, w + x, w + y))
 
 
 def _halvings(planes: Planes, least: float) -> int:
-    """Return how often the near plane must be halved to leave what is so far away."""
+    """Return how often the near plane must be halved not to clip a depth."""
     allowed, steps = least * (1.0 - CLEARANCE), 0
     while steps < MOST_STEPS and planes.near / (1 << steps) > allowed:
         steps += 1
@@ -294,7 +294,7 @@ def _halvings(planes: Planes, least: float) -> int:
 
 
 def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
-    """Return how often it may be halved: float64 finds the far plane, a format what is far."""
+    """Return how often it may be halved, limited by float64 and by the depth format."""
     is_reversed = quality.depth_format in REVERSED_TYPES
     if is_reversed and planes.far == math.inf:
         return MOST_STEPS
@@ -309,7 +309,7 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
 
 
 def _doublings(planes: Planes, most: float) -> int:
-    """Return how often the far plane must be doubled to leave what is so far away."""
+    """Return how often the far plane must be doubled not to clip a depth."""
     steps = 0
     while steps < MOST_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
         steps += 1
@@ -317,26 +317,26 @@ def _doublings(planes: Planes, most: float) -> int:
 
 
 Found = tuple[float, float, float, float]
-"""Least and greatest depth at which faces are seen that reach a plane, inf and -inf for none; how
-many of them reach before the near one and behind the far one."""
+"""Least and greatest visible depth of faces that reach a plane, inf and -inf for none; numbers of
+those before the near plane and beyond the far one."""
 
 NOTHING = (math.inf, -math.inf, 0.0, 0.0)
 
 CORNERS = {"triangles": 3, "lines": 2, "points": 1}
-"""Of a face of an object of each kind."""
+"""Corners of a face, by kind of object."""
 
 
 def _look_at_primitives(
     mesh: Points | Lines, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> Found:
     """
-    Find between which depths points or lines are seen that reach a plane, and count none.
+    Find the depth range of visible points or lines that reach a plane; counts none.
 
-    Takes what `_look_at_mesh` does, of a view that is wider by what is as large as in pixels.
+    Takes what `_look_at_mesh` does, for a view widened by sizes in pixels.
     """
     if isinstance(mesh, Points) and mesh.shape == "sphere":
         return _look_at_spheres(mesh, rows, relative_from_model, planes)
-    # All but spheres has the depth of its middle.
+    # All but spheres have the depth of their centre.
     radius = _reach_of(mesh, relative_from_model)
     rows = rows.copy()
     rows[:DEPTH, 3] += radius * _lengths(rows[:DEPTH])
@@ -347,7 +347,7 @@ def _look_at_primitives(
 def _look_at_spheres(
     mesh: Points, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> Found:
-    """Find between which depths spheres are seen that reach a plane, and count none."""
+    """Find the depth range of visible spheres that reach a plane; counts none."""
     radius = _reach_of(mesh, relative_from_model)
     sides = _lengths(rows)
     deep = float(radius * sides[DEPTH])
@@ -359,7 +359,7 @@ def _look_at_spheres(
     known, key = _known.setdefault(mesh, {}), (rows.tobytes() + place.tobytes(), planes)
     found = known.get(key)
     if found is None:
-        # All inside of these, and before the one or behind the other depth, may reach a plane.
+        # All inside the sides, and before the near or beyond the far depth, may reach a plane.
         wide = rows.copy()
         wide[:, 3] += radius * sides
         ends = planes[0] + 2.0 * deep, planes[1]
@@ -393,7 +393,7 @@ def _ends_of_spheres(
     cosine: float,
 ) -> tuple[Float64, Float64]:  # fmt: skip
     """
-    Return between which depths spheres may be seen, (N,) each: inf and -inf if they are not.
+    Return the depth range in which spheres may be visible, (N,) each: inf and -inf if not.
 
     Parameters
     ----------
@@ -420,9 +420,9 @@ def _ends_of_spheres(
     if cosine > 0.0:
         x, y, z = middles
         away = np.sqrt((x * x + y * y) + z * z)
-        # No ray meets a sphere nearer than its surface is to the eye.
+        # No ray hits a sphere nearer than its surface is to the eye.
         low = np.maximum(low, cosine * (np.abs(away - radii) - SURE * away))
-        # A cone around the view has none of those that lie wholly beside it.
+        # Spheres outside a cone around the view are not visible.
         sine = np.minimum(radii / away, 1.0)
         widest = cosine * np.sqrt(1.0 - sine * sine) - math.sqrt(1.0 - cosine * cosine) * sine
         is_seen &= (away <= radii) | (depths >= (widest - SURE) * away)
@@ -430,8 +430,8 @@ def _ends_of_spheres(
 
 
 def _least_cosine(rows: Float64) -> float:
-    """Return the least share of depth in the way along a ray in view; 0 if rays do not meet."""
-    # Depth begins, and all sides meet, in the eye.
+    """Return the least depth per distance along rays in view; 0 if rays do not meet."""
+    # Depth is 0, and all sides meet, at the eye.
     if (np.abs(rows[:, 3]) > SURE * _lengths(rows)).any():
         return 0.0
     normals, depth, cosines = rows[:DEPTH, :3].tolist(), rows[DEPTH, :3].tolist(), []
@@ -442,7 +442,7 @@ def _least_cosine(rows: Float64) -> float:
 
 
 def _lengths(rows: Float64) -> Float64:
-    """Return how much each row, (N, 4), grows along a scene unit at most, (N,)."""
+    """Return the gradient length of each row, (N, 4), per scene unit, (N,)."""
     x, y, z = rows[:, :3].T
     return np.sqrt((x * x + y * y) + z * z)
 
@@ -453,7 +453,7 @@ def _reach_of(mesh: Points | Lines, relative_from_model: Float64) -> float:
         return 0.0
     sizes = mesh.sizes if isinstance(mesh, Points) else mesh.widths
     x, y, z = relative_from_model[:3, :3]
-    # Sizes are scaled along the axis where the matrix does most.
+    # Sizes scale by the matrix's largest axis scale.
     square = float(((x * x + y * y) + z * z).max())
     return 0.5 * float(sizes.max(initial=0.0)) * math.sqrt(square)
 
@@ -462,7 +462,7 @@ def _look_at_mesh(
     mesh: Mesh, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> Found:
     """
-    Find between which depths faces of an object are seen that reach a plane.
+    Find the depth range of visible faces of an object that reach a plane.
 
     Parameters
     ----------
@@ -496,7 +496,7 @@ def _look_at_mesh(
 def _is_between(
     ball: _Ball, row: Float64, relative_from_model: Float64, planes: tuple[float, float]
 ) -> bool:
-    """Tell whether a sphere lies between two planes, given what tells the depth of a point."""
+    """Tell whether a sphere lies between two planes, given the row of a point's depth."""
     a, b, c, d = row.tolist()
     across = [a * x + b * y + c * z for x, y, z, _ in relative_from_model.T.tolist()]
     x, y, z, rest = across
@@ -507,7 +507,7 @@ def _is_between(
 
 
 def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
-    """Return the boxes of faces that may be seen before or behind planes; rows of model space."""
+    """Return the boxes of faces that may be visible outside the planes; rows are of model space."""
     if len(mesh.faces) <= UNBOXED:
         return np.arange(-(-len(mesh.faces) // seen_depths.BLOCK))
     boxes = _boxes(mesh)
@@ -516,7 +516,7 @@ def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> 
         reaches = along(np.abs(rows), boxes.half)
         reaches += SURE * (along(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
         lows, highs = middles - reaches, middles + reaches
-    # What is not a number is not sure.
+    # NaN counts as unsure.
     is_out = (highs[:DEPTH] < 0.0).any(axis=0) | (highs[DEPTH] <= 0.0)
     is_out |= (lows[DEPTH] >= planes[0]) & (highs[DEPTH] <= planes[1])
     return np.flatnonzero(~is_out)
@@ -548,7 +548,7 @@ _face_boxes: WeakKeyDictionary[Mesh, _Boxes] = WeakKeyDictionary()
 
 
 def _ball(mesh: Mesh) -> _Ball:
-    """Return the sphere around the middle of a mesh's box, found once."""
+    """Return the bounding sphere of a mesh, centred on its box, cached."""
     found = _balls.get(mesh)
     if found is None:
         low, high = mesh.bounds()
@@ -565,7 +565,7 @@ def _ball(mesh: Mesh) -> _Ball:
 
 
 def _boxes(mesh: Mesh) -> _Boxes:
-    """Return the boxes around the faces of a mesh, found once."""
+    """Return the boxes around blocks of faces of a mesh, cached."""
     found = _face_boxes.get(mesh)
     if found is None:
         low, high = np.empty((2, 3, -(-len(mesh.faces) // seen_depths.BLOCK)))
@@ -576,7 +576,7 @@ def _boxes(mesh: Mesh) -> _Boxes:
 
 
 def kernels_of(camera: Camera) -> Rows:
-    """Return the kernels that look for faces at the planes of a camera."""
+    """Return the kernels that test faces against a camera's planes."""
     if planes_of(camera) is None:
         return []
     reached = "an object may reach the near or far plane"
@@ -587,7 +587,7 @@ def kernels_of(camera: Camera) -> Rows:
 
 
 def describe_planes(camera: Camera, cut: Sequence[PlaneCut]) -> list[tuple[str, str]]:
-    """Return rows of text about the planes of a camera: where they are, why, and what they cut."""
+    """Return rows of text about a camera's planes: where they are, why, and what they clip."""
     planes = planes_of(camera)
     if planes is None:
         return []
@@ -603,7 +603,7 @@ def describe_planes(camera: Camera, cut: Sequence[PlaneCut]) -> list[tuple[str, 
 
 
 def _describe_plane(distance: float, steps: int | None, sign: str) -> str:
-    """Say where a plane is, and whether rendering put it there."""
+    """Say where a plane is, and whether rendering chose it."""
     if steps is None:
         return f"{distance:.6g} (given)"
     usual = distance * (1 << steps) if sign == "/" else distance / (1 << steps)

@@ -1,4 +1,4 @@
-"""Look through the objects of a scene: how many are what, in all and in view; check its lists."""
+"""Count the objects of a scene by property, in all and in view; check its lists."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
-"""Ways of shading that read vertex normals."""
+"""Shading models that read vertex normals."""
 
 BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
-"""Ways of shading that have a Blinn-Phong highlight."""
+"""Shading models that have a Blinn-Phong highlight."""
 
 
 class Contents(NamedTuple):
     """
-    How many objects have each property that decides what a frame needs.
+    Numbers of objects with each property that decides what a frame needs.
 
     The first fields are those of ``SHADINGS``, the next those of ``TEXTURE_FIELDS``.
     """
@@ -46,31 +46,31 @@ class Contents(NamedTuple):
     laid: int
     """With texture coordinates."""
     unlaid: int
-    """With a texture and nothing to lay it by: without the coordinates that it wants."""
+    """With a texture, but without its texture coordinates."""
     highlights: int
     """With a specular highlight."""
     tinted_highlights: int
-    """Whose vertices hold a highlight in their light, with a texture or face colours over it."""
+    """Gouraud-shaded with a highlight, and multiplied by a texture or face colours."""
     masked: int
     """Whose material has an alpha mask."""
     cut_out: int
-    """That can have a hole."""
+    """That can fail the alpha test somewhere."""
     textured_holes: int
     """Of those, with a base colour texture."""
     unlaid_holes: int
-    """Of those, with nothing to lay it by."""
+    """Of those, without texture coordinates."""
     blended: int
     """Whose material is blended."""
     see_through: int
-    """Through which what lies behind is seen."""
+    """That are transparent."""
     emitting: int
     """That send out light."""
     coated: int
-    """With varnish."""
+    """With a clearcoat."""
     with_sheen: int
-    """With fibres."""
+    """With a sheen."""
     own_mirrors: int
-    """Microfacets that mirror otherwise than 4 % of white light straight on, where no metal is."""
+    """Microfacet materials whose dielectric F0 is not 4 % white."""
     single_sided: int
     """Whose back faces are not drawn."""
     vertex_colored: int
@@ -94,21 +94,21 @@ class Contents(NamedTuple):
     pixel_sized: int
     """Of both, those with sizes in pixels."""
     transmitting: int
-    """Through which light goes, refracted."""
+    """That transmit light, refracted."""
     clear_panes: int
-    """Of those, that are thin and let through more light than they keep."""
+    """Of those, that are thin and transmit more light than they block."""
     rough_glass: int
-    """Of those, that blur what is seen through them."""
+    """Of those, that blur the background."""
     skinned: int
-    """That joints have put where they are."""
+    """Posed by a skin."""
     mipped: int
-    """With a texture that is read between mip levels."""
+    """With a mipmapped texture."""
     textured: dict[str, int]
     """With a texture that is read, by field of the material, in the order of ``TEXTURE_FIELDS``."""
 
     @classmethod
     def from_row(cls, row: Sequence[int]) -> Contents:
-        """Return those that are in a row of numbers."""
+        """Build from a row of numbers."""
         plain = len(cls._fields) - 1
         return cls(*row[:plain], dict(zip(TEXTURE_FIELDS, row[plain:], strict=True)))
 
@@ -119,12 +119,12 @@ class Contents(NamedTuple):
 
     @property
     def shadings(self) -> frozenset[str]:
-        """The ways of shading that any object has."""
+        """The shading models that occur."""
         return frozenset(name for name in SHADINGS if getattr(self, name))
 
     @property
     def primitives(self) -> tuple[str, ...]:
-        """What the faces of any object are that are not triangles."""
+        """The kinds of faces that occur, besides triangles."""
         return tuple([name for name in ("lines", "points") if getattr(self, name)])
 
     @property
@@ -134,18 +134,18 @@ class Contents(NamedTuple):
 
     @property
     def has_layers(self) -> bool:
-        """Whether any object has varnish, fibres, or a mirror of its own."""
+        """Whether any object has a clearcoat, sheen or custom specular."""
         return self.coated + self.with_sheen + self.own_mirrors > 0
 
     @property
     def has_maps(self) -> bool:
-        """Whether more lies over any object than a base colour."""
+        """Whether any object has material maps besides base colour."""
         laid = (count for name, count in self.textured.items() if name != "base_color_texture")
         return any(laid) or self.emitting > 0
 
 
 class Attribute(NamedTuple):
-    """What an attribute of one's own is in the meshes of a scene."""
+    """Where the meshes of a scene have a custom attribute."""
 
     columns: int
     of_vertices: bool
@@ -156,7 +156,7 @@ class Attribute(NamedTuple):
 
 class Inventory:
     """
-    What the objects of a scene are; each mesh is looked at once.
+    Properties of the objects of a scene; each mesh is analysed once.
 
     Parameters
     ----------
@@ -175,11 +175,11 @@ class Inventory:
 
     @cached_property
     def contents(self) -> Contents:
-        """How many of all objects are what."""
+        """Counts over all objects."""
         return self._counted(self._numbers)
 
     def contents_of(self, chosen: NDArray[np.bool_]) -> Contents:
-        """Return how many of some objects, (O,) bool, are what."""
+        """Return the counts over some objects, (O,) bool."""
         return self.contents if chosen.all() else self._counted(self._numbers[chosen])
 
     def _counted(self, numbers: NDArray[np.int64]) -> Contents:
@@ -193,7 +193,7 @@ class Inventory:
 
     @cached_property
     def is_bare(self) -> NDArray[np.bool_]:
-        """Whether each object shows colours of its vertices, and nothing else, (O,)."""
+        """Whether each object shows only vertex colours, (O,)."""
         textured = [len(read) > 0 for read in self._textures]
         is_more = self._having("blended") | self._having("with_field")
         is_more |= np.array(textured, np.bool_)[self._numbers]
@@ -201,17 +201,17 @@ class Inventory:
 
     @cached_property
     def is_see_through(self) -> NDArray[np.bool_]:
-        """Whether what lies behind each object is seen through it, (O,)."""
+        """Whether each object is transparent, (O,)."""
         return self._having("see_through")
 
     @cached_property
     def shows_light(self) -> NDArray[np.bool_]:
-        """Whether each object shows the light that falls on it, and nothing behind it, (O,)."""
+        """Whether each object is lit and opaque, (O,)."""
         return ~(self._having("unlit") | self.is_see_through | self.is_transmitting)
 
     @cached_property
     def is_wall(self) -> NDArray[np.bool_]:
-        """Whether each object hides all that lies behind it, seen from either side, (O,)."""
+        """Whether each object is opaque from both sides, (O,)."""
         return ~(
             self.is_see_through | self.is_transmitting | self._having("cut_out")
             | self._having("single_sided") | self.is_primitive
@@ -227,7 +227,7 @@ class Inventory:
         """
         Whether each object casts shadows, (O,).
 
-        What is seen through, clear panes, and what is as large as in pixels cast none.
+        Transparent objects, clear panes, and objects sized in pixels cast none.
         """
         clear = self._having("clear_panes")
         return ~(self.is_see_through | clear | self._having("pixel_sized"))
@@ -241,7 +241,7 @@ class Inventory:
 
     @cached_property
     def is_transmitting(self) -> NDArray[np.bool_]:
-        """Whether light goes through each object, refracted, (O,)."""
+        """Whether each object transmits light, refracted, (O,)."""
         return self._having("transmitting")
 
     @cached_property
@@ -251,12 +251,12 @@ class Inventory:
 
     @cached_property
     def interpolates_normals(self) -> NDArray[np.bool_]:
-        """Whether each object is lit by the pixel with normals between those of vertices, (O,)."""
+        """Whether each object is lit per pixel with interpolated normals, (O,)."""
         return self._having("phong") | self._having("pbr")
 
     @cached_property
     def kinds_apart(self) -> tuple[bool, ...]:
-        """Of each kind of texture, whether any is laid otherwise than its object's base colour."""
+        """Whether any texture of each kind uses other coordinates than its base colour."""
         sets = np.array([sets_of(textures) for textures in self._textures])
         return tuple((sets != sets[:, :1]).any(axis=0).tolist())
 
@@ -277,7 +277,7 @@ class Inventory:
 
 
 def _contents_of(mesh: Mesh) -> Contents:
-    """Return what one object with a mesh adds to the numbers."""
+    """Return the counts for one object with a mesh."""
     material = mesh.material
     read = textures_read(material)
     unlaid = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
@@ -288,7 +288,7 @@ def _contents_of(mesh: Mesh) -> Contents:
     )
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
     return Contents(
-        # How it is shaded and textured.
+        # Shading and textures.
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
         laid=mesh.uv is not None,
@@ -299,7 +299,7 @@ def _contents_of(mesh: Mesh) -> Contents:
             and material.shading == "gouraud"
             and shines
         ),
-        # What is seen through it.
+        # Transparency and transmission.
         masked=material.alpha_mode == "mask",
         cut_out=has_hole,
         textured_holes=has_hole and is_painted,
@@ -311,7 +311,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         with_sheen=material.has_sheen,
         own_mirrors=material.has_own_specular,
         single_sided=not material.double_sided,
-        # What the mesh has.
+        # Attributes of the mesh.
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
         with_field=field is not None,
@@ -346,7 +346,7 @@ def textures_read(material: Material) -> dict[str, Texture]:
 
 
 def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
-    """Return what multiplies the colours and the texture of a mesh, linear RGBA."""
+    """Return the base colour factor of a mesh, linear RGBA."""
     has_colors = not (
         mesh.vertex_colors is None and mesh.face_colors is None and mesh.field is None
     )
@@ -355,9 +355,9 @@ def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
 
 def sets_of(textures: dict[str, Texture]) -> list[int]:
     """
-    Return by which coordinates each kind of texture is laid.
+    Return the texture coordinate set of each kind of texture.
 
-    Takes `textures_read`; what is not there counts as laid as the first that is.
+    Takes `textures_read`; an absent one counts as using that of the first present.
     """
     sets = {name: texture.uv_set for name, texture in textures.items()}
     first = next(iter(sets.values()), 0)
@@ -365,12 +365,12 @@ def sets_of(textures: dict[str, Texture]) -> list[int]:
 
 
 def is_see_through(mesh: Mesh) -> bool:
-    """Tell whether anything is seen through a mesh: blended, with an alpha below 1 somewhere."""
+    """Tell whether a mesh is transparent: blended, with an alpha below 1 somewhere."""
     return mesh.material.alpha_mode == "blend" and bool(_least_alpha(mesh) < np.float32(1.0))
 
 
 def lets_through(mesh: Mesh) -> bool:
-    """Tell whether light goes through a mesh, refracted: not through points and lines."""
+    """Tell whether a mesh transmits light, refracted: never points and lines."""
     return mesh.material.transmits and mesh.primitive == "triangles"
 
 
@@ -383,7 +383,7 @@ def may_have_holes(mesh: Mesh) -> bool:
 
 
 def alpha_use_of(mesh: Mesh) -> AlphaUse:
-    """Tell what the alpha of a mesh's base colour texture does to its texels."""
+    """Return the use of alpha in a mesh's base colour texture."""
     texture = mesh.material.base_color_texture
     if texture is None or texture.is_opaque:
         return None
@@ -401,14 +401,14 @@ def contours_of(mesh: Mesh) -> Contours | None:
 
 
 def has_masked_field(mesh: Mesh) -> bool:
-    """Tell whether a mesh with an alpha mask shows its vertices' scalars by colours with holes."""
+    """Tell whether a mesh with an alpha mask has a colormap with alphas below the cutoff."""
     field = mesh.vertex_field
     is_masked = mesh.material.alpha_mode == "mask" and field is not None
     return is_masked and bool(field.least_alpha < np.float32(1.0))
 
 
 def _least_alpha(mesh: Mesh) -> np.float32:
-    """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
+    """Return a lower bound of a mesh's alpha: the product of the least of all factors."""
     least = np.float32(base_color_of(mesh)[3])
     if mesh.vertex_field is not None:
         least = least * mesh.vertex_field.least_alpha
@@ -447,7 +447,7 @@ def take_inventory(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
 ) -> tuple[Inventory, Extents]:
     """
-    Look through the objects of a scene, with the materials that are in force.
+    Take the inventory of a scene's objects, with the quality's overrides of materials.
 
     Returns
     -------

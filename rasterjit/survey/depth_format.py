@@ -1,5 +1,5 @@
 """
-Decide what the depths of faces are rounded to before they are compared.
+Define depth buffer formats: what depths are rounded to before the depth test.
 
 A vertex's stored depth is ``(c0 + c1 z + c2 w) / w`` of its clip position, and greater is nearer,
 in every format; formats differ in the coefficients and in the type of the arrays that hold it.
@@ -32,27 +32,27 @@ REVERSED_TYPES = {"float32-reversed": np.float32, "float64": np.float64}
 """Formats that hold the reversed depth of the camera as it is."""
 
 INFINITE = 1e-12
-"""A far plane with less than this share of the near plane's reversed depth has none: it is what
-rounding left of that of an infinite one."""
+"""Reversed depth of the far plane, relative to the near plane's, below which it counts as infinite:
+rounding error."""
 
 BLOCK = 1 << 16
-"""Vertices looked at at once, so that they stay in the cache."""
+"""Vertices processed together, so that they stay in the cache."""
 
 
 class DepthFormat(NamedTuple):
-    """What depths are rounded to, and what they mean."""
+    """A depth buffer format for one camera."""
 
     name: str
     kind: Any
-    """Type of the arrays: float32, float64, or int32, which cuts off what is behind the point."""
+    """Type of the arrays: float32, float64, or int32, which truncates."""
     coefficients: tuple[float, float, float]
     """Of the stored depth."""
     largest: int
-    """Whole number that stands for the near plane; 0 if depths are not whole numbers."""
+    """Integer that stands for the near plane; 0 if depths are floats."""
     ends: tuple[float, float] | None
     """Reversed depth on the near and on the far plane; ``None`` if stored depth is reversed."""
     tilt: tuple[float, float]
-    """What NDC x and y add to it: nothing unless the near plane is tilted."""
+    """Its derivatives by NDC x and y: zero unless the near plane is tilted."""
 
     @property
     def is_reversed(self) -> bool:
@@ -128,7 +128,7 @@ def check_near(
     clip_from_relative: Float64,
 ) -> None:
     """
-    Refuse a perspective whose near plane is too small for what may be seen.
+    Refuse a perspective whose near plane is too near for the depths that may be visible.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def check_near(
 
 @cache
 def least_held(name: str, precision: str) -> float:
-    """Return the least depth, 1 on the near plane and 0 far away, that is held, by a precision."""
+    """Return the least reversed depth (1 at the near plane, 0 far away) that a format resolves."""
     if name in REVERSED_TYPES:
         # The depths of vertices are found by their precision before they are rounded.
         kind = REVERSED_TYPES[name] if precision == "float64" else np.float32
@@ -187,24 +187,23 @@ def least_held(name: str, precision: str) -> float:
 
 def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[float, float]]:
     """
-    Yield the least and the greatest w of vertices of faces that may be seen; inf and -inf for none.
+    Yield bounds on w of the vertices of visible faces, each tighter and slower; inf, -inf for none.
 
-    The last ones are exact. Before them come those that are found faster: the least is not above
-    the first number, nor the greatest above the second.
+    The last ones are exact.
     """
-    # Look at the boxes. What is too far is not drawn: vertices say what else there is.
+    # Bounds by boxes. Vertices beyond the range are not drawn, and need the exact test.
     lows, highs, within = boxes.w_ranges(row)
     is_drawn = (lows >= -LARGEST_COORDINATE) & (highs <= LARGEST_COORDINATE)
     lows, highs = np.where(is_drawn, lows, -np.inf), np.where(is_drawn, highs, np.inf)
     above = float(highs.max(initial=-math.inf))
     yield float(np.where(is_drawn, within, LARGEST_COORDINATE).min(initial=math.inf)), above
-    # Look at vertices that were the nearest ones of their meshes before.
+    # Bounds by the vertices that were nearest before.
     objects = [
         (nodes[number].mesh, _factors(boxes, number, row))
         for number in np.flatnonzero(boxes.in_view)
     ]
     yield min(_nearest_before(*one) for one in objects), above
-    # Look at all vertices of the objects whose boxes leave it open.
+    # All vertices of the objects whose boxes are undecided.
     nearest, farthest = math.inf, -math.inf
     for k in np.argsort(lows):
         if lows[k] >= nearest:
@@ -218,11 +217,11 @@ def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[
 
 
 Factors = tuple[float, ...]
-"""What x, y, z and 1 in model space are multiplied by to give w."""
+"""The row that gives w from x, y, z and 1 in model space."""
 
 
 class Span(NamedTuple):
-    """Between which w the vertices of the faces of a mesh lie, as far as they are drawn."""
+    """Range of w of a mesh's vertices that are drawn."""
 
     nearest: float
     """inf if there are none."""
@@ -235,7 +234,7 @@ class Span(NamedTuple):
 _known: WeakKeyDictionary[Mesh, dict[Factors, Span]] = WeakKeyDictionary()
 
 MOST_KNOWN = 256
-"""Spans of a mesh: one for each of its objects, from each camera."""
+"""Most cached spans of a mesh: one for each of its objects and cameras."""
 
 
 def _factors(boxes: Boxes, number: int, row: Float64) -> Factors:
@@ -247,7 +246,7 @@ def _factors(boxes: Boxes, number: int, row: Float64) -> Factors:
 
 
 def _nearest_before(mesh: Mesh, factors: Factors) -> float:
-    """Return the w of the vertex that was nearest when vertices were looked at last."""
+    """Return the w of the vertex that was nearest in the last search."""
     for last in tuple(_known.get(mesh, {}).values())[-1:]:
         w = float(_w(last.point, factors))
         if abs(w) <= LARGEST_COORDINATE and last.nearest < math.inf:
@@ -256,7 +255,7 @@ def _nearest_before(mesh: Mesh, factors: Factors) -> float:
 
 
 def _span(mesh: Mesh, factors: Factors) -> Span:
-    """Return the span of an object, looked for once."""
+    """Return the span of an object, cached."""
     known = _known.setdefault(mesh, {})
     span = known.get(factors)
     if span is None:
@@ -268,17 +267,17 @@ def _span(mesh: Mesh, factors: Factors) -> Span:
 
 
 def _find_span(mesh: Mesh, factors: Factors) -> Span:
-    """Look at all vertices of an object."""
+    """Compute the span from all vertices of an object."""
     vertices, ends = mesh.vertices, []
     for first in range(0, len(vertices), BLOCK):
         w = _w(vertices[first : first + BLOCK], factors)
-        # The first that is not a number is both.
+        # The first NaN counts as both.
         ends += [(float(w[n]), first + int(n)) for n in (w.argmin(), w.argmax())]
     if all(abs(w) <= LARGEST_COORDINATE for w, _ in ends):
         least, greatest = min(ends), max(ends)
         if all((mesh.faces == n).any() for _, n in (least, greatest)):
             return Span(least[0], greatest[0], vertices[least[1]].copy())
-    # Leave out what is too far, or not a number, and what no face has.
+    # Leave out vertices that are too far, NaN, or in no face.
     w = _w(vertices, factors)
     numbers = np.flatnonzero(mesh.used_vertices() & (np.abs(w) <= LARGEST_COORDINATE))
     if not len(numbers):
@@ -318,10 +317,10 @@ def _reversed_format(name: str, coefficients: tuple[float, float, float]) -> Dep
 def _ranged_format(
     name: str, sign: float, ends: tuple[float, float], tilt: tuple[float, float]
 ) -> DepthFormat:
-    """Return a format that holds the depth from the near plane to the far one, turned round."""
+    """Return a format that stores depth between the near and the far plane, reversed."""
     if name in UNORM_BITS:
         largest = (1 << UNORM_BITS[name]) - 1
-        # The half rounds: what is behind the point is cut off.
+        # The half makes truncation round.
         coefficients = 0.0, sign * largest / 2.0, largest / 2.0 + 0.5
         return DepthFormat(name, np.int32, coefficients, largest, ends, tilt)
     return DepthFormat(name, np.float32, (0.0, sign * 0.5, -0.5), 0, ends, tilt)

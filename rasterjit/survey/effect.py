@@ -1,12 +1,11 @@
 """
-What an effect is: it says whether a frame needs it, prepares what it reads, and gives its stages.
+Define the interface of effects: is it needed, what data it prepares, which passes it adds.
 
 An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
 in ``explain``. ``rendering/effects.py`` lists all of them, in the order of these rows. A frame
-asks each once (`Effect.answer`), but for those that answered an earlier one by facts that still
-hold. Those that it needs prepare a record for every picture (`Effect.prepare`), and the functions
-in `Effect.places` turn that record into stages. Overlays prepare nothing: their record is what the
-plan knows of them.
+asks each once (`Effect.answer`), unless an earlier answer still holds. Those needed prepare a
+record for every picture (`Effect.prepare`), and the functions in `Effect.places` turn that record
+into passes. Overlays prepare nothing: their record is the plan's data.
 """
 
 from __future__ import annotations
@@ -38,22 +37,22 @@ PLACES = (
 """
 Where effects act, in order; what each function in `Effect.places` takes and returns:
 
-- rows: ``(record, needs) -> passes`` before any light: shares of light, from OCCLUSION on.
+- rows: ``(record, needs) -> passes`` before any light: writes rows from OCCLUSION on.
 - light: ``(record, needs, n, of_vertices) -> passes`` before light ``n`` is added: row SHADOW.
-- around: ``(record, needs) -> passes`` after the lights: light that comes from all sides.
-- seen: ``(record, shown) -> passes`` on the three rows of colours that samples show, lit or not:
-  where it is alone no light and no point is found.
-- sample: ``(record, needs) -> passes`` on the colours of lit samples, which have points.
-- pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are shown in 8 bits; one
-  effect at most.
-- mixed: ``(record, calls, linear, background, shown)``: the same on rows that are mixed of several
-  faces, linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes
-  what is shown. It goes with "pixel".
-- background: ``(record, calls, face_id, first_row, linear, color)``: writes where no face is.
+- around: ``(record, needs) -> passes`` after the lights: ambient light.
+- seen: ``(record, shown) -> passes`` on the three rows of final colours of samples, lit or not;
+does not by itself need lights or positions.
+- sample: ``(record, needs) -> passes`` on the colours of lit samples, which have positions.
+- pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are encoded in 8 bits; one
+effect at most.
+- mixed: ``(record, calls, linear, background, shown)``: the same on resolved rows of several faces,
+linear with straight alpha; composites them over the background, (4,) or (R, W, 4), and writes
+the final colours. It goes with "pixel".
+- background: ``(record, calls, face_id, first_row, linear, color)``: writes pixels without a face.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 
-``calls`` are `Calls`: functions of `InGroups` call kernels by them, or by ``context.workers.run``,
-and by nothing else. Then batches bind what frames call.
+``calls`` are `Calls`: functions of `InGroups` call kernels only by them or by
+``context.workers.run``, so that batches can record the calls.
 
 ``passes`` is a list of `rasterjit.pipeline.passes.Pass`, ``needs`` are `ShadingNeeds`. Passes are
 listed before a picture is prepared, too: ``record`` is then what the plan knows of the effect, and
@@ -62,11 +61,11 @@ only a pass's own function reads what `Effect.prepare` adds to that.
 
 
 Field: TypeAlias = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
-"""``field(name, shape, dtype)`` returns an array that holds what is a view's own; see `share`."""
+"""``field(name, shape, dtype)`` returns an array for per-view data; see `share`."""
 
 
 class Planning(NamedTuple):
-    """A frame that is being planned: what plain facts leave out."""
+    """A frame being planned: inputs beside `Facts`."""
 
     scene: Scene
     camera: Camera
@@ -91,7 +90,7 @@ class Planned(NamedTuple):
     effect: Effect
     facts: Facts
     data: Any = None
-    """What the plan knows of it: a description, or the record that stages read."""
+    """The plan's data for it: a description, or the record that stages read."""
 
     used = True
 
@@ -132,7 +131,7 @@ class Absent(NamedTuple):
 
 
 class Calls(Protocol):
-    """Calls kernels at once, or binds them for machine code that calls them later."""
+    """Calls kernels at once, or records the calls for a batch."""
 
     def call(self, kernel: Any, *arguments: Any) -> None:
         """Call a kernel."""
@@ -140,9 +139,9 @@ class Calls(Protocol):
 
 class Effect:
     """
-    One row of ``explain``; a subclass says what is different from a row that does nothing.
+    Base class of effects, each a row of ``explain``; by default it does nothing.
 
-    An effect has no state: what it knows of a frame is in the plan and in the record.
+    An effect has no state: its data of a frame is in the plan and in the record.
 
     Attributes
     ----------
@@ -178,7 +177,7 @@ class Effect:
     places: Mapping[str, Callable[..., Any]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Raise ``ValueError`` for a place that there is not: nothing would ever act there."""
+        """Raise ``ValueError`` for an unknown place."""
         super().__init_subclass__(**options)
         for place in cls.places:
             if place not in PLACES:
@@ -229,7 +228,7 @@ class Effect:
 
     def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
         """
-        Return the kernels that it calls besides stages, as `list_kernels` tells them.
+        Return the kernels that it calls besides its passes, for `list_kernels`.
 
         By where they are called: "prepare", or a place where it acts.
         """
@@ -244,7 +243,7 @@ class Effect:
         raise NotImplementedError
 
     def without(self, scene: Scene) -> Scene | None:
-        """Return a scene without it; None: a scene cannot do without it alone."""
+        """Return a scene without it; None: it cannot be switched off in the scene."""
         return None if not self.field else with_field(scene, self.field, None)
 
     def mode_of(self, scene: Scene) -> str | None:
@@ -256,35 +255,35 @@ class Effect:
         raise NotImplementedError
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Say what it could be in a scene that has none, with such a scene; None: nothing."""
+        """Suggest it for a scene that lacks it: return a description and such a scene, or None."""
         return "", None
 
     def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Say what more a scene that has it could have of it, with such a scene; None: nothing."""
+        """Suggest more of it for a scene with it: return a description and the scene, or None."""
         return self.add(scene, quality)
 
     def quality_without(self, quality: Quality) -> Quality | None:
-        """Return a quality that does not ask for it; None: qualities do not."""
+        """Return a quality that does not ask for it; None: it is no matter of quality."""
         return None
 
     def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
-        """Say what a quality that does not ask for it could, with such a quality; None: nothing."""
+        """Suggest it for a quality without it: return a description and such a quality, or None."""
         return "", None
 
 
 class InGroups(Effect):
     """
-    An effect that batches and bound frames draw, without Python in between.
+    An effect that batches and bound frames run as recorded calls, without Python in between.
 
-    What it reads follows from the plan (`share`), but for arrays that follow from the camera and
-    where objects are (`differ`). Others must be prepared for each picture.
+    Its record depends on the plan (`share`), and per view on arrays derived from the camera and
+    the transforms (`differ`) only. Other effects must be prepared for each picture.
     """
 
     def answers(self, scene: Scene, group: Group) -> Any:
         """
-        Tell which of many views in which faces are shaded need it, (N,) bool, or of all the same.
+        Return which of many views with shaded faces need it, (N,) bool, or one answer for all.
 
-        Asked only of those that do not follow from facts.
+        Called only for effects that do not depend on facts alone.
         """
         return True
 
@@ -310,7 +309,7 @@ class InGroups(Effect):
 
 class LooksAround(Effect):
     """
-    An effect that reads more of a picture than the sample that it acts on.
+    An effect that reads neighbouring pixels, or the whole picture.
 
     Attributes
     ----------
@@ -333,55 +332,56 @@ class LooksAround(Effect):
 
     def looks_first(self, data: Any) -> bool:
         """
-        Tell whether it looks at the whole picture before it acts, as `see` says.
+        Tell whether it analyses the whole picture before it acts, by `see`.
 
-        ``data`` is what the plan knows of it.
+        ``data`` is the plan's data for it.
         """
         return self.looks == "whole"
 
     def refusal(self) -> str:
-        """Say what must be otherwise where it cannot be drawn."""
+        """Return the message for pictures in which it cannot be drawn."""
         return f"scene.{self.field} must be None"
 
     def reach(self, data: Any) -> int | None:
-        """Return how many pixels away the neighbours are that it looks at; None: any number."""
+        """Return the radius of its neighbourhood, pixels; None: unbounded."""
         return None
 
     def see(self, context: FrameContext) -> Any:
-        """Return what it must know of a picture, or of a part of one, before it is prepared."""
+        """Analyse a picture, or a part of one, before it is prepared; return the result."""
         return None
 
     def join(self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]) -> Any:
-        """Return what it would see of a picture, given what it sees of its parts and where."""
+        """Merge the results of `see` over the parts of a picture, given their corners."""
         return None
 
     def of_part(self, record: Any, corner: tuple[int, int]) -> Any:
-        """Return the record of a whole picture for a part of it, whose first pixel is given."""
+        """Return the record of a whole picture, restricted to a part with the given first pixel."""
         return record
 
 
 class SeesThrough(LooksAround):
     """
-    An effect that shows another picture of the same view, without some objects.
+    An effect that reads another picture of the same view, without some objects (an opaque pass).
 
-    That is drawn before, and handed to `Effect.prepare` as what it sees, (H, W, 4) float32, linear.
+    That is drawn first, and passed to `Effect.prepare` as the result of `see`, (H, W, 4) float32,
+    linear.
     """
 
     def hidden(self, facts: Facts) -> NDArray[Any]:
-        """Return which objects, (O,) bool, the picture leaves out that is drawn before."""
+        """Return which objects, (O,) bool, the first picture leaves out."""
         raise NotImplementedError
 
 
 class Backdrop(Effect):
-    """An effect that shows something behind all faces that no tone curve touches."""
+    """An effect that draws behind all faces, without tone mapping."""
 
 
 class Bends(Effect):
-    """An effect of which a lens moves what the plan knows."""
+    """An effect whose planned data a lens distorts."""
 
     def bent(self, data: Any, eye: Any, pixels: Callable[[Any], Any]) -> Any:
         """
-        Return what the plan knows of it where a lens bends the picture.
+        Return its planned data, distorted by a lens.
 
         Parameters
         ----------
@@ -396,7 +396,7 @@ class Bends(Effect):
 
 
 def look_around(planned: Iterable[Planned]) -> list[Planned]:
-    """Return those of some effects that look around: see `LooksAround`."""
+    """Return the effects that are `LooksAround`."""
     return [one for one in planned if isinstance(one.effect, LooksAround)]
 
 
@@ -407,7 +407,7 @@ class Active(NamedTuple):
     record: Any
 
     def at(self, place: str, *arguments: Any) -> Any:
-        """Return what it does at a place where it acts."""
+        """Call its function for a place."""
         return self.effect.places[place](self.record, *arguments)
 
 
@@ -417,7 +417,7 @@ def acting(effects: Sequence[Active], place: str) -> list[Active]:
 
 
 def shown_as_given(effect: Effect) -> bool:
-    """Tell whether an effect shows something behind all faces that no tone curve touches."""
+    """Tell whether an effect draws behind all faces, without tone mapping."""
     return isinstance(effect, Backdrop)
 
 
@@ -429,7 +429,7 @@ def with_field(scene: Scene, name: str, value: Any) -> Scene:
 
 
 def add_to_field(scene: Scene, name: str, value: Any) -> Scene | None:
-    """Return a copy of a scene with a value in a field; None if one there does something."""
+    """Return a copy of a scene with a value added to a field; None if one there has an effect."""
     held = getattr(scene, name)
     if held is not None and not _does_nothing(held):
         return None
@@ -437,5 +437,5 @@ def add_to_field(scene: Scene, name: str, value: Any) -> Scene | None:
 
 
 def _does_nothing(value: Any) -> bool:
-    """Tell whether an effect that a scene asks for leaves it as it is."""
+    """Tell whether an effect's settings change nothing."""
     return getattr(value, "strength", 1.0) == 0.0 or getattr(value, "is_neutral", False)

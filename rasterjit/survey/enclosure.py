@@ -1,9 +1,9 @@
 """
-Tell which objects keep a light from all that is seen, since they are closed around the camera.
+Find lights blocked by closed meshes: walls around the camera, or around the light.
 
-What is seen lies where rays lead from the near plane of a picture without a wall between. If a way
-from there to a light crosses the surface of a closed mesh an odd number of times, the surface
-separates them: every other way crosses it, too.
+All visible points are connected to the near plane by rays that cross no wall. If a segment from
+there to a light crosses a closed mesh an odd number of times, the mesh separates them: every other
+path crosses it, too.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from rasterjit.scene.mesh import Mesh
 Float64 = NDArray[np.float64]
 
 MOST_FACES = 1 << 14
-"""Faces of an object that is looked at: of more, only its map tells. They take 5 ms a frame."""
+"""Most faces of an object that is tested, which takes 5 ms a frame; larger ones are left to shadow
+maps."""
 
 SURE = 2.0**-30
-"""Least share of its terms that a volume must be for its sign to be sure: far more than float64
-rounds it by."""
+"""Least volume, relative to its terms, for a reliable sign: far above float64's rounding error."""
 
 CLIP_ROUNDING = 2.0**-18
-"""Share of its clip coordinates that a vertex may be off where kernels clip in float32."""
+"""Relative error of clip coordinates where kernels clip in float32."""
 
 STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
-"""Places on the near plane, in -1..1, where ways to a light begin: where one of them meets an edge,
-the next one is taken."""
+"""Positions on the near plane, in -1..1, where segments to a light begin: if one hits an edge of a
+mesh, the next is tried."""
 
 
 CORNERS = [(x, y, -1.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
-"""Corners of the near plane. Behind the eye, some of it is not seen."""
+"""Corners of the near plane. If any is behind the eye, part of it is not in view."""
 
 
 class Enclosures:
     """
-    The objects of a scene that may be closed around what is seen.
+    The objects of a scene that may enclose everything visible.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Enclosures:
 
     def between(self, light: Float64, has_place: bool, low: Float64, high: Float64) -> int | None:
         """
-        Return the first object that is closed between what is seen and a light, if any.
+        Return the first closed object that separates everything visible from a light, if any.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Enclosures:
         return points if is_in_view else None
 
     def _shell(self, k: int) -> Float64 | None:
-        """Return the corners, (3, F, 3), of an object if it is closed and not cut by the view."""
+        """Return the corners, (3, F, 3), of an object if it is closed and not clipped."""
         mesh, matrix = self._meshes[k], self._relative_from_model[k]
         if len(mesh.faces) > MOST_FACES or not mesh.is_closed():
             return None
@@ -111,11 +111,11 @@ class Enclosures:
 
 
 def _meets_near_plane(corners: Float64) -> bool:
-    """Tell whether faces, corners (3, F, 4) in clip space, may meet what is seen of that plane."""
+    """Tell whether faces, corners (3, F, 4) in clip space, may cross the near plane in view."""
     with np.errstate(all="ignore"):
         height = corners[..., 3] + corners[..., 2]
         slack = CLIP_ROUNDING * np.abs(corners).max(axis=2)
-        # What is not a number is not sure.
+        # NaN counts as unsure.
         is_apart = (height > slack).all(axis=0) | (height < -slack).all(axis=0)
         corners, height, slack = (each[:, ~is_apart] for each in (corners, height, slack))
         # These are positive inside each side of the view.
@@ -134,7 +134,7 @@ def _meets_near_plane(corners: Float64) -> bool:
 
 
 def _is_apart(corners: Float64, starts: Float64, light: Float64, has_place: bool) -> bool:
-    """Tell whether ways to a light surely cross an odd number of faces, corners (3, F, 3)."""
+    """Tell whether segments to a light surely cross an odd number of faces, corners (3, F, 3)."""
     for start in starts:
         way = light - start if has_place else light
         with np.errstate(all="ignore"):
@@ -146,7 +146,7 @@ def _is_apart(corners: Float64, starts: Float64, light: Float64, has_place: bool
 
 def crossings(corners: Float64, way: Float64, ends: bool) -> int | None:
     """
-    Return how many triangles the way from the origin along a vector crosses; None if unsure.
+    Count the triangles that the segment from the origin along a vector crosses; None if unsure.
 
     Parameters
     ----------
@@ -157,13 +157,13 @@ def crossings(corners: Float64, way: Float64, ends: bool) -> int | None:
     """
     a, b, c = corners
     is_nothing = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
-    # On which side of each edge of a face the way goes by is the sign of a volume.
+    # The sign of a volume tells on which side of an edge the segment passes,
     over, terms = zip(*(_volume(*edge, way) for edge in ((a, b), (b, c), (c, a))), strict=True)
     left = [(v > SURE * t) for v, t in zip(over, terms, strict=True)]
     right = [(v < -SURE * t) for v, t in zip(over, terms, strict=True)]
     is_left, is_right = left[0] & left[1] & left[2], right[0] & right[1] & right[2]
     is_beside = (left[0] | left[1] | left[2]) & (right[0] | right[1] | right[2])
-    # On which side of the plane of the face it begins and ends, too.
+    # and on which side of the face's plane it begins and ends.
     here, spread = _volume(a, b, c)
     rise = over[0] + over[1] + over[2]
     there = here - rise if ends else -rise

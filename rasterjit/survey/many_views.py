@@ -174,7 +174,7 @@ def are_between(
         nearest = rows[:, 3] + _added(ends.min(axis=0))
         farthest = rows[:, 3] + _added(ends.max(axis=0))
         doubt = SURE * (np.abs(rows[:, 3]) + _added(np.abs(ends).max(axis=0)))
-        # What is not a number is not sure.
+        # NaN counts as unsure.
         return (nearest >= near + doubt) & (farthest <= far - doubt)
 
 

@@ -208,7 +208,7 @@ def measure_boxes(
         # Of both rows: what is drawn compares them, and they may nearly cancel.
         rows = np.abs(w) + np.abs(matrix[:3])
         most = along(rows, np.abs(origins) + reach) + rows[:, 3]
-        # What is not a number is not sure.
+        # NaN counts as unsure.
         beyond = inside.reshape(2, 3, *inside.shape[1:]) < -ROUNDING * most
     across = np.logical_or.reduce(beyond, axis=0)
     beside = extents.is_nothing | across[0] | across[1]
@@ -402,7 +402,7 @@ def is_between(
     near_z, far_z = (c * back, c * front) if c > 0.0 else (c * front, c * back)
     doubt = abs(near_x) + abs(far_x) + abs(near_y) + abs(far_y) + abs(near_z) + abs(far_z) + abs(d)
     doubt *= SURE
-    # What is not a number is not sure.
+    # NaN counts as unsure.
     return near_x + near_y + near_z + d >= near + doubt and far_x + far_y + far_z + d <= far - doubt
 
 
