@@ -1,1 +1,1 @@
-"""String the stages together: a plan, then a frame."""
+"""Plan frames and run their stages: renderer, batches, streams, lenses, regions."""

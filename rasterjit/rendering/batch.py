@@ -1,10 +1,9 @@
 """
-Draw many views of one scene, into arrays that hold all of them or as a stream of frames.
+Render many views of one scene, into batched arrays or as a stream of frames.
 
-Views are shared among threads in groups; each group is drawn by one thread from its first view to
-its last. A stream of frames comes in order, a few ahead of the caller. With as many frames as
-threads, one thread draws each frame: none waits for the slowest part of a stage, or for a stage
-that only one thread runs. ``benchmarks/many.py`` measures the gain.
+Views are split into groups, each drawn by one thread. A stream yields frames in order, a few drawn
+ahead. With enough frames, one thread draws each frame: no thread waits at the end of a stage, or
+for a serial one. ``benchmarks/many.py`` measures the gain.
 """
 
 from __future__ import annotations
@@ -60,33 +59,32 @@ from rasterjit.survey.posing import posed_scene
 Arrays = dict[str, NDArray[Any]]
 
 VIEWS_PER_GROUP = 32
-"""Most views that a thread draws in one go, if there is little to share out."""
+"""Most views of a group, if there are few."""
 
 VIEWS_PER_LARGE_GROUP = 128
-"""Most if there is more: what is done once for a group takes as long as 4 views of 64 x 64."""
+"""Most if there are many: the fixed cost of a group is that of 4 views of 64 x 64."""
 
 GROUPS_PER_THREAD = 4
-"""Fewest large groups of each of several threads, so that none waits for long for the last."""
+"""Fewest large groups per thread, for load balance."""
 
 WORK_PER_GROUP = 1 << 21
-"""Faces and pixels, about, after which a group of a stream ends, and is handed on."""
+"""Faces and pixels, about, after which a group of a stream ends."""
 
 WORK_PER_LARGE_GROUP = 1 << 22
 """The same of a batch: far less than a second's work."""
 
 MOST_WORK = 1 << 17
-"""Faces and pixels of a view, about, beyond which to draw it takes so long that a group gains
-nothing, nor what is kept for the next."""
+"""Faces and pixels of a view, about, beyond which groups and caches no longer pay."""
 
 PIXEL_BYTES = 4
-"""What the addresses of arrays are multiples of: a pixel is written as one word."""
+"""Required alignment of arrays: a pixel is written as one word."""
 
 MATRIX_WORK = 64
-"""What an object costs beside a face: its matrices are found for all views of a group at once."""
+"""Cost of an object, in faces: its matrices are found for all views of a group at once."""
 
 
 AHEAD = 2
-"""Frames begun for each worker before any is taken: one in work, one waiting."""
+"""Prefetch distance: frames begun for each worker before any is taken, one in work, one waiting."""
 
 Progress: TypeAlias = Literal["none", "bar"]
 PROGRESS: tuple[Progress, ...] = get_args(Progress)
@@ -201,7 +199,7 @@ def render_batch(
             kept.first = planned.plan
             with beside(partial(planning.list_tasks, kept.first), workers * own):
                 drawn = _draw_all(views, kept, projections, workers)
-        # What an error leaves behind is not used again.
+        # After an error, drop the cache.
         SHELF.put(what, kept)
     notices.warn(drawn.told.named(), set())
     *counts, covered = drawn.totals.tolist()
@@ -211,7 +209,7 @@ def render_batch(
 
 
 def _take_up(what: Any, scene: Scene, quality: Quality) -> BatchCache:
-    """Return what is kept of a scene, as far as it holds, or what is new."""
+    """Return the cache of a scene, if still valid, or a new one."""
     kept = SHELF.take(what)
     known = None if kept is None else kept.cache
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
@@ -317,12 +315,12 @@ def _new_array(name: str, shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
 
 
 class AllViews(NamedTuple):
-    """What is to be drawn, and where it is written."""
+    """The views of a batch, and the arrays of their outputs."""
 
     scene: Scene
     cameras: Sequence[Camera]
     places: NDArray[np.float64] | None
-    """(N, O, 4, 4): where the objects stand in each view; ``None`` -> as in the scene."""
+    """(N, O, 4, 4): the objects' transforms in each view; ``None`` -> as in the scene."""
     options: FrameRequest
     arrays: Arrays
     """(N, H, W, ...) of each output."""
@@ -350,12 +348,12 @@ def scene_at(scene: Scene, places: NDArray[np.float64]) -> Scene:
 
 
 class ViewsDrawn(NamedTuple):
-    """What became of some views."""
+    """Statistics and warnings of some views."""
 
     totals: NDArray[np.int64]
     """(9,): the sums of ``COUNTED``."""
     told: Told
-    """What there is to warn of."""
+    """The warnings."""
 
     def add(self, others: ViewsDrawn) -> None:
         """Count others, too."""
@@ -364,7 +362,7 @@ class ViewsDrawn(NamedTuple):
 
 
 def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
-    """Draw the only view: a small one by a renderer that stays for the next call."""
+    """Draw a single view: a small one by a renderer that is cached for the next call."""
     size, quality = views.options.size, views.options.quality
     if work_of(size, views.scene) > MOST_WORK:
         with Renderer.of_many(size, quality, threads, kept.cache) as renderer:
@@ -433,14 +431,14 @@ class Draws(Protocol):
         """Draw some views."""
 
     def close(self) -> None:
-        """Let go what it drew with."""
+        """Release its resources."""
 
 
 def in_threads(
     make: Callable[[], Draws], groups: Sequence[range], workers: int
 ) -> Iterable[ViewsDrawn]:
     """
-    Draw groups of views in several threads; yield what became of each.
+    Draw groups of views in several threads; yield the result of each.
 
     Parameters
     ----------
@@ -478,7 +476,7 @@ def in_threads(
             for task in tasks:
                 yield from task.result()
         finally:
-            # Whatever ends the caller ends all of them, after what they just draw.
+            # If the caller ends early, threads end after the group that they draw.
             is_over.set()
 
 
@@ -512,7 +510,7 @@ class OneByOne:
 
 class DrawInGroups:
     """
-    Draws groups of views, one by one those that share too little.
+    Draws groups of views by recorded calls, and ineligible views one by one.
 
     Parameters
     ----------
@@ -607,9 +605,9 @@ def share_threads(threads: Any, workers: Any) -> tuple[int, int]:
 
 def settle_all(scene: Scene, cameras: Iterable[Camera], options: FrameRequest) -> Iterable[Camera]:
     """
-    Yield the cameras of all frames, with planes that they leave open in one place for all.
+    Yield the cameras of all frames, with common near and far planes where they leave them open.
 
-    Cameras that come as they are asked for have theirs one by one, when each frame is planned.
+    Cameras of an iterator get theirs one by one, when each frame is planned.
     """
     if isinstance(cameras, Sequence):
         cameras = settle_together(scene, cameras, options.size, options.quality)

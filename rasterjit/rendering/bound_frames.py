@@ -1,10 +1,10 @@
 """
-Small frames of a kept `Renderer`, where Python would take longest: their calls are bound once.
+Draw small frames of a reused `Renderer` from recorded calls (a command buffer).
 
-From its third frame of one kind on, a plan's kernels and stages are bound to memory of their own
-(`desk.Desk`, in which batches of views are drawn, too). Then a frame loads its matrices and lights
-there, and is drawn by one call into machine code. Frames that `sharing.can_share` leaves out are
-drawn step by step, as the first two of each kind are.
+For small frames, Python overhead dominates. From the third frame of one kind on, the plan's kernels
+and stages are recorded with fixed memory (`desk.Desk`, as for batches). Then a frame copies its
+matrices and lights there, and is drawn by one call into machine code. Frames that
+`sharing.can_share` rejects are drawn step by step, like the first two of each kind.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ MOST_FACES = 1 << 14
 """The same for faces."""
 
 FRAMES_BEFORE = 2
-"""Frames of one kind before calls are bound, which takes the time of about two."""
+"""Frames of one kind before calls are recorded, which takes the time of about two."""
 
 MOST_MEMORY = 1 << 26
 """Bytes that one renderer may keep for this."""
 
 
 class FrameDrawn(NamedTuple):
-    """A frame that was drawn by bound calls."""
+    """A frame that was drawn by recorded calls."""
 
     arrays: dict[str, NDArray[Any]]
     """The outputs, (H, W, ...)."""
@@ -51,7 +51,7 @@ class FrameDrawn(NamedTuple):
 
 
 class _Last(NamedTuple):
-    """What is compared of a frame; its scene is not kept alive."""
+    """The properties by which frames are compared; does not keep the scene alive."""
 
     plan: RenderPlan
     shapes: Any
@@ -59,7 +59,7 @@ class _Last(NamedTuple):
 
 
 class BoundFrames:
-    """The bound calls of a renderer: those of one kind of frame at a time."""
+    """The recorded calls of a renderer, for one kind of frame at a time."""
 
     def __init__(self) -> None:
         self._last: _Last | None = None
@@ -72,12 +72,12 @@ class BoundFrames:
         return 0 if self._desk is None else self._desk.bytes
 
     def clear(self) -> None:
-        """Let everything go; another thread may still draw."""
+        """Release everything; another thread may still draw."""
         self._clears += 1
         self._last, self._alike, self._desk = None, 0, None
 
     def draw(self, planned: PlannedFrame, memory: Memory) -> FrameDrawn | None:
-        """Draw a frame, if its calls are bound or it pays to bind them now; else return None."""
+        """Draw a frame if its calls are recorded, or recording pays now; else return None."""
         desk, outputs = self._desk_of(planned), {}
         if desk is None:
             return None
@@ -88,7 +88,7 @@ class BoundFrames:
         desk.write_to(outputs)
         totals = desk.draw_one(dict(fields_of(planned)))
         if totals is None:
-            # It does not fit, and the next of its kind would hardly do.
+            # It exceeds the capacity, as the next of its kind probably would.
             self._desk = None
             return None
         return FrameDrawn(outputs, totals)
@@ -119,7 +119,7 @@ def is_small(planned: PlannedFrame) -> bool:
 
 
 def _can_be_bound(planned: PlannedFrame) -> bool:
-    """Tell whether all that draws a frame follows from its plan, and takes little memory."""
+    """Tell whether a frame is eligible: drawn from its plan alone, in little memory."""
     plan, cache = planned.plan, planned.cache
     return (
         type(plan.camera) in KNOWN_CAMERAS

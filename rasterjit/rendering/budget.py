@@ -1,7 +1,8 @@
 """
-Choose the quality of a frame: the best one that a time allows, or the fastest for an error.
+Choose the quality of a frame: the best within a time budget, or the fastest within an error.
 
-What qualities cost and buy on this machine is measured once and kept in the cache folder.
+A profile of this machine (time and error of each quality) is measured once and kept in the cache
+folder.
 
 For a time budget, it remembers what frames of a scene took. Where it does not know enough for the
 budget it first draws frames of ever better qualities until one takes too long; with a profile of
@@ -44,14 +45,14 @@ from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.effect import look_around, shown_as_given
 
 HEADROOM = 0.9
-"""Largest share of a time budget that a frame may be expected to take: times vary."""
+"""Largest share of a time budget that a frame's predicted time may take."""
 
 KEPT_SHARE = 0.9
 """Share of the frames that are to stay in the budget. Where the latest ones took longer than was
 expected of them, so much longer is expected of the next."""
 
 LATEST = 20
-"""How many frames tell by how much times vary."""
+"""Number of recent frames from which the variation of times is estimated."""
 
 TOO_LONG = 1.5
 """Calibrating stops at a quality that takes this many budgets: better ones take longer."""
@@ -158,7 +159,7 @@ class CalibrationWarning(UserWarning):
 
 class Times:
     """
-    What frames of one scene take in each quality.
+    Predicted times of one scene's frames, by quality.
 
     Parameters
     ----------
@@ -177,7 +178,7 @@ class Times:
         """Of each quality, at a load of 1: that of the frames which were measured first."""
         self._loads: deque[float] = deque([1.0] * FOR_LOAD, FOR_LOAD)
         self._late: deque[float] = deque([1.0] * LATEST, LATEST)
-        """What the latest frames took, over what was expected of them."""
+        """Ratios of actual to predicted time of the latest frames."""
         self._waited, self._patience = 0, PATIENCE
         self._best: Quality | None = None
         self._last: Quality | None = None
@@ -189,7 +190,7 @@ class Times:
 
     @property
     def _margin(self) -> float:
-        """How many times what is expected of a frame must be in the budget."""
+        """Safety factor on predicted times."""
         return max(1.0 / HEADROOM, sorted(self._late)[math.ceil(KEPT_SHARE * LATEST) - 1])
 
     def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
@@ -364,7 +365,7 @@ def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
 
 class Reference:
     """
-    The picture of `Quality.reference`, of as many of its pictures as it took so far.
+    The reference picture, accumulated progressively: the mean of as many pictures as needed so far.
 
     Parameters
     ----------
@@ -567,7 +568,7 @@ def times_of(what: Any, circumstances: Any) -> Times:
 
 _LOCK = forks.lock()
 _TIMES: dict[Any, Times] = {}
-"""What is known of scenes, by their address and the circumstances."""
+"""Times of scenes, by their address and the circumstances."""
 
 
 class QualityStep(NamedTuple):
@@ -583,7 +584,7 @@ class QualityStep(NamedTuple):
 @dataclass(frozen=True)
 class Profile:
     """
-    What qualities cost and buy on a machine.
+    Time and error of the qualities on a machine.
 
     Attributes
     ----------

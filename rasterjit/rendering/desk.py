@@ -1,8 +1,8 @@
 """
-The memory in which a thread draws views of one kind, and the kernels and stages that read it.
+Record all calls of a frame once (a command buffer), to replay them for views of the same kind.
 
-Each kernel and stage is bound once, to memory that stays where it is. Of each view its own arrays
-are loaded there (`Desk.draw`), then all are called by their addresses (``pipeline/views.py``).
+Each kernel and stage is bound to fixed memory. For each view its arrays are copied there
+(`Desk.draw`), then all are called by address (``pipeline/views.py``).
 """
 
 from __future__ import annotations
@@ -63,13 +63,13 @@ Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 LIGHT_ROWS = "light_rows"
-"""Name of the rows of all lights, of which a desk takes those that shine."""
+"""Name of the field with the rows of all lights; a desk reads those that reach its views."""
 
 MOST_CUT = 1024
-"""Most faces of a view that are cut in machine code, besides one in 16."""
+"""Capacity for clipped faces of a view, besides one in 16 of all."""
 
 MOST_LAYERS = 8
-"""Transparent surfaces behind each other that there is room for; few pixels show more."""
+"""Capacity for transparent layers of a pixel; few have more."""
 
 
 FIRST_VIEW, NO_LOADS = np.zeros((1, 2), np.int64), np.zeros((0, 4), np.int64)
@@ -93,9 +93,9 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
 
 
 def room_to_cut(faces: int) -> tuple[int, int]:
-    """Return for how many faces that are cut, of so many, and new vertices a desk has room."""
+    """Return a desk's capacity for clipped faces and new vertices, given the number of faces."""
     cuts = min(faces, MOST_CUT + faces // 16)
-    # Mostly one plane cuts a face, and leaves three or four vertices.
+    # Mostly one plane clips a face, and leaves three or four vertices.
     return cuts, min(clipping.MOST_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
 
 
@@ -147,7 +147,7 @@ def view_fields(
 
 
 class BoundLists(NamedTuple):
-    """What the faces of each tile are listed from, and in."""
+    """Input and output arrays of binning."""
 
     faces: Faces
     screen: ScreenVertices
@@ -168,7 +168,7 @@ class BoundLists(NamedTuple):
 
 class Desk:
     """
-    The memory in which one thread draws views of one kind of plan.
+    A frame's recorded calls with their memory: draws views of one kind of plan, in one thread.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class Desk:
         return self._plan.facts
 
     def write_to(self, outputs: Arrays) -> None:
-        """Let what is drawn from now on be written to arrays of all views, (N, H, W, ...)."""
+        """Direct the outputs of the next views to batched arrays, (N, H, W, ...)."""
         for name, place in self._places:
             ctypes.c_int64.from_address(place).value = outputs[name].ctypes.data
 
@@ -243,7 +243,7 @@ class Desk:
         return self._draw(chosen, np.array(loads, np.int64))
 
     def draw_one(self, values: Mapping[str, Any]) -> NDArray[np.int64] | None:
-        """Draw a view, given its arrays; return its totals, (9,), None if it is left out."""
+        """Draw a view, given its arrays; return its totals, (9,), None if there is no room."""
         # Some are read in float32.
         with np.errstate(over="ignore"):
             for name, room, _, _ in self._targets:
@@ -279,7 +279,7 @@ class Desk:
         self._targets.append((name, numbers, address, count))
 
     def _find(self) -> None:
-        """Bind what finds the faces."""
+        """Record the geometry and visibility stages."""
         plan, cache = self._plan, self._cache
         arrays = cache.shapes.arrays
         positions = cache.shapes.positions(plan.quality.precision)
@@ -302,7 +302,7 @@ class Desk:
             scratch,
         )  # fmt: skip
         self._load_at("coefficients", transformed.place_of(4), 3)
-        # Faces: cut them, list them by tiles, draw them there.
+        # Faces: clip, bin, rasterize.
         clipped, *cut = self._cut(faces, clip_positions, screen, viewport, room)
         self._geometry = draw.geometry_of(
             arrays.faces, screen, clip_positions, viewport, plan.is_affine
@@ -314,7 +314,7 @@ class Desk:
         listed = self._list_and_draw(faces, screen, viewport)
         finding = transformed, clipped, placed, *cut, *listed
         self._finding = np.array([one.words for one in finding], np.int64)
-        # What shading reads of where objects stand.
+        # Placement, for shading.
         self._placement = Placement(
             arrays.face_starts,
             arrays.positions,
@@ -330,7 +330,7 @@ class Desk:
         room: int,
     ) -> tuple[Bound, ...]:  # fmt: skip
         """
-        Bind what cuts faces at planes.
+        Record clipping.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ class Desk:
             new_positions, (0.0, 0.0, 0.0), viewport, count, screen,
         )  # fmt: skip
         self._load_at("coefficients", projected.place_of(2), 3)
-        # How many faces are cut is the length of their list.
+        # The number of clipped faces is the length of their list.
         told = [one.place_of(0) + WORD for one in (counted, in_pieces, projected)]
         self._cutting = vertex_counts, starts[0], starts[1], np.array(told, np.int64), room
         self._calls.kept += [cut, polygons]
@@ -372,7 +372,7 @@ class Desk:
     def _list_and_draw(
         self, faces: Faces, screen: ScreenVertices, viewport: Viewport
     ) -> tuple[Bound, ...]:
-        """Bind what lists the faces of each tile, and what draws them there; see `_cut`."""
+        """Record binning and rasterization; see `_cut`."""
         arrays, (width, height) = self._cache.shapes.arrays, self._plan.size
         number = len(faces[0]) + len(faces[1])
         columns = -(-width // setup.TILE_SIZE)
@@ -407,7 +407,7 @@ class Desk:
         listed, self._listing = self._list(lists, viewport, raised)
         found, self._listing_samples = (*listed, raised, drawn), self._listing
         if self._is_mixed:
-            # The first lists are read no more then.
+            # The first lists are not read again.
             around = bands.sampled_viewport(viewport, self._plan.layers.samples)
             listed, self._listing_samples = self._list(lists, around)
             found = *found, *listed
@@ -418,7 +418,7 @@ class Desk:
         self, lists: BoundLists, viewport: Viewport, *others: Bound
     ) -> tuple[tuple[Bound, ...], tuple[Any, ...]]:
         """
-        Bind what lists the faces of each tile.
+        Record binning.
 
         Takes others that are told, by the lengths of their first two arrays, how many there are;
         returns what `draw_views` takes of it.
@@ -443,7 +443,7 @@ class Desk:
         return (set_up, started, sorted_in), listing
 
     def _shade(self) -> None:
-        """Add the stages that make the colours."""
+        """Record shading."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
         viewer = self._field("viewer", (4,), np.float32)
         lighting = plan.lighting
@@ -480,7 +480,7 @@ class Desk:
         color = self._face_id.view(np.uint32)
         if plan.keeps_faces:
             color = np.empty((height, width * ("color" in plan.outputs)), np.uint32)
-        # The faces may be written over.
+        # The faces may be overwritten.
         step, lit = self._look_at_lit()
         picture = ColorRows(linear, color)
         if plan.layers is None:
@@ -500,7 +500,7 @@ class Desk:
 
     def _shade_layers(self, shader: Shader, tones: Tones | None, picture: ColorRows) -> None:
         """
-        Add what writes the colours where pixels show several faces.
+        Record shading and resolving of pixels with several faces.
 
         Opaque ones at some samples, or transparent ones over others at one. Rows of tiles follow
         each other in the same memory. How many layers they have is known when they are found: what
@@ -509,7 +509,7 @@ class Desk:
         """
         calls, lists, layers = self._calls, self._lists, self._plan.layers
         viewport, samples = shader.geometry.viewport, int(layers.samples)
-        # Part the lists: opaque faces first.
+        # Partition the lists: opaque faces first.
         parted, middles, room = lists.binned, lists.starts[1:], MOST_LAYERS * layers.has_blended
         if layers.has_blended:
             parted = np.empty_like(lists.binned)
@@ -562,7 +562,7 @@ class Desk:
                     show_rows(calls, tones, table, ColorRows(linear, color), of_frame.start, own)
 
     def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
-        """Add what keeps which pixels are lit, if any may be burnt out; return every how many."""
+        """Record the overexposure test of lit pixels, if any may be; return its step, pixels."""
         step = notices.step_of(self._face_id.shape)
         lit_faces = notices.lit_faces(self._plan.facts, self._cache)
         if lit_faces is None:
@@ -572,7 +572,7 @@ class Desk:
         return step, lit
 
     def _fill(self) -> None:
-        """Add the kernels that make the other outputs."""
+        """Record the kernels of the other outputs."""
         plan, cache, (width, height) = self._plan, self._cache, self._plan.size
         placement, world = self._placement, None
         if "face_id" in plan.outputs:
@@ -613,6 +613,6 @@ class Desk:
         self._places.append((name, bound.place_of(len(arguments))))
 
     def _keep(self, name: str, picture: NDArray[Any]) -> None:
-        """Copy a picture to its place among those of all views."""
+        """Record the copy of an output into the batched array."""
         words = picture.reshape(-1).view(np.uint32)
         self._write(name, drawing_views.keep_picture, words, np.empty((0, len(words)), np.uint32))

@@ -69,7 +69,7 @@ EFFECTS: tuple[Effect, ...] = (
 
 
 BEYOND_FACTS = tuple(n for n, effect in enumerate(EFFECTS) if not effect.follows_facts)
-"""Numbers of those that are asked for each frame."""
+"""Numbers of effects that are decided anew for each frame."""
 
 
 def effect_named(name: str) -> Effect:
@@ -81,7 +81,7 @@ def answer_effects(
     facts: Facts, planning: Planning, known: tuple[Planned | Absent, ...] | None = None
 ) -> tuple[Planned | Absent, ...]:
     """
-    Ask every effect once, in order, whether a frame needs it.
+    Decide for every effect, in order, whether a frame needs it.
 
     ``known`` are the answers of an earlier frame of the same facts: they themselves are returned
     where all still hold.
@@ -99,7 +99,7 @@ def answer_effects(
 
 
 def prepare_effects(context: FrameContext) -> tuple[Active, ...]:
-    """Prepare the effects that act on a picture, but for those that are drawn already."""
+    """Prepare the effects of a picture, except those already prepared for the whole."""
     plan, found = context.plan, []
     (done,) = plan.drawn or ({},)
     for planned in plan.planned:

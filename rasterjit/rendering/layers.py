@@ -1,10 +1,9 @@
 """
-Shade a frame whose pixels show more than one face, and put their colours together.
+Shade and resolve frames with several faces per pixel: multisampling, areas, transparency.
 
-Each thread works on a band, rows of one row of tiles: it finds the layers, images of face numbers,
-shades one after the other as any frame, and lays them over each other. So each thread needs memory
-for the layers of one band only. A band whose layers take more than ``MOST_BYTES`` is cut into bands
-with fewer rows.
+Each thread works on a band, rows of one row of tiles: it finds the layers (images of face numbers),
+shades each like a visibility buffer, and composites them. So it needs memory for the layers of one
+band only. A band whose layers take more than ``MOST_BYTES`` is split.
 """
 
 from __future__ import annotations
@@ -52,18 +51,18 @@ from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 ROWS_AT_ONCE = 16
-"""Rows of a band that are shaded and put together at once: their colours stay in L2."""
+"""Rows of a band that are shaded and resolved together: their colours stay in L2."""
 
 ROWS_MIXED_AT_ONCE = 32
-"""Rows of opaque faces at once: few of their pixels show more than one or two faces."""
+"""The same of opaque faces: few pixels show more than one or two."""
 
 PIXELS_MIXED_AT_ONCE = 1 << 14
-"""Pixels of them in pictures that are so narrow that these are more rows."""
+"""The same in pixels, for pictures so narrow that these are more rows."""
 
 AnyMemory = Memory | ReusedMemory
 
 SEVERAL = "a pixel shows several faces"
-"""When kernels that lay faces over each other are called."""
+"""Condition of the kernels that resolve several faces."""
 
 
 BYTES_PER_COLOR = 4
@@ -82,18 +81,18 @@ class Shader(NamedTuple):
     """(4,) linear."""
     effects: tuple[Active, ...] = ()
     alpha_tests: AlphaTests | None = None
-    """The objects that have holes."""
+    """The alpha-tested objects."""
     has_codes: bool = False
-    """Whether colours become codes before they are mixed; else light is mixed."""
+    """Whether colours are blended as codes; else in linear light."""
     encoding: encode.Encoding = "srgb"
-    """What codes show."""
+    """Transfer function of codes."""
     plain: tuple[NDArray[np.uint32], int] | None = None
-    """The codes of each object, (O,), and of what is behind, where they follow from these alone."""
+    """The constant code of each object, (O,), and of the background; ``None`` -> shade."""
     shading: Shading | None = None
     """The stages, made by `ready` when nothing above changes any more."""
 
     def of_plain_codes(self) -> Shader:
-        """Return this shader for objects of one colour each, before one that is opaque."""
+        """Return this shader for constant-colour objects over an opaque background colour."""
         red, green, blue = encode.codes_of(self.surface.materials[:, :3], self.encoding).T
         codes = red | green << 8 | blue << 16 | np.uint32(255 << 24)
         return self._replace(plain=(codes, encode.code_of(self.background, self.encoding)))
@@ -132,7 +131,7 @@ class Shader(NamedTuple):
         self, calls: AnyCalls, faces: NDArray[np.int32], first_row: int,
         linear: NDArray[np.float32], color: NDArray[np.uint32],
     ) -> None:  # fmt: skip
-        """Write what is seen where no face is, if it is not a colour."""
+        """Write the background where no face is, if it is not one colour."""
         for one in acting(self.effects, "background"):
             one.at("background", calls, faces, first_row, linear, color)
 
@@ -140,9 +139,9 @@ class Shader(NamedTuple):
         self, calls: AnyCalls, shape: tuple[int, int], first_row: int, memory: AnyMemory
     ) -> NDArray[np.float32]:
         """
-        Return what is seen behind all faces of some rows, (R, W, 4), or (1, 1, 4) if it is alike.
+        Return the background of some rows, (R, W, 4), or (1, 1, 4) if uniform.
 
-        Linear, or in codes, 0..255 with alpha of 0..1, where codes are mixed.
+        Linear, or codes, 0..255 with alpha of 0..1, where codes are blended.
         """
         if self.has_codes:
             color = memory.empty(shape if self.has_behind else (1, 1), np.uint32)
@@ -157,7 +156,7 @@ class Shader(NamedTuple):
         return linear
 
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
-        """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
+        """Write the background of some rows, (R, W), in RGBA codes."""
         color[:] = encode.code_of(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
         self.show_behind(AT_ONCE, nothing, first_row, no_linear(color), color)
@@ -170,24 +169,24 @@ class Shader(NamedTuple):
     def code_last(
         self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]
     ) -> None:
-        """Write an image of faces, (R, W), and what is seen behind all where no face is."""
+        """Write an image of faces, (R, W), and the background where no face is."""
         self.shading.shade(faces, first_row, no_linear(color), color)
         self.show_behind(AT_ONCE, faces, first_row, no_linear(color), color)
 
 
 class Tones(NamedTuple):
-    """How rows that are mixed are mapped to what is shown, where tones are mapped after mixing."""
+    """Tone mapping of resolved rows, and the background that is not tone mapped."""
 
     effect: Active
     background: NDArray[np.float32]
-    """(4,) linear: what is shown as given, behind what is mapped."""
+    """(4,) linear: composited behind, after tone mapping."""
     given: Sequence[Active] = ()
-    """Effects that show something else there; see `shown_as_given`."""
+    """Effects that draw the background instead; see `shown_as_given`."""
 
     def show(
         self, calls: AnyCalls, linear: NDArray[np.float32], first_row: int, memory: AnyMemory
     ) -> NDArray[np.float32]:
-        """Return what is shown of mixed rows, (R, W, 4) linear with straight alpha."""
+        """Return tone-mapped rows over the background, (R, W, 4) linear with straight alpha."""
         behind, shown = self.background, memory.empty(linear.shape, np.float32)
         if self.given:
             behind = memory.empty(linear.shape, np.float32)
@@ -200,9 +199,9 @@ class Tones(NamedTuple):
 
 def before_tones(shader: Shader) -> tuple[Shader, Tones | None]:
     """
-    Return a shader of what is mixed before tones are mapped, and how they are.
+    Return a shader for colours before tone mapping, and the tone mapping after resolving.
 
-    The background, which is shown as given, comes behind at the end then.
+    The background is then composited at the end, without tone mapping.
     """
     mixed = acting(shader.effects, "mixed")
     if not mixed:
@@ -231,7 +230,7 @@ def _kept_imitated(imitated: Imitated | None, kept: Kept) -> Imitated | None:
 
 
 def no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return an empty array in place of linear colour that is not wanted, for pixels (..., W)."""
+    """Return an empty array that stands for no linear output, for pixels (..., W)."""
     return np.empty((*color.shape[:-1], 0, 4), np.float32)
 
 
@@ -241,7 +240,7 @@ def _color_of(numbers: bytes) -> NDArray[np.float32]:
 
 
 class ColorRows(NamedTuple):
-    """Some rows of the colour outputs; an output that is not wanted is empty."""
+    """Some rows of the colour outputs; one that is not requested is empty."""
 
     linear: NDArray[np.float32]
     """(R, W, 4), or (R, 0, 4)."""
@@ -250,7 +249,7 @@ class ColorRows(NamedTuple):
 
 
 def parts_of(height: int, most: int) -> list[slice]:
-    """Return the parts of some rows that are shaded and put together at once."""
+    """Split rows into the parts that are shaded and resolved together."""
     return [slice(first, first + most) for first in range(0, height, most)]
 
 
@@ -259,7 +258,7 @@ def lay_faces(
     depths: NDArray[np.int64], target: NDArray[np.float32], memory: AnyMemory,
 ) -> None:  # fmt: skip
     """
-    Write the linear colour of some rows, one sample each: faces over each other.
+    Shade and composite layers of some rows, one sample a pixel, linear.
 
     Parameters
     ----------
@@ -304,7 +303,7 @@ def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
 def mix_areas(
     rows: tuple[int, int], lists: Lists, shader: Shader, target: ColorRows, memory: Memory
 ) -> None:
-    """Write the colour of one row of tiles by the areas of opaque faces."""
+    """Resolve one row of tiles of opaque faces by exact area coverage."""
     faces, shares, rest = find_areas(rows, lists, shader, memory)
     mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
     mixed[:] = shader.backdrop(AT_ONCE, rest.shape, rows[0], memory).transpose(0, 2, 1)
@@ -313,7 +312,7 @@ def mix_areas(
 
 
 def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) -> None:
-    """Write the colour of some rows of opaque faces at several samples."""
+    """Resolve some rows of opaque faces at several samples."""
     most = max(ROWS_MIXED_AT_ONCE, PIXELS_MIXED_AT_ONCE // band.opaque.shape[2])
     for part in parts_of(len(target.color), most):
         some = ColorRows(*(image[part] for image in target))
@@ -357,7 +356,7 @@ def finish_mixed(
     calls: AnyCalls, shader: Shader, shares: NDArray[np.float32], rest: NDArray[np.float32],
     mixed: NDArray[np.float32], target: ColorRows,
 ) -> None:  # fmt: skip
-    """Write the colour of rows that are mixed; see ``weights.finish_mix``."""
+    """Write the colour of resolved rows; see ``weights.finish_mix``."""
     if shader.has_codes:
         calls.call(weights.finish_codes, shares, rest, mixed, target.color)
     else:
@@ -388,7 +387,7 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
 
 
 def is_direct(layers: PixelLayers, has_mixed: bool) -> bool:
-    """Return whether faces are mixed and encoded at once: opaque ones, shown as they are."""
+    """Return whether faces are resolved and encoded at once: opaque, no effects in between."""
     return layers.samples != 1 and not layers.has_blended and not has_mixed
 
 
@@ -415,7 +414,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 
 def shared_kernels(plan: RenderPlan) -> Rows:
-    """Return the kernels that find what pixels show and mix what is opaque, in light or codes."""
+    """Return the kernels that find the faces of pixels and resolve opaque ones."""
     layers = plan.layers
     rows = bands.kernels_of(layers.samples, plan.depth_format.kind)
     if layers.samples == 1:
@@ -484,7 +483,7 @@ def show_rows(
     calls: AnyCalls, tones: Tones | None, table: NDArray[np.int32], rows: ColorRows, first_row: int,
     memory: AnyMemory,
 ) -> None:  # fmt: skip
-    """Write the codes of some rows, where they are wanted, of their linear colour."""
+    """Encode the linear colour of some rows, where codes are requested."""
     if rows.color.shape[1]:
         linear = rows.linear
         if tones is not None:
@@ -500,7 +499,7 @@ def shade_rows(
     target: ColorRows,
     memory: Memory,
 ) -> None:
-    """Write the colour of one row of tiles: codes, light, or both if no face is see-through."""
+    """Write the colour of one row of tiles: codes, light, or both if all faces are opaque."""
     if plan.samples == "area":
         mix_areas(rows, lists, shader, target, memory)
         return
@@ -538,7 +537,7 @@ def lay_codes(band: Band, shader: Shader, color: NDArray[np.uint32], memory: Mem
             shader.code_last(images[0], first, target)
             continue
         stack = memory.empty((levels + 1, *target.shape), np.uint32)
-        # From front to back, for nothing is shaded behind what is opaque.
+        # Front to back: nothing is shaded behind opaque layers.
         for level in range(levels):
             shader.code(images[level], first, stack[level])
             encoded.hide_behind(stack, level, images[level + 1])

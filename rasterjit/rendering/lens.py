@@ -1,10 +1,9 @@
 """
-Draw pictures with a lens: pinhole pictures first, then what each pixel shows of them.
+Render with a lens (distortion, fisheye ...): draw pinhole pictures, then resample them.
 
-Outputs that are mixed from all that a pixel shows (`Output.is_mixed`) are filtered in linear light,
-times alpha, over all that it covers; the others are taken from the sample nearest to its centre,
-which lies at most half the diagonal of a sample away, 0.36 of a pixel, and mostly less than a
-quarter.
+Filtered outputs (`Output.is_mixed`) are averaged over the pixel's footprint, linear and
+premultiplied; the others are taken from the sample nearest to its centre, at most half the diagonal
+of a sample away, 0.36 of a pixel, and mostly less than a quarter.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ POINTS = ("now", "before")
 
 
 class Lensed(NamedTuple):
-    """A frame with a lens that is decided on."""
+    """A planned frame with a lens."""
 
     lens: Lens
     camera: Camera
@@ -84,8 +83,8 @@ class Lensed(NamedTuple):
     sight: LensSight
     pictures: tuple[PlannedFrame, ...]
     behind: Backdrop
-    """The background that was given, or black: what is seen where the lens sees nothing, and a
-    picture also where no face is."""
+    """The background that was given, or black: shown beyond the lens's field of view; an image also
+    where no face is."""
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
     compared: tuple[Scene, Camera, LensSight] | None
@@ -180,7 +179,7 @@ def plan_lensed(
 
 
 def through_lens(planned: Lensed) -> ThroughLens:
-    """Return how a frame's lens bends what its camera sees, for who asks."""
+    """Return the projection of a frame's lens, for `CameraView`."""
     lens, sight = planned.lens, planned.sight
     axes = world_axes(planned.camera, planned.size)
 
@@ -259,7 +258,7 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
 
 
 class Comparison(NamedTuple):
-    """What it takes to compare a frame with an earlier view."""
+    """Inputs for motion between a frame and an earlier view."""
 
     lens: Lens
     sight: LensSight
@@ -333,7 +332,7 @@ def _take(
     targets: dict[str, NDArray[Any]],
     workers: Workers,
 ) -> None:
-    """Write what the pixels that look at a picture show of it."""
+    """Resample a pinhole picture at the pixels that look at it."""
     mixed = set(MIXED_OUTPUTS).intersection(arrays)
     sources = {name: _linear(name, arrays[name]) for name in mixed}
     nearest = {name: array for name, array in arrays.items() if name not in sources}

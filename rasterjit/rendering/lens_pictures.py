@@ -1,9 +1,9 @@
 """
-Find where each pixel of a picture with a lens looks, and which pinhole pictures show all of that.
+Compute the ray of each pixel of a lens, and choose the pinhole pictures that cover all rays.
 
-One picture does where the lens sees little; else it takes those faces of a cube around the eye that
-are needed, each as large as needed. A sample of them is at most half as long and wide as what a
-pixel covers. All have the camera's near plane, which for faces of the cube is turned with them.
+One picture suffices for a narrow field of view; else the needed parts of the faces of a cube around
+the eye. Their samples are at most half as long and wide as a pixel's footprint. All have the
+camera's near plane, which is rotated for faces of the cube.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SAMPLES = 2.0
 """Samples of a pinhole picture along a pixel, at least."""
 
 NOWHERE = 255
-"""Number of the picture where a pixel looks nowhere."""
+"""Picture number of a pixel without a ray."""
 
 LEAST_COSINE = 0.2
 """Of the angle between the axis and what a single picture shows: some 78 degrees."""

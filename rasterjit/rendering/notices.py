@@ -1,4 +1,4 @@
-"""Warn of what a picture does not show: nothing is in view, planes cut faces away, all is white."""
+"""Warn of suspicious pictures: nothing in view, near or far plane clips faces, overexposure."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
 
 
 STRONG = 2.0
-"""Light that common surfaces are not burnt out by."""
+"""Largest light that does not overexpose common surfaces."""
 
 LOOKED_AT = 64
-"""Rows and columns of a picture that are looked at, of as many as there are."""
+"""Rows and columns of a picture that are sampled, at most."""
 
 
 class ViewWarning(UserWarning):
@@ -35,28 +35,28 @@ class ViewWarning(UserWarning):
 
 
 class Told:
-    """What there is to warn of of many views: of each kind, the first that it is said of."""
+    """Warnings of many views: for each kind, the first view that has it."""
 
     def __init__(self) -> None:
         self._found: dict[str, tuple[int, str]] = {}
 
     def add(self, number: int, notices: dict[str, str]) -> None:
-        """Add what there is to warn of of a view."""
+        """Add the warnings of a view."""
         for kind, text in notices.items():
             if kind not in self._found or number < self._found[kind][0]:
                 self._found[kind] = number, text
 
     def of(self, number: int) -> dict[str, str]:
-        """Return what a view is the first of to warn of, by kind."""
+        """Return the warnings that a view is the first to have, by kind."""
         return {kind: text for kind, (first, text) in self._found.items() if first == number}
 
     def join(self, other: Told) -> None:
-        """Add what there is to warn of of other views."""
+        """Add the warnings of other views."""
         for kind, (number, text) in other._found.items():
             self.add(number, {kind: text})
 
     def named(self) -> dict[str, str]:
-        """Return what there is to warn of, by kind, with the camera of the view."""
+        """Return the warnings by kind, with the number of the camera."""
         return {kind: f"{text} (cameras[{number}])" for kind, (number, text) in self._found.items()}
 
 
@@ -64,13 +64,13 @@ def shows_anything(plan: RenderPlan, stats: FrameStats) -> bool:
     """Tell whether a face covers a sample or, of edges alone, whether any may be in view."""
     if not plan.facts.finds_faces:
         return stats.drawn + stats.unsampled + stats.degenerate > 0
-    # Faces with holes may be holes everywhere.
+    # Alpha-tested faces may fail the test everywhere.
     return stats.drawn > 0 and (not plan.facts.tests_hits or stats.pixels_covered > 0)
 
 
 def notices_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, str]:
     """
-    Return what there is to warn of, by kind.
+    Return the warnings of a picture, by kind.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def notices_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, s
 
 
 def notices_of_frame(frame: Frame) -> dict[str, str]:
-    """Return what there is to warn of a frame that is drawn, by kind."""
+    """Return the warnings of a drawn frame, by kind."""
     found = notices_of(frame.plan, frame.stats)
     return found | burnt_out(frame.plan.facts, frame._white_share)
 
@@ -116,7 +116,7 @@ def lit_faces(facts: Facts, cache: SceneCache) -> NDArray[np.int32] | None:
 
 
 def step_of(shape: tuple[int, ...]) -> int:
-    """Return how many rows and columns of a picture, (H, W, ...), lie between two looked at."""
+    """Return the sampling step of a picture's rows and columns, (H, W, ...)."""
     return max(1, min(shape[:2]) // LOOKED_AT)
 
 
@@ -124,7 +124,7 @@ def lit_pixels(
     facts: Facts, cache: SceneCache, face_id: NDArray[np.int32]
 ) -> NDArray[np.bool_] | None:
     """
-    Tell which of the pixels that are looked at show a face of `lit_faces`, or return its ``None``.
+    Tell which of the sampled pixels show a face of `lit_faces`, or return its ``None``.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def white_share(lit: NDArray[np.bool_] | None, color: NDArray[np.uint8]) -> floa
 
 
 def burnt_out(facts: Facts, share: float) -> dict[str, str]:
-    """Return what there is to warn of where that share of the lit surfaces is white, by kind."""
+    """Return the overexposure warning, if any, for a white share of the lit surfaces, by kind."""
     if share <= 0.5:
         return {}
     most = light_shown(facts)
@@ -162,12 +162,12 @@ def burnt_out(facts: Facts, share: float) -> dict[str, str]:
 
 
 def cuts_of(look: BesidePlanes) -> dict[str, str]:
-    """Return what there is to warn of planes that cut something, by kind."""
+    """Return the warnings of planes that clip something, by kind."""
     return {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in look.cut}
 
 
 def warn(notices: dict[str, str], told: set[str]) -> None:
-    """Warn of what is of no kind that was told, and add that."""
+    """Issue the warnings of new kinds, and add these to ``told``."""
     for kind in notices.keys() - told:
         warn_caller(notices[kind], ViewWarning, EACH_FRAME)
     told.update(notices)

@@ -1,8 +1,8 @@
 """
-Decide which camera a frame is seen with, what it needs, and what it is compared with.
+Plan a frame: check its arguments, choose the camera, and decide which effects and passes it needs.
 
-The scene is looked at once (`look`), every effect is asked once; a plan prints as a table, with the
-kernels and buffers.
+The scene is analysed once (`look`), and every effect decides once; a plan prints as a table, with
+the kernels and buffers.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ Known = tuple[Inventory, Extents]
 
 
 class FrameRequest(NamedTuple):
-    """What is asked of a frame beside its scene and camera, as `rasterjit.render` takes it."""
+    """The arguments of a frame beside its scene and camera, as `rasterjit.render` takes them."""
 
     size: tuple[int, int]
     quality: Quality
@@ -114,7 +114,7 @@ def plan_frame(
     outputs = check_outputs(request.outputs)
     one_of("cull", cull, CULL_MODES)
     true_or_false("diagnose", diagnose)
-    # Look at the scene.
+    # Analyse the scene.
     if known is None:
         check_scene(scene)
         known = take_inventory(scene.nodes, quality, scene.environment is not None)
@@ -125,7 +125,7 @@ def plan_frame(
     boxes = Boxes(
         extents, eye, relative_from_model, views.clip_from_relative, beyond=inventory.beyond(size)
     )
-    # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
+    # Place open near and far planes where they clip nothing in view.
     beside = clip_planes.look_at_planes(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
     )
@@ -145,7 +145,7 @@ def plan_frame(
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
-    # Ask each effect.
+    # Decide on each effect.
     answers = last.effects if last is not None and facts is last.facts else None
     effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
     layers = layers_of(
@@ -271,7 +271,7 @@ class Buffer(NamedTuple):
 
 
 def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
-    """Return the kernels that a frame calls, in order, as those who call them tell."""
+    """Return the kernels that a frame calls, in order."""
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
     rows = [
@@ -328,7 +328,7 @@ def list_passes(plan: RenderPlan) -> list[Pass]:
 
 
 def list_tasks(plan: RenderPlan) -> list[Task]:
-    """Return tasks that compile what a frame will call in any case, the last first."""
+    """Return tasks that compile what a frame surely calls, the last first."""
     always = [row.kernel for row in list_kernels(plan) if not (row.variant or row.condition)]
     always += [one.stage for one in list_passes(plan)]
     return ahead.compiling([*dict.fromkeys(always)][::-1], usual=True)
@@ -389,13 +389,13 @@ def _where(condition: str) -> str:
 
 
 class PlannedFrame(NamedTuple):
-    """A frame that is decided on."""
+    """A planned frame."""
 
     plan: RenderPlan
     cache: SceneCache
     views: Views
     earlier: PlannedFrame | None = None
-    """What it is compared with; ``None`` -> nothing."""
+    """The earlier frame that motion is found against; ``None`` -> none."""
     scene: Scene | None = None
     """What is drawn; of an earlier frame ``None``."""
 
@@ -460,7 +460,7 @@ def settle_together(
     known: SceneCache | None = None,
 ) -> list[Camera]:
     """
-    Return cameras of one scene, those planes that they leave open all in one place.
+    Return cameras of one scene, with common near and far planes where they leave them open.
 
     Parameters
     ----------
@@ -491,7 +491,7 @@ def settle_together(
 
 
 def cut_open(scene: Scene) -> Scene:
-    """Return what a scene's section has left of it, the scene itself without one."""
+    """Return a scene cut by its section; the scene itself without one."""
     if scene.section is None:
         return scene
     from rasterjit.survey.sections import cut
@@ -523,7 +523,7 @@ def look_from(
     picture: Camera | None = None,
 ) -> BesidePlanes:
     """
-    Return what a camera sees beside its planes, given what is known of the scene.
+    Find the depths in view outside a camera's planes, given the scene's cache.
 
     ``picture`` has another part of its view, with the same planes.
     """
@@ -607,6 +607,6 @@ def naming(name: str) -> Iterator[None]:
 def plan_earlier(
     plan: RenderPlan, scene: Scene, camera: Camera, *known: Known | Views
 ) -> RenderPlan:
-    """Return the plan of an earlier view: which faces were seen, as now they are."""
+    """Return the plan of an earlier view."""
     request = FrameRequest(plan.size, plan.quality, ("face_id",), None, plan.cull)
     return plan_frame(request, scene, camera, *known)

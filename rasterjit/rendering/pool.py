@@ -1,10 +1,10 @@
 """
-Draw frames of one scene in several threads: each view alone, or small views several in one go.
+A pool of renderers: draw frames of one scene in several threads, small ones in groups.
 
-One rule, `views_at_once`, says how many views are drawn in one go, when the first frame is there:
-its plan tells whether views of the scene share enough. Those are drawn in groups in machine code
-(``together.py``); what has no place in a group is drawn alone, and so is a whole group in which
-anything fails, so that errors are those of the view, after the frames before it.
+`views_at_once` chooses the size of groups after the first frame: its plan tells whether views of
+the scene are eligible. Groups are drawn by recorded calls (``together.py``); ineligible views are
+drawn alone, and so is a group in which anything fails, so that an error is raised for its view,
+after the frames before it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.plan import RenderPlan
 
 BYTES_AT_ONCE = 1 << 23
-"""Memory of the pictures that a thread draws in one go, at most."""
+"""Most memory for the pictures of a group."""
 
 
 def may_gain(scene: Scene, options: FrameRequest, threads: int, room: int) -> bool:
@@ -91,7 +91,7 @@ def views_at_once(
 
 class GrowingPace(Pace):
     """
-    Few views alone at first: they are there soonest. Then groups, if the first frame allows it.
+    Prefetch few single views at first, for latency; then groups, if the first frame allows it.
 
     Parameters
     ----------
@@ -143,14 +143,14 @@ def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
 
 
 class Begun(NamedTuple):
-    """What became of a view: its frame, and what there is to warn of, or an error."""
+    """The result of a view: its frame and warnings, or an error."""
 
     frame: Frame | None
     notices: dict[str, str]
     error: Exception | None = None
 
     def taken(self, told: set[str]) -> Frame:
-        """Return the frame, and warn of what was not told, or raise the error."""
+        """Return the frame and issue new warnings, or raise the error."""
         if self.error is not None:
             raise self.error
         notices.warn(self.notices, told)
@@ -158,7 +158,7 @@ class Begun(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """What the threads that draw groups of views share."""
+    """State shared by the threads that draw groups of views."""
 
     kept: BatchCache
     projections: Projections
@@ -203,7 +203,7 @@ class Artist:
         self._shared: Shared | None = None
 
     def close(self) -> None:
-        """Let its threads and its memory go."""
+        """Release its threads and its memory."""
         self._renderer.close()
         if self._drawer is not None:
             self._drawer.close()
@@ -399,7 +399,7 @@ def draw_in_turns(
 
 class LateFrame(Frame):
     """
-    A frame whose plan is made when it is first asked for.
+    A frame that builds its plan lazily; planning dominates for small images.
 
     Parameters
     ----------
@@ -442,7 +442,7 @@ class LateFrame(Frame):
 
 class SceneSnapshot:
     """
-    A scene as it is now, to plan frames of later.
+    A snapshot of a scene, to plan its frames lazily.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The visibility stage alone, for people who bring their own geometry and shading."""
+"""Run the visibility stage alone, on clip positions, for custom geometry and shading."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """
-The main path: a scene and a camera become a frame, one line for each stage.
+Render a frame from a scene and a camera: the stages in order.
 
 See `draw_frame`; the stages themselves are in ``pipeline``, the effects in ``effects``.
 """
@@ -62,8 +62,8 @@ from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
 MOST_KEPT = drawing.VERTICES_PER_TASK
-"""Most faces, and vertices, of a scene whose pictures leave anything for the next: beside the time
-that larger ones take, it is nothing to make it anew, and the memory is used for other things."""
+"""Most faces, and vertices, of a scene whose buffers are reused for the next frame: for larger ones
+allocation costs little beside drawing, and the memory is better used otherwise."""
 
 
 def render(
@@ -333,7 +333,7 @@ def find_visible(
     kept = kept or Kept(workers.memory, lasts=False)
     if views is None:
         views = placing.view_places(cache.places, camera, plan.size)
-    # What the picture is drawn into, and which sides of faces.
+    # Viewport, and face culling.
     spacing = supersample.spacing_of(camera)
     viewport = kept.made(
         "viewport", drawing.viewport_of, plan.size, plan.quality.subpixel_bits, plan.region,
@@ -344,7 +344,7 @@ def find_visible(
         arrays.face_starts, cache.tables.is_single_sided, arrays.sideless,
     )  # fmt: skip
     clock("plan")
-    # Vertices, faces and what has no triangles, as they are drawn.
+    # Vertices, faces, lines and points.
     vertices = drawing.ModelVertices(
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative, arrays.unused,
@@ -362,7 +362,7 @@ def find_visible(
         ),
         hidden=_hidden_faces(plan, arrays), is_affine=plan.is_affine,
     )  # fmt: skip
-    # Find the faces, then what shading and outputs read of them.
+    # Run visibility, then derive what shading and outputs read.
     coverage = drawing.find_visible(drawable, wanted, workers, clock, kept=kept, face_id=face_id)
     geometry = kept.made(
         "geometry", drawing.geometry_of, arrays.faces, coverage.screen, coverage.clip_positions,
@@ -387,7 +387,7 @@ def _hidden_faces(plan: RenderPlan, arrays: SceneArrays) -> list[tuple[int, int]
 
 
 def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:
-    """Return where the objects stand, where that of the picture before lay."""
+    """Return the objects' placement, in the reused memory of the picture before."""
     if not kept.lasts:
         return placement_of(arrays, views)
     front_turns = kept.made("turns", front_turns_of, views.screen_turn, views.mirrored)
@@ -403,7 +403,7 @@ def _placement(arrays: SceneArrays, views: Views, kept: Kept) -> Placement:
 def compare(
     planned: PlannedFrame, workers: Workers, clock: Callable[[str], None]
 ) -> motion.Motion | None:
-    """Return what it takes to compare a frame with its earlier view; ``None`` without one."""
+    """Return the inputs of motion between a frame and its earlier view; ``None`` without one."""
     if planned.earlier is None:
         return None
     now = planned.cache.shapes
@@ -422,7 +422,7 @@ def compare(
 def stats_of(
     coverage: drawing.Coverage, seconds: dict[str, float], covered: int | None = None
 ) -> FrameStats:
-    """Return the frame's statistics; it is not counted how many pixels are covered, if known."""
+    """Return the frame's statistics; counts covered pixels unless known."""
     totals = coverage.totals
     return FrameStats(
         triangles_in=totals.faces_in,
@@ -529,9 +529,9 @@ class Renderer(Guarded):
         cls, size: tuple[int, int], quality: Quality, threads: int, cache: SceneCache | None = None
     ) -> Renderer:
         """
-        Return one of several that draw a scene, of which this is known.
+        Return a renderer for a pool, with the scene's cache.
 
-        It never warns, and binds no calls: several would take several times the memory.
+        It never warns, and records no calls: that would take memory once per renderer.
         """
         renderer = cls.timed(size, quality, threads)
         renderer._cache, renderer.warned = cache, None
@@ -539,7 +539,7 @@ class Renderer(Guarded):
 
     @classmethod
     def timed(cls, size: tuple[int, int], quality: Quality, threads: int | None) -> Renderer:
-        """Return one that draws each frame step by step, and so tells how long each stage took."""
+        """Return one that draws each frame step by step, to time each stage."""
         renderer = cls(size, quality=quality, threads=threads)
         renderer._is_timed = True
         return renderer
@@ -557,7 +557,7 @@ class Renderer(Guarded):
 
     @property
     def bytes_bound(self) -> int:
-        """Memory in which small frames are drawn by bound calls, about, bytes."""
+        """Memory of recorded calls, about, bytes."""
         return self._bound.bytes
 
     def close(self) -> None:
@@ -614,7 +614,7 @@ class Renderer(Guarded):
         request: FrameRequest,
         lens: Lens | None,
     ) -> Frame:
-        """Render one frame of this renderer's quality, or of one that is near or fast enough."""
+        """Render one frame, in this renderer's quality or one chosen by error or time."""
         if lens is not None:
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
@@ -654,7 +654,7 @@ class Renderer(Guarded):
         request: FrameRequest,
         is_lone: bool = False,
     ) -> Frame:
-        """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
+        """Render one frame in the best quality within a time; a single render caches nothing."""
         budget = positive_number("time_budget", time_budget)
         scene = self._scene(what)
         circumstances = (
@@ -680,7 +680,7 @@ class Renderer(Guarded):
         camera: Camera | None,
         request: FrameRequest,
     ) -> Frame:
-        """Render one frame in the fastest quality that is near enough to the reference."""
+        """Render one frame in the fastest quality within an error bound."""
         bound = positive_number("max_error", max_error)
         if time_budget is not None:
             raise ValueError(
@@ -763,7 +763,7 @@ class Renderer(Guarded):
             yield self._draw(one, accumulation)
 
     def _draw_bound(self, planned: PlannedFrame, clock: StageClock) -> Frame | None:
-        """Draw a frame by bound calls; None: it must be drawn step by step."""
+        """Draw a frame by recorded calls; None: it must be drawn step by step."""
         is_watched = self._is_timed or self.on_picture is not None
         if is_watched or not is_small(planned):
             self._bound.clear()
@@ -782,7 +782,7 @@ class Renderer(Guarded):
     def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
         """Draw a frame."""
         options["on_picture"] = self.on_picture
-        # Of frames that are drawn at once, one takes what is kept.
+        # Of concurrent frames, only one uses the reused memory.
         options["needs_seen"] = False
         if not self._keeping.acquire(blocking=False):
             return draw_frame(planned, self._workers, *arguments, **options)[0]

@@ -1,5 +1,5 @@
 """
-Shade a frame: make its colour outputs from the visibility buffer.
+Shade a frame: compute its colour outputs from the visibility buffer.
 
 `shade_faces` first prepares light and surface, each only if the plan has a use for it, and then
 shades the pixels. It makes the outputs ``linear`` and ``color``, as the plan asks for them, and
@@ -46,9 +46,10 @@ _AT_EYE = np.array([0.0, 0.0, 0.0, 1.0])
 
 def shared_memory(plan: RenderPlan, workers: Workers) -> NDArray[np.int32] | None:
     """
-    Return memory for the faces of a picture whose colours may be written over them; else ``None``.
+    Return memory that faces and colours of a picture share, if colours may overwrite faces.
 
-    So it is where nothing looks at a face again once it is shaded: half the memory is touched.
+    They may where no face is read again once it is shaded: it halves the memory traffic. Else
+    ``None``.
     """
     if plan.keeps_faces:
         return None
@@ -105,7 +106,7 @@ def shade_faces(
     )  # fmt: skip
     if plan.mixes_plain_codes:
         shader = shader.of_plain_codes()
-    # Shade each pixel, or what it shows of several faces.
+    # Shade each pixel, or resolve its several faces.
     if plan.layers is not None:
         shade = layers.shade_codes if plan.layers.mixes_codes else layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
@@ -121,7 +122,7 @@ def shade_faces(
 
 
 def kernels_of(plan: RenderPlan) -> Rows:
-    """Return the kernels that put together what a pixel shows besides its nearest face."""
+    """Return the kernels that resolve pixels with several faces."""
     if plan.layers is None or not plan.facts.is_colored:
         return []
     return layers.kernels_of(plan)
@@ -129,9 +130,9 @@ def kernels_of(plan: RenderPlan) -> Rows:
 
 def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
     """
-    Return a placement that keeps the length of normals, if no pixel scales them to one.
+    Return a placement that preserves the length of normals, if pixels do not normalize them.
 
-    pyrender sees highlights from the camera's place, whatever its projection.
+    pyrender computes highlights from the camera's position, for any projection.
     """
     if plan.facts.imitation is not None:
         placement = placement._replace(toward_viewer=_AT_EYE)
@@ -141,7 +142,7 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
 
 
 def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
-    """Return what has holes in view; ``None`` if nothing has."""
+    """Return the alpha tests of objects in view; ``None`` without any."""
     return (
         cache.tables.alpha_tests(plan.facts.has_textured_holes)
         if plan.facts.needs_alpha_tests
@@ -150,7 +151,7 @@ def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 
 
 def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
-    """Return what decides where surfaces are hit: holes, and what is too faint; None if nothing."""
+    """Return the tests of visible hits: alpha masks and least visible alpha; None without any."""
     facts = plan.facts
     if not facts.hits_are_visible:
         return find_alpha_tests(plan, cache)
@@ -162,7 +163,7 @@ def find_hit_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
 
 def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     """
-    Return what the objects look like, as far as the plan has a use for it, without light.
+    Return the objects' surface record, with the parts that the plan reads, unlit.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
 
 
 def layers_in_view(layers: Layers, facts: Facts) -> Layers:
-    """Return what lies over the objects in view."""
+    """Return the material layers of the objects in view."""
     seen = facts.seen
     return layers._replace(
         coats=layers.coats if seen.coated else None,
@@ -202,7 +203,7 @@ def light_surface(
     light: Callable[[Surface, Lighting], NDArray[np.float32]],
 ) -> Surface:
     """
-    Return a surface with the light of its vertices, as far as the plan has a use for it.
+    Return a surface with lit vertices, if the plan reads them.
 
     Parameters
     ----------
@@ -293,7 +294,7 @@ def shade_nothing(
     color: NDArray[np.uint8] | None,
     workers: Workers,
 ) -> None:
-    """Write a frame that draws no face: takes what `shade_in_bands` takes, but for faces."""
+    """Write a frame without faces: takes what `shade_in_bands` does, except faces."""
     pictures = [picture for picture in (linear, color) if picture is not None]
     height, width = pictures[0].shape[:2]
     if acting(shader.effects, "background"):
@@ -310,12 +311,12 @@ def shade_nothing(
 
 
 def glass_of(plan: RenderPlan) -> Planned | None:
-    """Return the effect that shows what lies behind glass; ``None`` where a frame has none."""
+    """Return the transmission effect of a frame; ``None`` without one."""
     return next((one for one in plan.planned if isinstance(one.effect, SeesThrough)), None)
 
 
 def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
-    """Return the plan of the picture behind what transmits, given the effect that shows it."""
+    """Return the plan of the opaque pass that transmission reads."""
     layers, hidden = plan.layers, own.effect.hidden(plan.facts)
     if layers is not None and layers.has_blended:
         hidden = hidden | (layers.is_blended > 0)
@@ -335,14 +336,14 @@ def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
 def draw_behind(
     context: FrameContext, own: Planned, find: Callable[[RenderPlan], Seen]
 ) -> FrameContext:
-    """Return the picture behind what transmits, as far as visibility."""
+    """Run the opaque pass that transmission reads, up to visibility."""
     plan = plan_behind(context.plan, own)
     return FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
 
 
 def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
     """
-    Return a picture that knows what is seen through glass; itself where there is none.
+    Return the context with the opaque pass that transmission reads; itself without transmission.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
 """
 Run the passes that shade a picture: over the samples of its pixels, and over its vertices.
 
-See ``runtime/driver.py`` for what runs them. What draws a picture is written once for frames and
-for groups of views: it calls kernels and stages by `AT_ONCE`, or has `BoundCalls` bind them for
-machine code that calls them for many views.
+``runtime/driver.py`` runs them. The same code draws frames and batches: it calls kernels and stages
+at once (`AT_ONCE`), or records them (`BoundCalls`) to be replayed for many views.
 """
 
 from __future__ import annotations
@@ -112,7 +111,7 @@ def vertex_steps(
 
 class Shading:
     """
-    The passes that shade the faces of a picture, with all that they read.
+    The shading passes of a picture, with the arrays that they read.
 
     It shades any image of face numbers, in several threads at once.
 
@@ -233,7 +232,7 @@ class Shading:
     def _put_back(
         self, stages: StageList, linear: NDArray[np.float32], color: NDArray[np.uint32]
     ) -> None:
-        # The pictures are not for it to keep.
+        # Do not keep the pictures alive.
         stages.let_go()
         self._spare[bool(linear.shape[1]), bool(color.shape[1])].append(stages)
 
@@ -265,7 +264,7 @@ class Shading:
         return steps + self._bound(shading_passes.output_passes(*own, linear, color))
 
     def mix(self, *arguments: Any) -> None:
-        """Lay shares of the faces of some rows over what is behind; takes what `mixing` does."""
+        """Resolve the faces of some rows over the background; takes what `mixing` does."""
         self.mixing(*arguments).run(BLOCKS.block, BLOCK)
 
     def mixing(
@@ -278,7 +277,7 @@ class Shading:
         has_codes: bool,
     ) -> StageList:
         """
-        Return the stages that lay shares of the faces of some rows over what is behind.
+        Return the stages that resolve the faces of some rows over the background, by coverage.
 
         Parameters
         ----------
@@ -327,12 +326,12 @@ When = tuple[NDArray[np.int64], int, int]
 """An array, and the least and the most that its first number may be."""
 
 Sharing = tuple[Any, ...]
-"""What ``weights.share_samples`` takes: the faces at all samples, the rows that are mixed, then
-what is written: the faces that are shown, their shares, that of no face, scratch memory."""
+"""Arguments of ``weights.share_samples``: the faces at all samples, the rows, then its results:
+faces, their coverage, that of the background, scratch memory."""
 
 
 class DirectCalls:
-    """Kernels and stages are called at once."""
+    """Calls kernels and stages at once."""
 
     def call(self, kernel: Any, *arguments: Any, when: When | None = None) -> None:
         """Call a kernel, if a number is between two others."""
@@ -351,7 +350,7 @@ class DirectCalls:
         mixed: NDArray[np.float32], has_codes: bool,
     ) -> None:  # fmt: skip
         """
-        Lay the faces that samples show over what is behind, (R, W, 4) or (1, 1, 4).
+        Resolve the faces of samples over the background, (R, W, 4) or (1, 1, 4).
 
         ``mixed``, (R, 4, W), is written: see `Shading.mixing`.
         """
@@ -366,16 +365,16 @@ AT_ONCE = DirectCalls()
 
 class BoundCalls:
     """
-    Kernels and stages are bound, and called when the table is, in order.
+    Records kernels and stages with their arguments, as a table to be called in order.
 
-    Keep it as long as its table is in use.
+    Keep it alive while its table is in use.
     """
 
     threads = 1
 
     def __init__(self) -> None:
         self.kept: list[Any] = []
-        """What lies behind the addresses."""
+        """Owners of the memory behind the addresses."""
         self._calls: list[tuple[int, ...]] = []
         self._limits: list[tuple[int, int]] = []
         self._block = block_memory(BLOCK)
@@ -427,16 +426,16 @@ class BoundCalls:
         self.run_stages(stages)
 
     def limit(self, watched: NDArray[np.int64], most: int) -> None:
-        """Leave out views in which an array's first number is more than that at the end."""
+        """Reject views in which an array's first number exceeds ``most`` at the end."""
         self.kept.append(watched)
         self._limits.append((watched.ctypes.data, most))
 
     def table(self) -> NDArray[np.int64]:
-        """Return what is called, (C, 7), as ``pipeline/views.py`` takes it."""
+        """Return the table of calls, (C, 7), as ``pipeline/views.py`` takes it."""
         return np.array(self._calls, np.int64).reshape(-1, 7)
 
     def limits(self) -> NDArray[np.int64]:
-        """Return what must hold then, (L, 2), as ``pipeline/views.py`` takes it."""
+        """Return the table of limits, (L, 2), as ``pipeline/views.py`` takes it."""
         return np.array(self._limits, np.int64).reshape(-1, 2)
 
     def _watched(self, when: When | None) -> tuple[int, int, int]:
@@ -450,5 +449,5 @@ AnyCalls = DirectCalls | BoundCalls
 
 
 def no_color(linear: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Return an empty array in place of codes that are not wanted, beside (..., W, 4)."""
+    """Return an empty array that stands for no 8-bit output, beside (..., W, 4)."""
     return np.empty((*linear.shape[:-2], 0), np.uint32)

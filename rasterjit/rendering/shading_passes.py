@@ -1,8 +1,8 @@
 """
 The passes that shade a picture, in order.
 
-A pass stands in the list only if `ShadingNeeds` or an effect call for it; the arrays that it reads
-are known later. See ``pipeline/surface/samples.py`` for the block of samples that all work on.
+A pass is listed only if `ShadingNeeds` or an effect need it; its arrays are bound later. See
+``pipeline/surface/samples.py`` for the block of samples that all work on.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ def list_passes(
 
 
 def surface_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
-    """Return the passes that find what the surfaces are like."""
+    """Return the passes that compute surface attributes."""
     passes = [*weight_passes(needs), color_pass(needs)]
     if needs.multiplies_vertex_colors:
         passes += set_colors_apart()
-    # Vertices are lit with their own colours; what faces and textures show multiplies that.
+    # Gouraud light includes vertex colours; face colours and textures multiply it.
     if needs.gouraud:
         passes.append(
             Pass(
@@ -142,7 +142,7 @@ def _are_gouraud(arrays: ShadingArrays) -> NDArray[np.uint8]:
 
 
 def weight_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find weights in float64, and what textures are looked up by."""
+    """Return the passes that find weights in float64, and texture coordinates."""
     if needs.reads_places_alone:
         return [Pass(texture_places.find_places, lambda a: (a.surface.textures.uv, a.geometry))]
     if not needs.is_lit:
@@ -239,7 +239,7 @@ def place_passes(needs: ShadingNeeds) -> list[Pass]:
 
 def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass]:
     """
-    Return the passes that find where on their textures samples lie, right after the weights.
+    Return the passes that find texture coordinates, right after the weights.
 
     ``kind`` is that of maps with coordinates of their own; None: those of base colours.
     """
@@ -259,8 +259,8 @@ def coordinate_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass
 
 
 def lay_passes(needs: ShadingNeeds, kind: int | None = None) -> list[Pass]:
-    """Return the passes that find coordinates and their steps anew."""
-    # Other stages have used the memory of the weights since, from which steps are found.
+    """Return the passes that recompute texture coordinates and their steps."""
+    # Other stages have overwritten the gathered vertices that steps are found from.
     return [find_weights_pass(), *coordinate_passes(needs, kind)]
 
 
@@ -270,14 +270,14 @@ def read_pass(kind: int) -> Pass:
 
 
 def map_read_passes(needs: ShadingNeeds, kind: int, *applied: Pass) -> list[Pass]:
-    """Return the passes that read maps of a kind where these are laid, and apply them."""
+    """Return the passes that read maps of a kind, at their coordinates, and apply them."""
     if kind not in needs.apart:
         return [read_pass(kind), *applied]
     return [*lay_passes(needs, kind), read_pass(kind), *applied, *lay_passes(needs)]
 
 
 def decoding_passes() -> list[Pass]:
-    """Return the pass that decodes what textures show as codes."""
+    """Return the pass that decodes texture colours from sRGB codes."""
     from rasterjit.pipeline.lighting import pyrender
 
     return [fixed(pyrender.decode_textures)]
@@ -291,7 +291,7 @@ def multiply_pass(needs: ShadingNeeds) -> Pass:
 
 
 def bending_pass(kind: int) -> Pass:
-    """Return the pass that bends normals by normal maps: those of the surface, or of varnish."""
+    """Return the pass that applies normal maps: the base layer's, or the clearcoat's."""
 
     def bent(a: ShadingArrays) -> tuple[Any, ...]:
         own, laid = a.surface.textures, a.surface.maps
@@ -306,7 +306,7 @@ def bending_pass(kind: int) -> Pass:
 
 
 def map_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that read what lies over normals, facets and occlusion, and apply it."""
+    """Return the passes that apply normal, metallic-roughness and occlusion maps."""
     passes = []
     if needs.has(textures.NORMAL):
         passes += map_read_passes(needs, textures.NORMAL, bending_pass(textures.NORMAL))
@@ -333,7 +333,7 @@ def scaled_passes(
 
 
 def through_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find how much light goes through samples, and how thick they are."""
+    """Return the passes that find transmission and thickness of samples."""
     if not needs.through:
         return []
     from rasterjit.pipeline.surface import layers as moves
@@ -349,7 +349,7 @@ def through_passes(needs: ShadingNeeds) -> list[Pass]:
 
 
 def coat_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find varnish and its normals, before maps bend those below it."""
+    """Return the passes that find the clearcoat and its normals, before the base's normal map."""
     from rasterjit.pipeline.surface import layers as moves
 
     kept = fixed(moves.copy_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
@@ -357,13 +357,13 @@ def coat_passes(needs: ShadingNeeds) -> list[Pass]:
     kind = textures.CLEARCOAT_NORMAL
     if not needs.has(kind):
         return [filled, kept]
-    # The normals of the surface come back when those of its varnish are bent.
+    # The base normals are restored once the clearcoat's map is applied.
     back = fixed(moves.exchange_rows, rows.NORMAL_X, rows.COAT_NORMAL_X, 3)
     return [filled, kept, *map_read_passes(needs, kind, bending_pass(kind), back)]
 
 
 def layer_passes(needs: ShadingNeeds) -> list[Pass]:
-    """Return the passes that find what lies over surfaces, as factors and textures say."""
+    """Return the passes that find material layers, by factors and textures."""
     from rasterjit.pipeline.surface import layers as moves
 
     passes, scales = [], []
@@ -390,7 +390,7 @@ def layer_passes(needs: ShadingNeeds) -> list[Pass]:
 
 
 def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = ()) -> list[Pass]:
-    """Return the passes that add what surfaces send out to three rows from ``shown`` on."""
+    """Return the passes that add emission to three rows from ``shown`` on."""
     if not needs.maps:
         return []
     passes, kind = (
@@ -407,7 +407,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
 
 
 def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
-    """Return the passes that turn base colours into seen colours."""
+    """Return the passes that light base colours."""
     if needs.imitated is not None:
         return imitating_passes(needs, effects)
     passes = through_passes(needs)
@@ -434,7 +434,7 @@ def ambient_pass() -> Pass:
 
 
 def layered_ambient_passes(needs: ShadingNeeds, shown: Pass) -> list[Pass]:
-    """Return the passes that show ambient light on microfacets and what lies over them."""
+    """Return the passes that add ambient light to microfacet materials and their layers."""
     from rasterjit.pipeline.lighting import layered
 
     passes = layered.starting_passes(needs, fixed(lights.normalize_normals))
@@ -519,7 +519,7 @@ def facet_pass(first: int, end: int) -> Pass:
 
 
 def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
-    """Return the passes that lie over lit samples, and what is seen through samples of glass."""
+    """Return the passes of effects over lit samples, and of transmission."""
     if not needs.through:
         return effect_passes(effects, "sample", needs)
     from rasterjit.pipeline.surface import layers as moves
@@ -533,7 +533,7 @@ def covering_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass
 
     passes = [Pass(moves.fill_rows, dark)]
     if over:
-        # What they show over black is what they show by themselves.
+        # Over black, they give their own contribution.
         turned = fixed(moves.exchange_rows, rows.OUT_RED, moves.MIST_RED, 3)
         passes += [turned, *over, turned, *over]
     return passes + effect_passes(seen, "sample", needs)
@@ -559,7 +559,7 @@ def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def imitating_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
-    """Return the passes that turn base colours into seen colours as pyrender's shader does."""
+    """Return the passes that light base colours as pyrender's shader does."""
     from rasterjit.pipeline.lighting import pyrender
 
     passes = []
@@ -642,7 +642,7 @@ def mixing_passes(
     has_codes: bool,
     target: tuple[NDArray[np.float32], ...],
 ) -> list[Pass]:
-    """Return the passes that lay shares of colours, or of their codes, over what is behind."""
+    """Return the passes that resolve colours, or their codes, over the background."""
     passes: list[Pass] = []
     if has_codes:
         passes, shown = pixel_passes(shown, effects)

@@ -1,17 +1,17 @@
 """
-Draw whole pictures, each moved by a part of a pixel, and average them in linear light or in codes.
+Supersample: draw whole pictures with sub-pixel offsets (jitter), and average them.
 
-Every sample of a pixel is found and shaded by itself: pictures share nothing but shadow maps. These
-are drawn once for each step: the first 4 pictures, the rest of the first 16, and so on, four steps
-at most. Each step first finds the faces of all its pictures, and fits the maps around them.
+The mean is taken in linear light or in codes. Every sample is rasterized and shaded: pictures share
+only shadow maps. These are drawn once for each step: the first 4 pictures, the rest of the first
+16, and so on, four steps at most. Each step first runs visibility of all its pictures, and fits the
+maps to them.
 
 The samples are the centres of the cells of a grid over the pixel, ordered so that the first 4, 16,
 64 ... are spread evenly: one in each quarter, in each quarter of a quarter, and so on. Within its
 quarter, a sample lies in the smaller quarter that a turn by 90 degrees leads to: so the first
 samples form rotated grids [1]_, centred on the pixel.
 
-Textures are filtered for the distance of all samples of the quality, not for a pixel: the mean does
-the rest. The mean of the first few is not filtered more, as it counts in that of all.
+Mip levels are chosen by the distance of samples, not pixels, for the final number of samples.
 
 References
 ----------
@@ -48,12 +48,12 @@ Offset = tuple[float, float]
 """From the centre of a pixel to the right and down, pixels."""
 
 QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
-"""Column and row of the quarters of a square, in the order in which samples come to them."""
+"""Column and row of the quarters of a square, in sampling order."""
 
 
 class Accumulation:
     """
-    The pictures of a frame so far.
+    The sum of a frame's pictures so far.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Accumulation:
 @dataclass(frozen=True)
 class MovedCamera:
     """
-    A camera moved so that the centres of pixels show what another one sees beside them.
+    A camera with a sub-pixel offset of the projection (jitter).
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class MovedCamera:
 @dataclass(frozen=True)
 class SweptCamera(MovedCamera):
     """
-    A camera whose samples lie elsewhere in each pixel: across the picture they sweep over it.
+    A camera whose sample position varies over the picture, sweeping over the pixel.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def cover_pixels(
     context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], Seen]
 ) -> NDArray[np.float32]:
     """
-    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+    Return each pixel's coverage by any face, (H, W): of its samples or area.
 
     Takes what `shade_faces` takes; of a frame of fewer pictures than the quality has samples it is
     the share of these.

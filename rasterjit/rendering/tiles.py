@@ -1,11 +1,10 @@
 """
-Draw parts of a picture: each has the bits that the whole picture has there.
+Render regions of a picture, with the bits that the whole picture has there.
 
-Vertices are snapped, and faces cut, as the whole picture does it; then they are moved by whole
-pixels. What a pixel shows follows from integers relative to the pixel, so the move changes none.
-Shadow maps, which are fitted to all that is seen, are fitted to the whole: its depth is surveyed
-part by part first. Where an effect looks at neighbours that are not far, a larger part is drawn,
-and what was not asked for is cut off.
+Vertices are snapped, and faces clipped, as in the whole; then they are moved by whole pixels, which
+changes no integer relative to a pixel. Shadow maps are fitted to the whole picture: its depth is
+surveyed region by region first. For effects with a bounded neighbourhood, a larger region is drawn
+and cropped.
 """
 
 from __future__ import annotations

@@ -1,19 +1,17 @@
 """
-Draw views of one scene in groups, in machine code from the first view of a group to its last.
+Schedule batches: group views by kind, prepare their arrays, and draw them from recorded calls.
 
-What all views have in common is planned once for each kind of view. What a plan follows from
-differs with a camera in three ways alone: what the objects in view are, not which; which lights
-reach them; and the answers of effects that look at more than facts, such as fog that begins at a
-distance. That is the kind of a view (`kinds_of`). Each thread has memory of its own, in which the
-kernels and stages of such a plan find what they read (``desk.py``); of each view its matrices,
-lights and the like are prepared with NumPy for the whole group (`Prepared`) and loaded there before
-it is drawn (``pipeline/views.py``).
+A plan depends on the camera in three ways only: the kinds of objects in view (not which), the
+lights that reach them, and effects that depend on the view, such as fog that begins at a distance.
+These are the kind of a view (`kinds_of`), and views of one kind share a plan. Each thread has
+recorded calls with their memory (``desk.py``); matrices, lights and the like are computed with
+NumPy for the whole group (`Prepared`), and copied there view by view (``pipeline/views.py``).
 
-Only plans whose stages read nothing else of a view are drawn so: lights have no shadows, effects
-need not look at the picture; see `can_share`. The others are for the caller to draw one by one.
+Only plans whose stages read nothing else of a view are eligible: no shadows, no effects that
+analyse the picture; see `can_share`. The caller draws other views one by one.
 
-What was prepared for a scene is kept until the scene is gone, or other scenes' takes its room
-(`MOST_KEPT`). It is used again as far as a plan that is made anew says that it holds (`serves`).
+Results are cached until the scene is gone, or other scenes need the memory (`MOST_KEPT`), and
+reused as far as a new plan confirms that they are valid (`serves`).
 """
 
 from __future__ import annotations
@@ -84,15 +82,15 @@ Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 KNOWN_CAMERAS = (PerspectiveCamera, OrthographicCamera, MatrixCamera)
-"""Those whose depth is measured in machine code; not cameras that are made of them."""
+"""Cameras whose depth is measured in machine code; not subclasses."""
 
 COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
            "clipped", "pixels_covered")  # fmt: skip
 """What is counted of each view: names of ``FrameStats``."""
 
 LEAST_SHARE = 1e-30
-"""Near planes that are a smaller share of the farthest distance are looked at view by view: the
-depth format may not hold what is far."""
+"""Least ratio of near plane to farthest distance; smaller ones are checked view by view, as the
+depth format may not resolve the far end."""
 
 MOST_PROJECTIONS = 256
 """Most projection matrices that are remembered."""
@@ -105,23 +103,22 @@ BY_KERNEL = (
     "color", "linear", "depth", "distance", "face_id", "object_id", "instance_id", "material_id",
     "barycentric", "uv", "normal", "geometric_normal", "position", "object_position",
 )  # fmt: skip
-"""Outputs of which NumPy does nothing view by view; attributes of vertices, too."""
+"""Outputs that kernels fill without NumPy work per view; vertex attributes, too."""
 
 IN_GROUPS = tuple(one for one in EFFECTS if isinstance(one, InGroups))
 """Effects that views in groups may have."""
 
 OWN_ANSWERS = tuple(one for one in IN_GROUPS if not one.follows_facts)
-"""Effects of groups that answer by more than facts."""
+"""Effects of groups that depend on more than facts."""
 
 LIGHTS = AmbientLight, DirectionalLight, PointLight, SpotLight
 """Kinds of lights whose rows are found for many views at once."""
 
 MOST_BYTES = 1 << 29
-"""Memory of all threads beyond which views are drawn one by one: it is no longer small beside
-pictures."""
+"""Most memory of all threads; beyond it views are drawn one by one."""
 
 MOST_KEPT = 1 << 26
-"""Memory to draw in that is kept between calls, of all scenes, at most, bytes."""
+"""Most memory cached between calls, of all scenes, bytes."""
 
 MOST_KINDS = 8
 """Most kinds of plans that are kept."""
@@ -157,21 +154,21 @@ class Projections:
 
 
 class Prepared(NamedTuple):
-    """Some views, as far as they differ."""
+    """The per-view arrays of a group."""
 
     fields: dict[str, NDArray[np.int64]]
     """The words of each array of a `Desk`: (N, words), or (1, words) if all views have the same."""
     lights: NDArray[np.float32]
     """(N, L, 13): the rows of all lights."""
     kinds: list[tuple | None]
-    """For each view what its plan follows from; None: it must be drawn alone."""
+    """The kind of each view; None: it must be drawn alone."""
     cuts: dict[int, dict[str, str]]
-    """Of views in which a given plane cuts something, by their place: what there is to warn of."""
+    """Warnings of views in which a given plane clips something, by index."""
 
 
 class Together:
     """
-    What the threads that draw views of a scene share.
+    State shared by the threads that draw views of a scene.
 
     Parameters
     ----------
@@ -254,7 +251,7 @@ class Together:
         projection = np.array([self.projections.of(camera) for camera in seen])
         views = view_many(known.world_from_model, eyes, view, projection)
         measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
-        # Put planes that are left open where they cut nothing in view.
+        # Place open planes where they clip nothing in view.
         is_sure, far = self._are_between(seen, view, known, places is not None)
         beyond_boxes = np.broadcast_to(self._are_spheres_beyond(known), len(seen))
         asked = (~is_sure | beyond_boxes) & views.is_finite
@@ -277,7 +274,7 @@ class Together:
         if moved:
             views = view_many(known.world_from_model, eyes, view, projection)
             measures = measure_boxes(extents, views.relative_from_model, views.clip_from_relative)
-        # Decide which are drawn together.
+        # Decide which views are drawn together.
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
         near = coefficients[:, 0]
         farthest = np.where(np.isinf(far), 0.0, transforms.LEAST_NEAR * far)
@@ -429,14 +426,14 @@ def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float
 
 
 class GroupOutcome(NamedTuple):
-    """What became of some views."""
+    """Counts and warnings of a group's views."""
 
     counts: NDArray[np.int64]
     """(N, 9): ``COUNTED`` of each; anything of those that were not drawn."""
     is_drawn: NDArray[np.bool_]
     """(N,): False for those that must be drawn alone."""
     told: Told
-    """What there is to warn of of those that were drawn."""
+    """Warnings of those that were drawn."""
 
 
 def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
@@ -506,7 +503,7 @@ class Drawer:
             for n in np.flatnonzero(2 * white > lit).tolist():
                 share = float(white[n] / lit[n])
                 told.add(numbers[chosen[n]], notices.burnt_out(desk.facts, share))
-        # Note what there is to warn of.
+        # Collect warnings.
         is_empty = counts[:, COUNTED.index("drawn")] == 0
         for n in np.flatnonzero(is_drawn & is_empty).tolist():
             if n not in prepared.cuts:
@@ -572,7 +569,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
 
 
 def _is_laid_in_groups(plan: RenderPlan) -> bool:
-    """Tell whether pixels show several samples, or transparent faces at one, mixed in light."""
+    """Tell whether pixels have several samples, or transparency at one, in linear light."""
     layers = plan.layers
     if layers.mixes_codes or layers.samples == "area":
         return False
@@ -585,7 +582,7 @@ def _is_shared(light: Light) -> bool:
 
 
 def kind_of(contents: Contents) -> tuple:
-    """Return what a plan follows from: not how many objects are what, but whether any is."""
+    """Return the kind of a view by its contents: whether any object has each property."""
     return tuple(
         tuple(count > 0 for count in part.values()) if isinstance(part, dict) else part > 0
         for part in contents
@@ -635,7 +632,7 @@ def kinds_of(
 
 class BatchCache:
     """
-    What batches of one scene have prepared.
+    Cache of what batches of one scene have prepared.
 
     Parameters
     ----------
@@ -653,7 +650,7 @@ class BatchCache:
         """What is in view, and whether light falls on it, by which objects are in view."""
         self._plans: dict[tuple, RenderPlan] = {}
         self._desks: dict[tuple, list[Desk]] = {}
-        """Those that nobody draws in, by what their plans follow from; those used last are last."""
+        """Free desks by kind, least recently used first."""
         self._lock = forks.lock()
         self.bytes = 0
         """Of all desks, those in use included."""
@@ -672,7 +669,7 @@ class BatchCache:
         return self._plans.get(kind)
 
     def use(self, kind: tuple, plan: RenderPlan) -> RenderPlan:
-        """Return the plan to make desks for: an earlier one, if what was made for it serves."""
+        """Return the plan to make desks for: an earlier one, if still valid."""
         with self._lock:
             made = self._plans.pop(kind, None)
             if made is None or not serves(made, plan):
@@ -691,7 +688,7 @@ class BatchCache:
             return free.pop() if free else None
 
     def reserve(self, size: int) -> bool:
-        """Tell whether there is room for another desk of so many bytes, which then is its own."""
+        """Reserve memory for another desk; return whether there is enough."""
         with self._lock:
             if self.bytes + size > MOST_BYTES:
                 for kind in [*self._desks]:
@@ -714,7 +711,7 @@ class BatchCache:
 
 
 def serves(made: RenderPlan, asked: RenderPlan) -> bool:
-    """Tell whether what was made for a plan is what another one of the same kind asks for."""
+    """Tell whether desks made for a plan are valid for another one of the same kind."""
     one, other = made.facts, asked.facts
     return (
         made.size == asked.size
@@ -735,32 +732,32 @@ def serves(made: RenderPlan, asked: RenderPlan) -> bool:
 
 
 def _effects(plan: RenderPlan) -> list[tuple[Any, int]]:
-    """Return the effects, with what is known of them beyond what is a view's own."""
+    """Return the effects with their data that is common to all views."""
     return [(one.effect, id(one.data) * one.effect.follows_facts) for one in plan.planned]
 
 
 def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:
-    """Return what of its lights the eye does not change."""
+    """Return the properties of its lights that do not depend on the camera."""
     if plan.lighting is None:
         return None
     return len(plan.lighting.lights), plan.lighting.ambient.tobytes()
 
 
 class Shelf:
-    """What was prepared for the scenes of the last batches."""
+    """Caches of the scenes of the last batches."""
 
     def __init__(self) -> None:
         self._kept: dict[int, tuple[weakref.ref, BatchCache]] = {}
         self._lock = forks.reentrant_lock()
 
     def take(self, what: Any) -> BatchCache | None:
-        """Return what is kept of a scene, which nobody else has then."""
+        """Take a scene's cache out, for exclusive use."""
         with self._lock:
             of, kept = self._kept.pop(id(what), (None, None))
             return kept if of is not None and of() is what else None
 
     def put(self, what: Any, kept: BatchCache) -> None:
-        """Keep what was prepared for a scene; a mesh would be kept alive by it."""
+        """Put a scene's cache back; not that of a mesh, which it would keep alive."""
         if not isinstance(what, Scene) or kept.size > MOST_KEPT:
             return
         number = id(what)
