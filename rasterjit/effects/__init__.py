@@ -1,1 +1,1 @@
-"""Effects: one folder each; why it is in a frame or not, and how it is drawn."""
+"""Effects, one folder each: when a frame needs it, and how it is drawn."""

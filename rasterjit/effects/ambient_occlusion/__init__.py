@@ -1,8 +1,8 @@
 """
-Ambient occlusion: dim the light from all around in corners and creases.
+Screen-space ambient occlusion: dim ambient light in corners and creases.
 
-A frame has it where light from all around falls on what is lit by the pixel. Found once a picture
-from the depth of the faces that are seen, for all of the picture; a sample reads that of its pixel.
+A frame has it where ambient light falls on objects lit per pixel. It is computed once per picture
+from the depth buffer; a sample reads that of its pixel.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def find_occlusion(
     bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
 
     def find_band(rows: tuple[int, int]) -> None:
-        # The bound kernel must stay while the other calls it.
+        # Keep the bound kernel alive while the other calls it.
         _bound, scratch = ambient_occlusion_stage.scratch_of(depth, lens)
         ambient_occlusion_stage.find_occlusion(
             face_id, rows, depth, geometry, placement, lens, snap, pattern, rough, tolerance,

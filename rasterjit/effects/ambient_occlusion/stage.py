@@ -1,9 +1,9 @@
 """
-Find how much of the light from all around reaches the surface at each pixel.
+Compute screen-space ambient occlusion by horizons (GTAO): the visibility of ambient light.
 
-Planes through the line of sight cut the hemisphere above a surface into slices. In each, and on
-both sides of the line of sight, samples of the depth along a line on the screen tell how high the
-horizon stands; what is below is blocked, and the cosine-weighted share of it has a closed form.
+Planes through the view ray cut the hemisphere above a surface into slices. In each, on both sides
+of the ray, depth samples along a line on the screen give the horizon's elevation; light from below
+is blocked, and its cosine-weighted integral has a closed form.
 Each pixel looks along 2 of 32 directions, with steps of 1 of 16 lengths; every square of 4 by 4
 pixels holds all of them once. The mean over such a square on the same surface, taken twice, is the
 result.
@@ -43,7 +43,7 @@ from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64
 
 BLOCK_COLUMNS = 128
-"""Columns looked at together: their scratch memory stays in a core's own cache."""
+"""Columns of a block: their scratch memory stays in a core's own cache."""
 
 STEPS = 4
 """Samples on each side of a slice."""
@@ -67,7 +67,7 @@ FOOTPRINTS_APART = np.float32(2.0)
 """Pixels average if their depths differ by less than this many slopes and footprints of a pixel."""
 
 STRIDE = BLOCK_COLUMNS + 16
-"""Numbers of a row of scratch; a few more, so that rows are not a power of two apart in a cache."""
+"""Length of a row of scratch, padded, so that rows are not a power of two apart in a cache."""
 
 (
     COLUMN, DEPTH, PW, NX, NY, NZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, RISE_A, RISE_B,
@@ -270,7 +270,7 @@ def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horiz
         high = height * s[STRETCH + i]
         squared = flat * flat + high * high + LEAST
         length = np.sqrt(squared)
-        # Let what is farther away than the radius count for nothing.
+        # Ignore samples beyond the radius.
         w = s[PW + i] + right * across + low * down + change * deeper
         scale = one / (length * w * w)
         weight = min(one, two - two * squared * length * scale)
@@ -294,7 +294,7 @@ def add_slice(s, count):
 
 @helper
 def write_block(s, faces, occlusion, tolerance):
-    """Write the share of light that gets through; 1 where nothing is, or float32 cannot tell."""
+    """Write the visibility; 1 where nothing is, or beyond the range of float32."""
     n = np.int64(0)
     for at in range(np.uintp(faces.shape[0])):
         occlusion[at], tolerance[at] = np.float32(1.0), np.float32(0.0)
@@ -363,7 +363,7 @@ def find_occlusion(
     occlusion: float32[:, ::1], tolerance: float32[:, ::1], scratch: Scratch,
 ):  # fmt: skip
     """
-    Find the share of light from all around that reaches each pixel, before it is smoothed.
+    Compute the ambient visibility of each pixel, before smoothing.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 """
-Anti-aliasing: what several samples of a pixel show, or exact areas, or whole pictures.
+Antialiasing: several samples per pixel, exact area coverage, or averaged pictures.
 
 A frame has it where the quality asks for more than one sample and something has edges. Faces are
 shaded once a pixel and mixed by coverage (2 to 16, areas), or pictures are averaged (64 and more).
@@ -15,11 +15,11 @@ from rasterjit.survey.effect import Effect
 from rasterjit.survey.facts import Facts
 
 SAMPLES_TO_TRY = 4
-"""Samples of a pixel whose cost is told where edges are not smoothed."""
+"""Samples per pixel suggested where edges are aliased."""
 
 
 class Antialiasing(Effect):
-    """Mix what the samples of a pixel show."""
+    """Average the samples of a pixel."""
 
     name = "anti-aliasing"
     follows_facts = True

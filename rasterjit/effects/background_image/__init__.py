@@ -1,9 +1,8 @@
 """
-A picture behind all faces: what an overlay on a photograph is drawn over.
+Background image, such as a photograph that the scene is composited over.
 
-Each of its pixels is copied to the pixel of the frame that shows no face there; where faces cover a
-part of a pixel, or are seen through, they are mixed with it in light, as with a colour. It is shown
-as given: tone curves do not touch it.
+Its pixels are copied where no face is; partly covered or transparent pixels are blended with it in
+linear light, as with a colour. It is not tone mapped.
 """
 
 from __future__ import annotations

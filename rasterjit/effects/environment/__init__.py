@@ -1,9 +1,9 @@
 """
-Environments: light from all around, and what is seen where no face is.
+Environments: image-based lighting, and the background where no face is.
 
-Two effects: the light is added to each lit sample, by the nine terms of a polynomial of its normal,
-and mirrored by microfacets from a panorama filtered for eight roughnesses; the background is
-written to the pixels without a face. The panorama is filtered when it is first used.
+Two effects. The light adds diffuse irradiance (a polynomial of nine terms in the normal) and
+specular reflections of microfacets (a panorama prefiltered for eight roughnesses) to lit samples.
+The background is written to pixels without a face. The panorama is filtered on first use.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
 
 RAYS = "rays through the background"
-"""Name of what views do not share of it."""
+"""Name of its per-view array."""
 
 
 class Sky(NamedTuple):
@@ -115,7 +115,7 @@ def _cross(a: Any, b: Any) -> list[float]:
 
 
 class SeenAlone(Environment):
-    """An environment that is seen behind everything, and lights nothing."""
+    """An environment that is only a background, without light."""
 
     lights = False
 

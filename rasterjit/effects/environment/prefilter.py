@@ -1,14 +1,12 @@
 """
-Prepare environments for the kernels: once for each picture, kept as long as anyone holds it.
+Prefilter environment maps for image-based lighting; results are cached with the map.
 
-A picture is scaled to a power of two first. Then it is projected onto the nine lowest spherical
-harmonics, and two more that depend on the height alone, which give the light on a surface [1]_.
-Where a few small places send much of the light, as the sun does, that would be off by up to 24 %:
-their light is taken out of these and falls like that of lamps.
+A map is resized to a power of two first. Irradiance: it is projected onto the nine lowest spherical
+harmonics, and two more that depend on the height alone [1]_. Small bright spots, such as the sun,
+would be off by up to 24 %: they are removed from these and treated as directional lights.
 
-For what is mirrored, a picture is filtered for eight degrees of roughness. The mean over a lobe is
-taken in rings: the farther from its middle, the coarser the copy of the picture that is read, so
-that a texel is never wider than a quarter of its distance from the middle.
+Reflections: the map is filtered for eight roughnesses. The mean over a lobe is taken in rings, each
+from a mip level whose texels are at most a quarter as wide as their distance from the centre.
 
 References
 ----------
@@ -87,7 +85,7 @@ NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.i
 
 
 class FilteredPanorama(NamedTuple):
-    """What follows from a sky alone, whatever its intensity and rotation."""
+    """The prefiltered data of a sky, independent of intensity and rotation."""
 
     irradiance: Irradiance
     reflections: Reflections | None

@@ -1,13 +1,13 @@
 """
-Prepare a picture of the surroundings: scale it, project it, and filter it for rough surfaces.
+Resize an environment map, project it to harmonics, and filter it for rough surfaces.
 
 Pictures are equirectangular, row by row from the top, channel by channel (planar). Every sum runs
 in an order that is written down here, so the same picture gives the same bits everywhere.
 
-What a surface of roughness r mirrors is the mean of what lies around the mirrored direction. A
-direction at the cosine c has the weight ``c D(c)``; D is the GGX distribution of facets with
-alpha = r**2, for a viewer in the mirrored direction itself [1]_. As facets bisect the two
-directions, the squared cosine to their normal is (1 + c) / 2: the weight is rational in c.
+The reflection of a surface of roughness r is a weighted mean around the mirror direction. A
+direction at the cosine c has the weight ``c D(c)``; D is the GGX distribution with alpha = r**2,
+assuming view = normal = mirror direction [1]_. Half vectors bisect the two directions, so their
+squared cosine is (1 + c) / 2: the weight is rational in c.
 
 References
 ----------

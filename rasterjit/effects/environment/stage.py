@@ -1,12 +1,11 @@
 """
-Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
+Shade with image-based lighting: diffuse irradiance, specular reflections, and the background.
 
-The light that falls on a surface from all sides is a polynomial of its normal [1]_, plus that of a
-few small, bright spots, each times the cosine to it: a polynomial of low degree cannot follow them.
-What a surface mirrors is looked up once in a picture filtered for its roughness, and weighted by
-the share of the light that its facets send on at once [2]_; what they send on after several
-bounces [3]_ comes from all sides. A white surface under white light is white, however rough and
-however metallic.
+Irradiance is a polynomial of the normal [1]_, plus a few small bright spots, treated as directional
+lights: a polynomial of low degree cannot represent them. Reflections are one lookup in a map
+prefiltered for the roughness, times the single-scattering albedo (split sum) [2]_; multiple
+scattering [3]_ takes the irradiance. A white surface under white light is white, for any roughness
+and metallic (white furnace).
 
 Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
 every CPU.
@@ -332,10 +331,9 @@ def add_irradiance(
 @helper
 def shares_of_channel(base, metallic, dielectric, shares):
     """
-    Return the shares of one channel that are mirrored, and that come from all sides.
+    Return the specular and the diffuse weight of one channel.
 
-    A mix of a metal, which only mirrors, and a dielectric: what it does not mirror goes into the
-    surface and comes back coloured.
+    A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse.
     """
     once, often = bounces(base, shares)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
@@ -348,7 +346,7 @@ def shares_of_channel(base, metallic, dielectric, shares):
 @helper
 def mirror_direction(normal, point, toward_viewer, alpha):
     """
-    Return where most of the mirrored light comes from, any length, and the viewer's cosine.
+    Return the dominant reflection direction, any length, and the viewer's cosine.
 
     The direction is not a number where the way to the viewer is too long for float32.
     """
@@ -437,7 +435,7 @@ def add_mirrored(
 @stage
 def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], intensity: float32):
     """
-    Add the light that comes from all sides to samples, but to those of microfacets.
+    Add irradiance to all samples except microfacet ones.
 
     Parameters
     ----------
@@ -463,7 +461,7 @@ def mirror_environment(
     block: Block, count, environment: EnvironmentRecord, toward_viewer: float32[::1]
 ):
     """
-    Add what samples of microfacets show of the environment, mirrored and from all sides.
+    Add specular and diffuse environment light to microfacet samples.
 
     Parameters
     ----------

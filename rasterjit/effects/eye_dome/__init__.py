@@ -1,9 +1,9 @@
 """
-Eye-dome lighting: darken what lies behind a neighbour on the screen.
+Eye-dome lighting: darken pixels that lie behind their neighbours.
 
-A frame has it where faces are shaded, lit or not. Found once a picture from the depth of the faces
-that are seen; a sample reads the share of its pixel. It needs no point and no normal of a sample,
-and costs a few nanoseconds a pixel.
+A frame has it where faces are shaded, lit or not. It is computed once per picture from the depth
+buffer; a sample reads that of its pixel. It needs no positions or normals, and costs a few
+nanoseconds a pixel.
 """
 
 from __future__ import annotations

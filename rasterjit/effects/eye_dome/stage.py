@@ -1,5 +1,5 @@
 """
-Find how dark each pixel is for what lies in front of its neighbourhood, and darken its samples.
+Compute eye-dome shading from the depth of neighbouring pixels, and darken samples by it.
 
 Nearness is a number whose differences tell how far one depth lies before another: the logarithm of
 the stored depth, which is proportional to one over the distance, or a multiple of the stored depth

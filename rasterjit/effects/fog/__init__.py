@@ -1,8 +1,8 @@
 """
-Fog: what lies between the surfaces and the eye.
+Fog by distance, and by height.
 
-A frame has it where a face in view is shaded and the fog begins before the farthest of them. Each
-sample is covered by its distance, after all light is added; costs about a tenth of shading.
+A frame has it where a face in view is shaded and the fog begins before the farthest of them. It is
+applied to each sample after lighting, and costs about a tenth of shading.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class FogRecord(NamedTuple):
     above: NDArray[np.float32]
     """(1,) scene units: height of the eye over where the fog has its density."""
     finds_points: bool
-    """Whether samples may be lit at the middles of faces, and have no points of their own yet."""
+    """Whether samples may be lit at centroids of faces, so that fog must find their positions."""
 
 
 def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:

@@ -1,8 +1,8 @@
 """
-Cover what is seen with fog: each sample keeps a share of its colour that falls with distance.
+Apply fog: blend each sample with the fog's colour by transmittance.
 
-The share is 2**-x of an optical depth x: along a ray of length d through fog of even density it is
-d times the density. Where the density falls exponentially with height, its mean along the ray is
+Transmittance is 2**-x of an optical depth x: along a ray of length d through fog of even density it
+is d times the density. Where the density falls exponentially with height, its mean along the ray is
 the difference of the densities at both ends over that of their exponents [1]_.
 
 References

@@ -1,9 +1,9 @@
 """
 Labels: texts at points of the scene, over the finished picture.
 
-A frame has them where colour is shown in 8 bits. Texts are found and mixed in NumPy: no kernel is
-compiled for them. Whether something hides one is found from the face at one pixel, so that parts of
-a picture ask the part that holds it.
+A frame has them where colour is 8-bit. Texts are rasterized and blended in NumPy, without kernels.
+A label is occluded by the face at its anchor's pixel; parts of a picture ask the part that holds
+this pixel.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ LOW_BITS = (1 << BUCKET_BITS) - 1
 """Those of a float32 in one bucket."""
 
 SHOWN, HIDDEN, ELSEWHERE = 1, 0, -1
-"""What a picture, or a part of it, knows of a label: seen, hidden, or that it lies elsewhere."""
+"""Visibility of a label in a picture or part: visible, occluded, or outside."""
 
 
 class Texts(NamedTuple):
@@ -127,7 +127,7 @@ def draw_label(
 
 def mix(pixels: NDArray[np.uint8], layers: Sequence[tuple[Float64, Any]], in_codes: bool) -> None:
     """
-    Lay colours over pixels, the first one below the others.
+    Composite layers over pixels, bottom first.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """
 Outlines: draw the edges of shapes over the colour.
 
-A frame has them where faces are shown in 8 bits. Found from depth, normals and object numbers of
-neighbouring pixels, once for the finished picture.
+A frame has them where faces are drawn in 8-bit colour. Edges are detected in screen space, from
+depth, normals and object numbers of neighbouring pixels, once for the finished picture.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """
 Find the edges of shapes on the screen and draw them as lines of some width.
 
-Two neighbouring pixels of one surface have depths that differ by no less than the smaller, and no
-more than the greater of the slopes of their faces; more than that, beyond the rounding of vertices
-and a footprint of a pixel, is a jump. So planes at grazing angles have no jumps, at any scale. A
-jump and the end of everything belong to the nearer of both pixels, the line where two objects touch
-to that of the later object, a crease to the left or upper one.
+On one surface, the depths of neighbouring pixels differ by an amount between the slopes of their
+faces. A larger difference, beyond vertex rounding and a pixel's footprint, is a silhouette; so
+planes at grazing angles have none, at any scale. A silhouette is drawn on the nearer pixel, an
+object boundary on that of the later object, a crease on the left or upper one.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """
-Sections: say what a section does, and draw the lines along which it cuts.
+Cross sections: report them, and draw section lines.
 
-A frame has it where the scene asks for it. The cut itself is geometry, made before anything is
-planned (`rasterjit.survey.sections`), and costs a frame what its objects cost: nothing here.
-Section lines are drawn over the finished picture, where colour is shown in 8 bits: as edges of a
-wireframe, hidden by what is nearer and by the solid that is cut, each pixel widened to a disc as
-those of outlines are.
+The cut itself is geometry, made before planning (`rasterjit.survey.sections`). Section lines are
+drawn over the finished picture, in 8-bit colour: like edges of a wireframe, occluded by nearer
+surfaces and by the cut solid, each pixel widened to a disc like those of outlines.
 """
 
 from __future__ import annotations

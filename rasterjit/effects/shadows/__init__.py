@@ -1,9 +1,10 @@
 """
-Shadows: what a light does not reach, by shadow maps.
+Shadows by shadow maps.
 
-A frame has them where a light with a shadow shines on something that anything may stand in the way
-of. The maps are drawn as any picture is, fitted to what is seen: a map of n x n texels holds 4 n n
-bytes, and takes the time of a picture of that size. Each sample compares its depth by each light.
+A frame has them where something may stand between a light with a shadow and a surface that it
+reaches. Maps are rasterized like any picture and fitted to the visible surfaces: a map of n x n
+texels takes 4 n n bytes, and the time of a picture of that size. Each sample is compared with the
+map of each light.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def receiver_passes(needs: ShadingNeeds) -> list[Pass]:
 
 
 class ShadowMaps(LooksAround):
-    """Let each light through as far as nothing is in its way."""
+    """Multiply each light by its visibility in its shadow map."""
 
     name = "shadows"
     key = "l"
@@ -125,7 +126,7 @@ class ShadowMaps(LooksAround):
         facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
         is_whole = plan.facts.in_view & facts.inventory.is_gouraud
-        # Behind glass, and between the centres of pixels, more is seen than the depth tells.
+        # Behind glass, and between pixel centres, more is visible than the depth buffer holds.
         is_open = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
@@ -211,7 +212,7 @@ class ShadowMaps(LooksAround):
         first, size, kind, sides = shadows.places[n].tolist()
         has_map = shadows.places[: n + 1, shadows_stage.FIRST] >= 0
         if first < 0:
-            # Do not let the shadow of the light before fall on this one.
+            # Reset: the row holds the shadow of the light before.
             return [fixed(shadows_stage.let_light_through)] if has_map[:-1][-1:].any() else []
         passes = []
         if has_map.sum() == 1 and not of_vertices:

@@ -1,14 +1,13 @@
 """
-Keep light from where surfaces touch: a filter lets it in behind a wall, over the foot of the wall.
+Remove light leaks at contacts: filters leak light where a wall meets the floor behind it.
 
-There the wall comes down to the plane of a sample. Texels beyond the line where both meet are lit,
-and of those before it some are nearer than the plane by less than the bias. So a filter draws the
-edge of the shadow across that line, up to three texels wide, and at the edges of a box it finds
-light inside.
+Texels beyond the contact line are lit, and some before it are nearer than the sample's plane by
+less than the bias. So a filter blurs the shadow's edge across the line, up to three texels wide,
+and light leaks in at the edges of a box.
 
-But the stored depth of a plane is linear over a map: three texels in a row tell whether they show
-one, how high it lies over the sample, and where it comes down. A sample whose own texel is nearer
-than its plane is dark if a plane covers it that comes down close by and is there all the way.
+But the stored depth of a plane is linear over a map: three texels in a row tell whether they show a
+plane, its height over the sample, and where it meets the sample's plane. A sample whose own texel
+is nearer than its plane is in shadow if such an occluding plane meets its own close by without gap.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ FLAT = np.float32(1.0 / 16.0)
 """Most that three texels in a row bend, as a share of their gain in depth, if they show a plane."""
 
 SURE = np.float32(0.25)
-"""How far behind the line where a plane comes down a sample is surely covered, texels."""
+"""Distance behind the contact line at which a sample is surely in shadow, texels."""
 
 TOUCHING = np.float32(4.0)
 """How far along a row or a column a plane may go on from a sample until it comes down, texels: what
@@ -182,7 +181,7 @@ def comes_down(
 @disjoint_helper
 def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share):
     """
-    Take all light from the unsure samples that touching surfaces cover.
+    Set unsure samples to shadow if a touching surface covers them.
 
     Of the planes around a sample the steepest one decides: across the line where it comes down.
     """
@@ -235,6 +234,6 @@ def mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsu
 
 @helper
 def close_contacts(u, v, depth, across, down, texels, size, sides, unsure, share):
-    """Take away the light that a filter lets in where surfaces touch."""
+    """Remove the light that a filter leaks where surfaces touch."""
     if mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsure) != 0:
         darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share)

@@ -1,8 +1,8 @@
 """
-Compare samples with the texels of a shadow map around them: one, 3 x 3, or all over a penumbra.
+Filter shadow maps: hard, PCF 3 x 3, or percentage-closer soft shadows (PCSS).
 
-A texel casts a shadow where what it holds is nearer to the light than the plane of the sample's
-own face there, by more than the bias [3]_. The maps of a light that has several lie one below the
+A texel occludes where it is nearer to the light than the plane of the sample's face there, by more
+than the bias (receiver plane depth bias) [3]_. The maps of a light with several lie one below the
 other; outside of them all is lit.
 
 References
@@ -27,8 +27,7 @@ DEPTH_ROUNDING = np.float32(2.0**-20)
 sixteen roundings of float32."""
 
 SEARCHED = np.float32(2.5)
-"""Least radius that is searched for what may shade a sample, texels: the narrowest penumbra, and
-what lies between the points that are looked at."""
+"""Least blocker search radius, texels: the narrowest penumbra, and gaps between search points."""
 
 SPREAD = np.float32(1.5)
 """How many times as far aside as the light's disk reaches is searched: what the points that are
@@ -130,11 +129,11 @@ def find_shading(
     u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer
 ):  # fmt: skip
     """
-    Look at the texel ``dx``, ``dy`` texels from each sample for what may shade it.
+    Test the texel ``dx``, ``dy`` texels from each sample as a blocker.
 
-    It does if it is nearer to the light than the plane of the sample's face, and hides some of the
-    light's disk: as seen from the sample not much farther aside than the disk reaches. It counts by
-    the share of the disk that it hides, with the texels around it that no other point looks at.
+    It is one if it is nearer to the light than the plane of the sample's face, and occludes some of
+    the light's disk as seen from the sample. It is weighted by the share of the disk that it hides,
+    with the texels around it that no other search point covers.
     """
     half, zero = np.float32(0.5), np.float32(0.0)
     last = np.float32(size - 1)
@@ -169,7 +168,7 @@ def compare_two(texels, at, plane, step, right):
 def read_penumbra(
     u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer, share
 ):  # fmt: skip
-    """Take away what one of the comparisons in the penumbra of each sample finds in shadow."""
+    """Subtract one comparison in the penumbra of each sample that is in shadow."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
     last, most = np.float32(size - 2), LARGEST_RADIUS * np.float32(size)
     for i in range(share.shape[0]):
@@ -259,7 +258,7 @@ def read_soft(
     u, v, depth, across, down, bias, texels, size, sides, widening, highest, pattern, spiral,
     found, nearer, share,
 ):  # fmt: skip
-    """Estimate the penumbra of each sample from what shades it, and compare all over it."""
+    """Estimate each sample's penumbra from its blockers, and filter over it (PCSS)."""
     if share.shape[0] == 0:
         return
     comparisons = np.float32(pattern.shape[0])

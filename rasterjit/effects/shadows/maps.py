@@ -1,5 +1,5 @@
 """
-Fit the shadow maps to what the camera sees, draw them, and make the sample points of soft shadows.
+Fit shadow maps to the visible part of the scene, draw them, and make soft shadow sample points.
 
 The part of space that a map shows is found from the depth buffer [1]_: the cells of a grid over the
 picture, each from its nearest to its farthest sample, are taken to the light's axes, and the map

@@ -1,12 +1,12 @@
 """
-Find the receivers of shadows: the point of each sample and the normal of its face, in float64.
+Compute shadow receivers: each sample's position and geometric normal, in float64.
 
 The corners of the faces are gathered, and points and normals found in world axes relative to the
 eye, once for all lights.
 
-A face turned away from a light is dark whatever its map says. One that is shaded smooth is lit
-where its vertex normals face the light, though the face itself turns away, and is then in the
-shadow of its neighbours: its points are moved out to the surface that the normals mean [1]_.
+With smooth shading, a face may be lit by its vertex normals though it turns away from the light
+itself. It would then be shadowed by its neighbours (the shadow terminator problem): its points are
+moved out to the smooth surface that the normals imply [1]_.
 
 References
 ----------

@@ -1,5 +1,5 @@
 """
-Find which share of a light reaches each sample, by its shadow map.
+Compute a light's visibility at each sample, by its shadow map.
 
 A map holds the stored depth (greater is nearer to the light) of the first surface along rays from
 the light, one for each texel's centre. Over a map the stored depth of a plane is linear: it is the
@@ -116,7 +116,7 @@ def held_slope(across, down, texel):
 
 @helper
 def bias_of(texel, gain, texels):
-    """Return how much nearer to the light something must be, in stored depth, to shade a plane."""
+    """Return the shadow bias of a plane, stored depth."""
     return texels * (texel + min(gain, SLOPING * texel)) + SNAPPING * gain
 
 
@@ -308,6 +308,6 @@ def filter_soft(
 
 @stage
 def let_light_through(block: Block, count):
-    """Let all of a light without a map reach each sample."""
+    """Write visibility 1, for a light without a map."""
     for n in range(np.uintp(count)):
         block.samples[SHADOW, n] = np.float32(1.0)

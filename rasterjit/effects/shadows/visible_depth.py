@@ -1,8 +1,8 @@
 """
-Find the cells of space that hold all that is seen, for shadow maps to be fitted to.
+Bound all visible surfaces by cells of space, to which shadow maps are fitted.
 
-The depth of the frame tells, pixel by pixel; where more is seen than that, behind glass and between
-the centres of pixels, the boxes around the objects do.
+Cells come from the depth buffer; where more is visible, behind glass and between pixel centres,
+from the boxes of objects.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """
-Tone mapping: expose light, and bring it into what a screen shows by a curve.
+Tone mapping: exposure, and a curve from scene to display light.
 
-A frame has it where light becomes 8-bit codes and the tone map changes any. Linear output stays as
-it is. Where a pixel is mixed of several faces, the mix is mapped, unless codes are mixed.
+A frame has it where colour is 8-bit and the tone map changes it. Linear output is not mapped.
+Pixels of several faces are resolved first, unless codes are blended.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """
-Expose light and bring it into what a screen shows, 0..1, by a tone curve.
+Apply exposure and a tone curve, to 0..1.
 
 The curve is data: a loop for each, so that the loops vectorize. What is below zero or no number
 gives what zero gives.
@@ -29,7 +29,7 @@ NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 """Curves, as ``ToneRecord.curve`` numbers them."""
 
 UNMAPPED = -1
-"""Stands for a curve where light is shown as it is, neither exposed nor held."""
+"""No tone mapping: neither exposed nor clamped."""
 
 MOST_LIGHT = np.float32(1e12)
 """Exposed light is clamped to this: float32 holds its square, and every curve is at its end."""

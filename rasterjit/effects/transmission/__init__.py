@@ -1,10 +1,10 @@
 """
-Transmission: what is seen through glass.
+Transmission: refraction through glass (``KHR_materials_transmission``).
 
-A frame has it where a metallic-roughness material in view lets light through. Then the picture is
-drawn twice: first without all that transmits and all that is blended, in linear light, then whole;
-samples that transmit look it up where the refracted ray leaves the body (``stage``). So glass is
-seen through one surface deep: other glass, and what is blended, does not show behind it.
+A frame has it where a metallic-roughness material in view transmits light. Then an opaque pass
+comes first, without transmitting and blended objects, in linear light; transmitting samples read it
+where the refracted ray leaves the volume (``stage``). So other glass, and blended objects, are not
+visible through glass.
 ``rendering.behind`` draws the first picture, and hands it to `Transmission.prepare`.
 """
 
@@ -32,7 +32,7 @@ LEAST_SIDE = 2
 """Texels: levels are halved as long as a side has that many."""
 
 BRIGHTEST = np.float32(1e30)
-"""Light that is brighter is taken to be so bright where it is seen through glass."""
+"""Clamp for light seen through glass."""
 
 ROWS_AT_ONCE = 8
 """Fewest rows of a level that a task makes."""

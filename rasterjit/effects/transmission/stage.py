@@ -1,11 +1,10 @@
 """
-See through glass: look up the picture of what lies behind it, where the refracted ray leads.
+Shade transmission: look up the opaque pass where the refracted ray leads.
 
-The light that a surface does not mirror goes into it. Of that, ``transmission`` is the share that
-goes through, tinted by the base colour; the rest comes back diffusely. What is seen there is the
-picture without all that transmits or is blended, in linear light [1]_: at the same pixel where the
-wall is thin, and else where the ray, bent by Snell's law at the surface, leaves the body after its
-thickness [2]_. Beer's law tints what goes through a body.
+Of the light that is not reflected, ``transmission`` is the share that passes, tinted by the base
+colour; the rest is diffuse. The background is the opaque pass in linear light [1]_: at the same
+pixel for thin walls, else where the ray, refracted by Snell's law, leaves the volume after its
+thickness [2]_. Beer's law attenuates light in a volume.
 
 Rough surfaces blur it: the picture is halved again and again, each time by the weights 1, 3, 3, 1
 over 8 in both directions, and a level is chosen by roughness and index of refraction, as the
@@ -222,7 +221,7 @@ def transmit(
     toward_viewer: float32[::1],
 ):  # fmt: skip
     """
-    Add what samples let through of the picture behind them.
+    Add the transmitted background to samples.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """
-Transparency: blended objects over what lies behind them.
+Order-independent transparency of blended objects.
 
-A frame has it where something blended in view has an alpha below 1. The transparent faces of each
-sample are found, shaded as any face is, and laid over each other; see ``rendering.layers``.
+A frame has it where a blended object in view has an alpha below 1. The transparent faces of each
+sample are sorted, shaded and composited; see ``rendering.layers``.
 """
 
 from __future__ import annotations

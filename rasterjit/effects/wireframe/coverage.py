@@ -1,5 +1,5 @@
 """
-Draw lines by how much of each pixel they cover.
+Draw antialiased lines by area coverage.
 
 A line is a rectangle one pixel wide. Its flat ends lie half a pixel beyond the two places that it
 joins, as the first and the last pixel of a Bresenham line reach beyond them: so lines that go on in
