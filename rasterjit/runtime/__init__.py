@@ -1,1 +1,1 @@
-"""Compile, keep, load and run kernels; share work among threads. Knows nothing of graphics."""
+"""Compile, cache, load and run kernels; run work on threads. Independent of graphics."""

@@ -1,7 +1,7 @@
 """
-Compile ahead, in other processes: compilers hold Python's lock, so threads are no faster than one.
+Compile kernels in background processes: compilers hold the GIL, so threads would not help.
 
-The processes share the store. Each claims there what it compiles, and the others wait for it. Only
+The processes share the store. Each locks there what it compiles, and the others wait for it. Only
 where files cannot be locked is anything compiled twice.
 """
 
@@ -35,13 +35,13 @@ work(float(patience))
 """Code of a worker process; it searches modules where this process does, and nowhere else."""
 
 WORTH_A_PROCESS = 6
-"""So many tasks take longer than a process takes to start."""
+"""Fewest tasks for which starting a process pays."""
 
 DECORATED = re.compile(r"^@(?:kernel|raw_kernel|stage)$", re.MULTILINE)
-"""How what is compiled begins."""
+"""Matches the decorators of compiled functions."""
 
 LINGER = 30.0
-"""Seconds that a process waits for more: one effect is often switched on after another."""
+"""Seconds that an idle process waits for more tasks: effects are often switched on one by one."""
 
 
 class Task(NamedTuple):
@@ -235,7 +235,7 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 class _Beside:
-    """The process that compiles beside this one; it ends when nothing was asked of it for long."""
+    """The background process that compiles; it ends when idle for long."""
 
     def __init__(self) -> None:
         self._lock = forks.lock()
@@ -286,7 +286,7 @@ atexit.register(_BESIDE.end)
 
 
 def _after_fork() -> None:
-    """Forget, in a forked process, what the threads that it lacks were doing."""
+    """Reset state in a forked process, which lacks the threads."""
     store.BEFORE_COMPILING.clear()
     _BESIDE.forget()
 
@@ -299,7 +299,7 @@ def beside(
     list_tasks: Callable[[], Sequence[Task]], threads: int | None = None, *, at_once: bool = False
 ) -> AbstractContextManager[None]:
     """
-    Let another process do tasks while this one compiles, within a ``with`` block.
+    Run tasks in a background process while this one compiles, within a ``with`` block.
 
     There is one such process, whoever asks. It starts with the first kernel that this process
     compiles, since most frames compile nothing; what follows soon finds it ready.

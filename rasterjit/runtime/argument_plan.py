@@ -1,5 +1,5 @@
 """
-Where a call's arguments keep what a state block takes of them: the plan of `packing.pack`.
+Build the plan by which `packing.pack` reads a call's arguments from Python's memory.
 
 CPython and NumPy keep tuples, arrays and numbers at fixed places (``PyTupleObject``,
 ``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan is a row of

@@ -1,4 +1,4 @@
-"""How long this process spent compiling and loading kernels."""
+"""Clocks for compiling, loading and stages."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ STOCK = None
 
 
 class _Way(threading.local):
-    """How this thread makes helpers: as drafts for a target, or `STOCK`."""
+    """Mode in which a thread compiles helpers: as drafts for a target, or `STOCK`."""
 
     target: Target | None = STOCK
 

@@ -1,5 +1,5 @@
 """
-Run a list of stages over blocks of samples, in machine code, without Python's lock.
+Run a list of stages over blocks of samples, in machine code, without the GIL.
 
 The first stage of a list fills a block and returns how many samples it holds, or -1 when there are
 no more. The others follow, one after the other, as long as the block holds any.
@@ -62,7 +62,7 @@ def _runner() -> Any:
 
 
 class _Layout:
-    """Where the arguments of some stages lie in a state block that holds those of all of them."""
+    """Layout of one state block for the arguments of several stages."""
 
     def __init__(self, stages: tuple[Stage, ...]) -> None:
         self.names = [stage.__name__ for stage in stages]
@@ -125,7 +125,7 @@ class StageList:
         self._layout.pack(tuple(own), self._state)
 
     def let_go(self) -> None:
-        """Keep no arguments alive until `renew`: it cannot run before."""
+        """Release the arguments; it cannot run until `renew`."""
         self.parts = ()
 
     def steps(self) -> Iterator[Step]:
@@ -176,12 +176,12 @@ class StageList:
 
 
 class BoundList(NamedTuple):
-    """Stages that machine code runs; keep it as long as its words are in use."""
+    """Stages that machine code runs; keep it alive while its words are in use."""
 
     words: tuple[int, int, int]
     """Address of `run_list`, and what it takes: the addresses of its table and of the block."""
     called: tuple[Any, ...]
-    """What is behind the addresses."""
+    """Owners of the memory behind the addresses."""
 
 
 def block_memory(kind: RecordType) -> NDArray[np.int64]:

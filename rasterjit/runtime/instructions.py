@@ -1,5 +1,5 @@
 """
-What the intrinsics are in LLVM's language. Imported when something compiles.
+Generate the LLVM IR of the intrinsics. Imported when something compiles.
 
 The problem: LLVM turns loops into vector instructions by itself, if it can prove that this changes
 nothing. Of the inner loops of a rasterizer it rarely can: which samples a row of a triangle covers

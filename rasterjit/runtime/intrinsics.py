@@ -1,5 +1,5 @@
 """
-Instructions that no loop compiles to, and what reads memory by its address.
+Declare intrinsics: vector instructions that LLVM does not generate from loops, and raw reads.
 
 A value is spread over neighbouring places; texels, four channels each, are copied and mixed: LLVM
 makes no vectors of a loop that reads where a row of numbers says. A part of a row is a slice that

@@ -1,5 +1,5 @@
 """
-The decorators of what is compiled, and how it is called.
+Define the decorators of compiled functions (kernels, stages, helpers), and how they are called.
 
 ``@kernel``
     A function that Python calls, or another kernel by its address (`Bound`): compiled once for each
@@ -77,10 +77,10 @@ STAGES: list[Any] = []
 """Every function decorated with ``@stage``, in order of definition."""
 
 MACHINE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-"""A compiled function, called without Python's lock."""
+"""A compiled function, called without the GIL."""
 
 LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
-"""The same, called with Python's lock: `packing.pack` looks into Python's objects."""
+"""The same, called with the GIL: `packing.pack` reads Python objects."""
 
 
 class Form:
@@ -212,7 +212,7 @@ class Bound:
     """
     A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_bound``).
 
-    Keep it as long as the words are in use: they are addresses of its memory.
+    Keep it alive while the words are in use: they are addresses of its memory.
     """
 
     def __init__(self, kernel: Any, *arguments: Any) -> None:
@@ -427,7 +427,7 @@ def raw_kernel(function: Callable) -> Any:
 
 def pack_with(pack: Any, is_right: Callable[[Callable[[int, int, int], int]], bool]) -> None:
     """
-    Pack arguments by machine code from now on; until then `pack_slowly` does.
+    Set the compiled packer of arguments; until then `pack_slowly` is used.
 
     Parameters
     ----------
@@ -445,7 +445,7 @@ _PACKERS: list[tuple[Any, Callable[[Callable[[int, int, int], int]], bool]]] = [
 
 @functools.cache
 def packer() -> Callable[[int, int, int], int]:
-    """Return what packs arguments as machine code; without it, what gives up."""
+    """Return the compiled packer of arguments; without it, a function that always fails."""
     for pack, is_right in _PACKERS:
         run = LOCKED_MACHINE(pack.address())
         if is_right(run):

@@ -1,5 +1,5 @@
 """
-Import the compiler, and Numba with it, so that the current folder has no say in what it makes.
+Import the compiler, and Numba with it, isolated from configuration in the current folder.
 
 Numba reads ``.numba_config.yaml`` in the current folder when it is imported, and again whenever it
 compiles: a file that came with a model could switch the compiler off. Environment variables are the

@@ -1,5 +1,5 @@
 """
-What RasterJIT uses of Numba besides its public interface: the reason stands where it is imported.
+Collect all uses of Numba's private interface, each with its reason.
 
 Stock Numba makes machine code of every helper, and again for each function that calls it. Here one
 stays a *draft* in LLVM's language, linked into kernels and optimized there. Without these: slower.

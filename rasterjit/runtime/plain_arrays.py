@@ -1,5 +1,5 @@
 """
-Arrays as kernels know them: an address and lengths, and strides unless they are contiguous.
+Define the array type of kernels: address, shape, and strides unless contiguous.
 
 Numba's own arrays also carry a size, the size of an element, an owner, a parent, and strides in any
 case. Every call passes all of that on, and every index takes it apart. Without it compiling takes a

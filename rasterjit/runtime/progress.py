@@ -1,4 +1,4 @@
-"""Say how far compiling is, where it takes long: one line, on a terminal or in a notebook."""
+"""Report the progress of compiling in one line, on a terminal or in a notebook."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Tell = Callable[[str], None]
 """Takes how far compiling is, as a text; an empty one when it is done."""
 
 PATIENCE = 2.0
-"""Seconds of compiling that are not spoken of."""
+"""Seconds of compiling before progress is reported."""
 
 BAR = 10
 """Characters of the bar."""

@@ -1,5 +1,5 @@
 """
-Machine code that came with the installation: a file for each level of CPUs (``targets``).
+Read prebuilt kernels that came with the installation: a file for each CPU level (``targets``).
 
 The platform wheels bring them in ``rasterjit/machine_code``; a clone and the pure wheel have none.
 A file holds every form of every kernel and stage, by the names that ``store`` has for them: a hash

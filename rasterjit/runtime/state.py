@@ -1,5 +1,5 @@
 """
-The state block of a kernel: its arguments as plain memory, and the types that lay it out.
+Define the state block of a kernel: its arguments as 64-bit words, and the types for its layout.
 
 A block is a row of 64-bit words. An array takes its address and the lengths of its axes, and the
 strides, too, unless it is C-contiguous; a number takes one word; a record (a tuple, named or not)

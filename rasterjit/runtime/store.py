@@ -1,5 +1,5 @@
 """
-The store of machine code: a file for each form of a kernel, and what brings one into memory.
+The kernel cache on disk: a file for each compiled form of a kernel, and its loader.
 
 The problem: a frame needs dozens of kernels, and each takes half a second to compile. Code that is
 kept must never be used where it does not belong: for other sources, another CPU, another type.
@@ -85,10 +85,10 @@ NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 COMPILER_FILES = (
     "compiler", "instructions", "intrinsics", "numba_internals", "plain_arrays", "state",
 )  # fmt: skip
-"""Files of this folder that every kernel follows from."""
+"""Files of this folder that every kernel depends on."""
 
 NOT_COMPILED = {"jit", "locks", "numba_alone", "shipped", "store", "targets", "versions"}
-"""Files of this folder that kernels import or are loaded by, and nothing follows from."""
+"""Files of this folder that do not affect compiled code."""
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -98,7 +98,7 @@ RETURNS = ("none", "int", "bool")
 
 
 class Header(NamedTuple):
-    """What an entry says of itself, a line of text."""
+    """The header of an entry, a line of text."""
 
     returns: str
     """One of ``RETURNS``."""

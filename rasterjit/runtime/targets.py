@@ -1,5 +1,5 @@
 """
-What machine code is for: this machine, or the CPUs that a wheel brings code for.
+Define compile targets: this machine, or the CPU levels that wheels contain code for.
 
 `PLATFORMS` is the table of those. A level is a set of features that many CPUs share; a CPU runs the
 code of the best level whose features it has. The bits of a picture are the same on all of them.

@@ -1,12 +1,11 @@
 """
-Threads that stay awake from one step of a frame to the next, and make calls of machine code.
+Spinning threads that make calls of machine code, from one step of a frame to the next.
 
-To wake a thread takes longer than most steps of a small frame. Those of a team wait in machine
-code, without Python's lock, for what comes next: a call is taken by the first that is free. They
-go to sleep when nothing has come for a while.
+Waking a thread takes longer than most steps of a small frame. The threads of a team spin in machine
+code, without the GIL; the first free one takes a call. They sleep when idle for a while.
 
-Which call comes next, and how many there are, is one word, the ticket: who takes a call raises it
-by one, in one step, so that no call is made twice, and none of a step that is over.
+The next call and the number of calls are one word, the ticket. Taking a call is an atomic increment
+of it, so no call is made twice, and none of a finished step.
 """
 
 from __future__ import annotations
@@ -105,7 +104,7 @@ def add_call(team, first, stop):
 
 @raw_kernel
 def drop_calls(team, first, stop):
-    """Let no call be made any more of those that nobody has begun; they count as made."""
+    """Cancel the calls that no thread has begun; they count as made."""
     mask = np.int64(MOST_CALLS)
     while True:
         ticket = load_shared(team + TICKET)
@@ -255,7 +254,7 @@ class Team:
         return most
 
     def dismiss(self) -> None:
-        """Let the others stop to wait."""
+        """Stop the other threads from spinning."""
         self._words[LEAVE // WORD] = 1
 
 

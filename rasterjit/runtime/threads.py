@@ -1,7 +1,7 @@
 """
-Share work among threads, by rows and by tasks, and memory among frames.
+Thread pool for rows and tasks, and memory that is reused from frame to frame.
 
-The tasks write to places of their own, so the result has the same bits for any number of threads.
+Tasks write to disjoint memory, so the result has the same bits for any number of threads.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PIXELS_PER_TASK = 1 << 15
 """About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
 
 TASKS_PER_THREAD = 8
-"""More than one, so that no thread with costly tasks keeps the others waiting for long."""
+"""Tasks per thread: more than one, to balance uneven tasks."""
 
 
 class Workers:
@@ -196,7 +196,7 @@ class Workers:
             raise RuntimeError("close() was called while a frame was being drawn")
 
     def close(self) -> None:
-        """Let the threads go, and do not wait: who still draws is told by a ``RuntimeError``."""
+        """Shut the threads down without waiting; who still draws gets a ``RuntimeError``."""
         self._closed += 1
         pool, self._pool = self._pool, None
         if self._team is not None:
@@ -250,7 +250,7 @@ def available_processors() -> int:
 
 class Memory:
     """
-    Blocks of memory that go from one frame to the next.
+    A pool of memory blocks, reused from frame to frame.
 
     New memory is slow: the system clears every page of it when it is first touched. An array from
     here is an ordinary array that owns its numbers for as long as anyone holds it or a view of it;
@@ -282,7 +282,7 @@ class Memory:
 
     def next_frame(self) -> None:
         """
-        Let go of blocks that the last frames did not take.
+        Free blocks that the last frames did not use.
 
         Some may be held, by frames that are kept: they would be looked at in vain ever after.
         """
@@ -304,7 +304,7 @@ class Memory:
 
 
 class ReusedMemory:
-    """Memory for what is bound: what one part of a picture takes, the next takes again."""
+    """Memory for recorded calls: each part of a picture reuses that of the part before."""
 
     def __init__(self) -> None:
         self._rooms: list[NDArray[Any]] = []
@@ -328,10 +328,10 @@ class ReusedMemory:
 
 class Kept:
     """
-    What one picture leaves for the next: arrays and other things, by name.
+    Cache of arrays and other things from one picture to the next, by name.
 
-    Of each name there is one thing, which is kept as long as all that it was made of is the same
-    (`are_same`). It is for one picture at a time: the next one writes to the same arrays.
+    An entry is valid while all its inputs are the same (`are_same`). It serves one picture at a
+    time: the next one writes to the same arrays.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ class Kept:
 
 
 PLAIN = frozenset((bool, int, str, bytes, np.int64))
-"""Types of things that are the same if they are equal."""
+"""Types that are compared by value."""
 
 
 def are_same(one: Any, other: Any) -> bool:
