@@ -1,4 +1,4 @@
-"""Render what moves, one frame for each time, and write the frames as they come."""
+"""Render animations, one frame for each time, and write frames as they are drawn."""
 
 from __future__ import annotations
 

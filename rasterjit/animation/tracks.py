@@ -1,5 +1,5 @@
 """
-Move cameras, objects and shapes in time: by keys, or around a scene.
+Animate cameras, transforms and morph weights: by key frames, or around a scene.
 
 SciPy draws the curves. ``"linear"`` joins the keys by straight lines and turns at a constant speed
 (spherical linear interpolation of quaternions); ``"smooth"`` goes through the same keys without a

@@ -1,5 +1,5 @@
 """
-Draw many lines band by band, each band of rows small enough to stay in a core's own cache.
+Draw many lines binned by bands of rows, each small enough to stay in a core's own cache.
 
 Random lines touch the whole picture, and a picture of 8 MB waits for memory at most pixels. So the
 lines are first *binned*: each band of rows gets the list of the lines that may touch it, in order.

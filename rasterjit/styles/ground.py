@@ -1,5 +1,5 @@
 """
-The shadow of a scene on a ground that is not there: a picture to draw the scene before.
+Shadow catcher: draw a scene's shadow on an invisible ground, as a background image.
 
 The ground is the plane under the lowest point. Nothing lies below it, so what stands in the way of
 a light is all that covers a point of the plane, looked at along the light: one picture of face

@@ -1,4 +1,4 @@
-"""Scenes whose meshes are painted anew."""
+"""Recolour the meshes of scenes."""
 
 from __future__ import annotations
 

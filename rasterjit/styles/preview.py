@@ -1,4 +1,4 @@
-"""Pictures of scenes and meshes, as notebooks show them."""
+"""Render small previews of scenes and meshes, for notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a style is: a scene made ready, and what to render it with."""
+"""Define a style: a prepared scene, and the arguments to render it with."""
 
 from __future__ import annotations
 
