@@ -1,4 +1,4 @@
-"""The facts that decide what a frame needs: its scene, camera and outputs, looked at once."""
+"""Analyse scene, camera and outputs once: the facts that decide what a frame needs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ NORMAL_OUTPUTS = ("normal", "normal_camera")
 @dataclass(frozen=True, eq=False, repr=False)
 class Facts:
     """
-    What is known of a scene and the outputs when a frame is planned.
+    Properties of a scene and the outputs that planning depends on.
 
     What a scene asks for is kept as it was asked, used or not. A picture that the frame is made of
     has its own outputs; the transparency and lights found for the whole frame are those of it too.
@@ -201,7 +201,7 @@ class Facts:
 
     @cached_property
     def tones(self) -> ToneMap | None:
-        """How light is brought into codes; None where that changes none, or none are shown."""
+        """The tone map; None where it changes nothing, or no 8-bit colour is output."""
         tones = self.asked["tone_map"]
         has_codes = "color" in self.whole_outputs or self.mixes_codes
         return None if tones is None or tones.is_neutral or not has_codes else tones
@@ -218,7 +218,7 @@ class Facts:
 
     @cached_property
     def needs_alpha_tests(self) -> bool:
-        """Whether faces are drawn with their holes."""
+        """Whether faces are alpha-tested."""
         return self.finds_faces and self.seen.cut_out > 0
 
     @cached_property
@@ -244,7 +244,7 @@ class Facts:
 
     @cached_property
     def shades_through_holes(self) -> bool:
-        """Whether shadow maps are drawn with holes: what is out of view casts shadows as well."""
+        """Whether shadow maps are alpha-tested: objects out of view cast shadows as well."""
         return self.casts_shadows and self.contents.cut_out > 0
 
     @cached_property
@@ -306,17 +306,17 @@ class Facts:
 
     @cached_property
     def blurs_behind(self) -> bool:
-        """Whether any object blurs what is seen through it: in view or not, as in all pictures."""
+        """Whether any object, in view or not, blurs its background."""
         return self.contents.rough_glass > 0
 
     @cached_property
     def needs_layers(self) -> bool:
-        """Whether anything lit has varnish, fibres, or a mirror of its own."""
+        """Whether anything lit has a clearcoat, sheen or custom specular."""
         return self.is_lit and self.seen.has_layers
 
     @cached_property
     def needs_maps(self) -> bool:
-        """Whether more lies over the objects than a base colour."""
+        """Whether material maps besides base colour are read."""
         return self.shades and self.seen.has_maps
 
     @cached_property

@@ -1,9 +1,9 @@
 """
-Decide which lights reach what is seen and which cast shadows there, and why.
+Cull lights: decide which reach visible objects, and which cast shadows there, and why.
 
-What is known when a frame is planned are the boxes around the objects. A light is left out if it
-is black or surely reaches none that may be seen, and casts no shadows if surely nothing lies
-between. What is left is the row of each light that kernels read; the maps are fitted when it is
+Planning knows the boxes around the objects. A light is culled if it is black or surely reaches no
+object in view, and casts no shadows if surely nothing lies between. The others become rows that
+kernels read; shadow maps are fitted when it is
 known what is seen.
 """
 
@@ -87,7 +87,7 @@ HEADLIGHT_AMBIENT = 0.1
 
 
 class PlannedLights(NamedTuple):
-    """The lights that reach what is seen."""
+    """The lights that reach visible objects."""
 
     lights: tuple[Light, ...]
     """As the scene has them; one that casts no shadow there has none."""
@@ -207,7 +207,7 @@ def has_cube(light: Light) -> bool:
 
 
 class _Scenery:
-    """What lights fall on and what stands in their way, relative to the eye."""
+    """Receivers and casters of light, as boxes relative to the eye."""
 
     def __init__(self, boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures) -> None:
         self._boxes = boxes
@@ -539,7 +539,7 @@ def _ending(end: float | None) -> float:
 
 
 def most_light(lights: Sequence[Light], environment: Environment | None) -> float:
-    """Return what a white surface shows at most in some light; infinite where lamps shine."""
+    """Return the largest light a white surface reflects; infinite with positional lights."""
     total = 0.0 if environment is None else environment.brightest
     for light in lights:
         if isinstance(light, PointLight | SpotLight):
@@ -564,7 +564,7 @@ def _headlight_way(camera: Camera) -> tuple[float, ...]:
 
 
 def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lighting:
-    """Return `lighting_of` the `headlight` of a camera, without making its lights anew."""
+    """Return `lighting_of` the `headlight` of a camera, without creating its lights again."""
     made = _any_headlight()
     rows = made.lights.copy()
     rows[0, :3] = [-x for x in unit_vector("direction", _headlight_way(camera))]

@@ -1,5 +1,5 @@
 """
-The matrices of many views at once: what ``placement`` finds of one, with the same bits.
+Compute the matrices of many views at once: ``placement`` batched, with the same bits.
 
 Every operation is that of the function named, in its order; N views, O objects.
 """
@@ -38,7 +38,7 @@ class ManyViews(NamedTuple):
 
 class Group:
     """
-    Some views of a scene, as effects and lights look at them: `placement.Boxes` of each.
+    Views of a scene for effects and lights: `placement.Boxes` batched.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 """
-The rows of ``explain`` that follow from materials, lights and arguments, in words.
+Define the rows of ``explain`` about materials, lights and arguments.
 
 They have no stages of their own: surfaces and lights are what every picture is shaded with.
 """

@@ -1,4 +1,4 @@
-"""Decide what materials, textures and lights are under a quality that sets something for all."""
+"""Apply a quality's overrides to materials, textures and lights."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COARSER: dict[str, dict[str, str]] = {
     "vertex": {"phong": "gouraud"},
     "face": {"phong": "flat", "gouraud": "flat"},
 }
-"""What each ``Quality.shading`` puts in the place of ways of shading that are finer."""
+"""Replacements of finer shading models, by ``Quality.shading``."""
 
 TAPS = {1: "hard", 9: "pcf"}
 """The filter of shadows with so many comparisons."""
@@ -27,7 +27,7 @@ AS_MESHES_SAY = ("pixel", None, False)
 
 
 class Relooked:
-    """A mesh of another material; all else is that of the mesh, and kept there."""
+    """A proxy of a mesh with another material."""
 
     def __init__(self, mesh: Mesh, material: Material) -> None:
         self.mesh = mesh

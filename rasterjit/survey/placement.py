@@ -1,7 +1,7 @@
 """
-Find where the objects of a scene stand: their matrices, their boxes, and which a camera may see.
+Compute the objects' transforms and bounding boxes, and cull them against the view frustum.
 
-The one place where boxes are held against the view volume.
+The only place where boxes are tested against the frustum.
 
 An object is out of view where the box around it surely lies beyond one of the six planes. What is
 not sure counts as in view.
@@ -30,20 +30,20 @@ from rasterjit.scene.validation import finite_array
 Float64 = NDArray[np.float64]
 
 ROUNDING = 2.0**-40
-"""What a box must lie beyond a plane by, as a share of the terms that are added up to say so: far
-more than float64 rounds them by. Snapping moves no vertex over the border of the picture."""
+"""Distance beyond a plane required for culling, relative to the terms summed: far above float64's
+rounding error. Snapping moves no vertex over the border of the picture."""
 
 CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """Which end of its box each corner lies at, by axis."""
 
 KNOWN_CAMERAS = frozenset((PerspectiveCamera, OrthographicCamera, MatrixCamera))
-"""Those whose poses are checked when they are made; not cameras that are made of them."""
+"""Cameras whose poses are checked on construction; not subclasses."""
 
 LAST_ROW = [0.0, 0.0, 0.0, 1.0]
 """Of an affine matrix."""
 
 FEW = 8
-"""Objects of which each is looked at by itself at first, in plain numbers: NumPy takes longer."""
+"""Most objects that are tested one by one in plain Python: NumPy takes longer."""
 
 EVENNESS = 2.0**-12
 """Share by which the squared lengths of an object's axes may differ, and their cosines: light on
@@ -52,7 +52,7 @@ normals that are as much too long or too short is a sixteenth of a code of 8 bit
 
 class Extents:
     """
-    How far the objects of a scene reach from where they stand, which no camera changes.
+    World-space extents of a scene's objects, independent of the camera.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Extents:
 
 
 class Measures(NamedTuple):
-    """How the boxes around objects lie to the planes of a view; (N, O) of N views for each (O,)."""
+    """Positions of object boxes relative to a view's planes; (N, O) of N views for each (O,)."""
 
     inside: Float64
     """How far inside of each plane a box reaches, clip space: far at 2, near at 5, (6, O)."""
@@ -175,7 +175,7 @@ def measure_boxes(
     extents: Extents, relative_from_model: Float64, clip_from_relative: Float64
 ) -> Measures:
     """
-    Hold the boxes around objects against the planes of a view, or of each of N.
+    Test the boxes of objects against the planes of a view, or of each of N.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def measure_boxes(
 
 class Boxes:
     """
-    The boxes around the objects of a scene, seen from the eye of a camera.
+    The bounding boxes of a scene's objects, relative to a camera's eye.
 
     Parameters
     ----------
@@ -451,7 +451,7 @@ def box_around(boxes: Float64, matrices: Float64) -> tuple[Float64, Float64]:
 
 
 class Views(NamedTuple):
-    """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
+    """The matrices of all objects, relative to the eye for precision."""
 
     relative_from_model: NDArray[np.float64]
     """(O, 4, 4): world axes, origin at the eye."""
@@ -468,7 +468,7 @@ class Views(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Where the objects stand in the world, which no camera changes."""
+    """The objects' world transforms, independent of the camera."""
 
     world_from_model: NDArray[np.float64]
     """(O, 4, 4)."""
@@ -641,7 +641,7 @@ def cull_objects(
     is_single_sided: NDArray[np.bool_], sideless: tuple[int, ...] = (),
 ) -> Objects:  # fmt: skip
     """
-    Return which faces of each object are dropped; see `culled_turns`.
+    Return the winding of each object that is culled; see `culled_turns`.
 
     Takes the numbers of the objects that have no sides, of which none is.
     """
@@ -655,7 +655,7 @@ def culled_turns(
     is_single_sided: NDArray[np.bool_],
 ) -> NDArray[np.int8]:  # fmt: skip
     """
-    Return which way the faces of each object turn that are dropped (+1: clockwise), (O,).
+    Return the winding that is culled of each object (+1: clockwise), (O,).
 
     Single-sided objects lose their back faces, unless front faces are asked to be dropped. Of N
     views (N, O), if ``screen_turn`` is (N, 1).

@@ -1,4 +1,4 @@
-"""What one frame consists of, as plain data; see ``rendering.plan`` for how it is decided."""
+"""Define a frame's plan as plain data; ``rendering.plan`` makes it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class RenderPlan(Printed):
     """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
     frame is the picture."""
     previous: RenderPlan | None = None
-    """What the scene was seen like before; ``None`` -> nobody asks."""
+    """The plan of the earlier view, for motion; ``None`` -> not requested."""
     surfaces: int | None = None
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
@@ -79,9 +79,9 @@ class RenderPlan(Printed):
     hidden: NDArray[np.bool_] | None = None
     """The objects that this picture leaves out, (O,); ``None`` -> none."""
     look: BesidePlanes = NO_LOOK
-    """What is seen beside the near and the far plane."""
+    """Depths in view outside the near and the far plane."""
     view: CameraView | None = None
-    """What the camera sees, for who asks; ``None`` -> nobody does."""
+    """Description of the camera's view; ``None`` -> not requested."""
     drawn: tuple[dict[str, Any], ...] | None = None
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
@@ -160,7 +160,7 @@ class RenderPlan(Printed):
 
     @cached_property
     def shading(self) -> ShadingNeeds:
-        """What decides which passes shade it."""
+        """The requirements that select its shading passes."""
         return shading_needs(self.facts, self.layers, self.lighting)
 
     @property
@@ -250,7 +250,7 @@ class RenderPlan(Printed):
 
     @property
     def visibility(self) -> Wanted:
-        """What of the visible faces outlives their drawing, and how they are found."""
+        """Which results of visibility are kept, and how it runs."""
         return Wanted(
             depth=self.needs_depth,
             lists=self.keeps_lists,
@@ -262,7 +262,7 @@ class RenderPlan(Printed):
 
     @cached_property
     def keeps_faces(self) -> bool:
-        """Whether anything looks at the face of a pixel again when that is shaded."""
+        """Whether face numbers are read again after shading."""
         facts = self.facts
         after = self.layers is not None or facts.diagnose or facts.shades_points
         later = self.at("overlay") or self.at("background")
@@ -271,7 +271,7 @@ class RenderPlan(Printed):
 
     @property
     def is_affine(self) -> bool:
-        """Whether values are interpolated on the screen, not on the face."""
+        """Whether interpolation is affine, not perspective-correct."""
         return self.quality.interpolation == "affine"
 
     def __str__(self) -> str:

@@ -1,9 +1,8 @@
 """
-Pose the meshes of a scene: what its skins and morph weights make of them.
+Deform the meshes of a scene by skins and morph weights.
 
-All that draws, measures or asks a scene takes it posed. A posed mesh is kept with its node and is
-the same object as long as the pose is the same, so that what else follows from it is kept, too.
-Where nothing can be posed, there is nothing to do.
+Whatever draws or measures a scene uses deformed meshes. They are cached with their nodes and stay
+the same object while the pose is the same, so that data derived from them is cached, too.
 
 A mesh with a skin is posed in world space. So that float32 has all its digits, one that is far from
 the origin, beside its size, is stored from its own middle on; one that all joints mirror is stored

@@ -82,7 +82,7 @@ CORNERS = np.arange(3)
 
 
 class CutMesh(Mesh):
-    """What is left of a mesh; all that belongs to its vertices follows from that mesh."""
+    """A cut mesh; its vertex attributes are interpolated from the original."""
 
     _whole: Mesh
     _recipe: CutRecipe
@@ -105,7 +105,7 @@ class CutMesh(Mesh):
 
 
 class Cut(NamedTuple):
-    """What the numbers of a cut scene mean in the scene that was cut."""
+    """Mapping of face, object and vertex numbers of a cut scene to the original scene."""
 
     planes: tuple[SectionPlane, ...]
     face_starts: Int64
@@ -166,7 +166,7 @@ class CutNodes(list[Node]):
 
 
 class CutScene(Scene):
-    """A scene whose objects are what is left of those of another one."""
+    """A scene cut by its section."""
 
     _whole: Scene
 
@@ -194,7 +194,7 @@ class Parts(NamedTuple):
 
 
 class CutRecipe(NamedTuple):
-    """How the vertices of a cut mesh follow from those of the whole one."""
+    """Recipe by which a cut mesh's vertices are interpolated from the original's."""
 
     steps: tuple[tuple[Int64, Int64, Float64], ...]
     """Of each generation: vertices between which the new ones lie, and how far along."""

@@ -1,4 +1,4 @@
-"""Decide what shades a picture: which passes its materials, lights and layers call for."""
+"""Derive the requirements of shading from a picture's materials, lights and layers."""
 
 from __future__ import annotations
 
