@@ -151,7 +151,7 @@ def test_light_is_that_of_the_extensions(name, light):
 
 
 def test_the_table_of_fibres_is_the_integral_of_their_light():
-    for roughness, root in itertools.product((0.0, 0.2, 0.4, 0.6, 0.8, 1.0), (0.2, 0.4, 0.8, 1.0)):
+    for roughness, root in itertools.product((0.0, 0.2, 0.6, 1.0), (0.2, 0.8, 1.0)):
         want = naive_layered.sheen_albedo(roughness, root * root)
         assert table_albedo(roughness, root * root) == pytest.approx(min(1.0, want), abs=0.004)
 
@@ -222,7 +222,7 @@ def test_fibres_take_the_sky_as_their_lobe_does_by_and_large():
         material = material_of(own._replace(specular_factor=0.0))
         frame = drawn(scene_of(ball(material), environment=sky), "normal")
         found, wanted = [], []
-        for row, column in np.argwhere(frame.face_id >= 0)[::7]:
+        for row, column in np.argwhere(frame.face_id >= 0)[::21]:
             normal = frame.normal[row, column].astype(float)
             if normal[2] < 0.1:
                 continue
