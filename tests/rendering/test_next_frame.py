@@ -100,6 +100,19 @@ def test_a_frame_after_another_effect_is_that_of_a_fresh_renderer(field):
     assert len(seen) == 3
 
 
+@pytest.mark.parametrize(
+    ("option", "values"),
+    [("background", ("red", "blue", None)), ("cull", ("back", "front", "none"))],
+)
+def test_a_frame_of_another_option_is_that_of_a_fresh_renderer(option, values):
+    scene, asked = changing_scene(), Asked()
+    with renderers() as drawing:
+        for value in values:
+            asked.ask(**{option: value})
+            for _ in range(2):
+                drawing.check(scene, [walk(1), walk(2)], asked)
+
+
 @pytest.mark.parametrize("outputs", [("color", "object_id"), ("linear", "normal", "depth")])
 def test_frames_after_any_changes_are_those_of_a_fresh_renderer(outputs):
     random = np.random.default_rng(6)
