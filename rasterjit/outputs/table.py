@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence, Set
-from typing import Literal, NamedTuple, NewType, TypeAlias, get_args
+from typing import Literal, NamedTuple, NewType, TypeAlias, TypeGuard, get_args
 
 from rasterjit.outputs import motion_stage
 from rasterjit.pipeline.geometry import barycentric
@@ -157,7 +157,7 @@ def is_attribute(name: object) -> bool:
     return isinstance(name, str) and name.startswith(ATTRIBUTE) and name != ATTRIBUTE
 
 
-def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
+def check_outputs(outputs: Outputs | Sequence[str]) -> tuple[AnyOutput, ...]:
     """Return the outputs without repeats, or raise ``ValueError`` naming one that is unknown."""
     if isinstance(outputs, str):
         outputs = (outputs,)
@@ -165,13 +165,20 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
         raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
     if not outputs:
         raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
+    found: dict[AnyOutput, None] = {}
     for output in outputs:
-        if output not in OUTPUTS and not is_attribute(output):
+        if not _is_output(output):
             raise ValueError(
                 f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
                 f"and {ATTRIBUTE}NAME of an attribute of meshes{question(output, OUTPUTS)}"
             )
-    return tuple(dict.fromkeys(outputs))
+        found[output] = None
+    return tuple(found)
+
+
+def _is_output(name: object) -> TypeGuard[AnyOutput]:
+    """Tell whether a name is that of an output."""
+    return name in OUTPUTS or is_attribute(name)
 
 
 def shape_of(

@@ -8,24 +8,50 @@ arrays of a picture.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline import records
 from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
 from rasterjit.runtime.driver import Step
 from rasterjit.runtime.jit import Stage
+
+if TYPE_CHECKING:
+    # A pass is listed only where what it reads is there: here no part is None.
+
+    class PlannedFields(records.Fields):
+        """Fields with contours."""
+
+        contours: records.Levels
+
+    class PlannedSurface(records.Surface):
+        """A surface with all of its records."""
+
+        textures: records.Textures
+        maps: records.Maps
+        alphas: records.Alphas
+        microfacets: records.Microfacets
+        fields: PlannedFields
+        through: records.Through
+        layers: records.Layers
+
+    class PlannedLighting(records.Lighting):
+        """Lighting as pyrender has it."""
+
+        imitated: records.Imitated
 
 
 class ShadingArrays(NamedTuple):
     """Arrays of a picture that passes read."""
 
-    geometry: Geometry | None
-    """None: vertices are shaded."""
+    geometry: Geometry
+    """None, where vertices are shaded, whose passes read none."""
     placement: Placement
-    surface: Surface
-    lighting: Lighting | None
+    surface: PlannedSurface
+    lighting: PlannedLighting
+    """None, where nothing is lit."""
     viewer: NDArray[np.float32]
     """(4,) float32: ``placement.toward_viewer``."""
     seen: Placement

@@ -246,7 +246,9 @@ def check_transforms(transforms: Any, count: int, scene: Scene) -> NDArray[np.fl
 
 def from_posed(places: NDArray[np.float64] | None, scene: Scene) -> NDArray[np.float64] | None:
     """Return transforms of objects from where posed meshes are stored; see `survey.posing`."""
-    for number, node in enumerate(scene.nodes if places is not None else ()):
+    if places is None:
+        return None
+    for number, node in enumerate(scene.nodes):
         if node.mesh._is_in_world and not np.array_equal(node.world_from_model, np.eye(4)):
             stored = np.broadcast_to(node.world_from_model, (len(places), 4, 4))
             places = places.copy()
@@ -543,9 +545,9 @@ def check_arguments(
     what: Any,
     size: tuple[int, int],
     quality: Quality | None,
-    outputs: Sequence[str],
+    outputs: Outputs,
     background: Any,
-    cull: str,
+    cull: plan.Cull,
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
     scene = posed_scene(as_scene(what))

@@ -380,6 +380,7 @@ class Reference:
         self._swept: tuple[NDArray[np.float32], ...] = ()
         self._seconds: dict[str, float] = {}
         self._change: NDArray[np.float32] | None = None
+        self._light: NDArray[np.float32]
         self.pictures = 0
 
     def draw(self, pictures: int) -> None:

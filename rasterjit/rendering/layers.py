@@ -88,8 +88,15 @@ class Shader(NamedTuple):
     """Transfer function of codes."""
     plain: tuple[NDArray[np.uint32], int] | None = None
     """The constant code of each object, (O,), and of the background; ``None`` -> shade."""
-    shading: Shading | None = None
-    """The stages, made by `ready` when nothing above changes any more."""
+    stages: Shading | None = None
+    """Made by `ready` when nothing above changes any more."""
+
+    @property
+    def shading(self) -> Shading:
+        """The stages; raises ``RuntimeError`` before they are made."""
+        if self.stages is None:
+            raise RuntimeError("the stages of a shader are made by ready()")
+        return self.stages
 
     def of_plain_codes(self) -> Shader:
         """Return this shader for constant-colour objects over an opaque background colour."""
@@ -106,8 +113,8 @@ class Shader(NamedTuple):
         read = self.needs, self.geometry, self.placement, self.surface, self.lighting, self.effects
         encoding, background = self.encoding, self.background
         if kept is None or not kept.lasts:
-            return self._replace(shading=Shading(*read, encoding, background, viewer))
-        lighting, viewer = self.lighting, self.placement.toward_viewer
+            return self._replace(stages=Shading(*read, encoding, background, viewer))
+        lighting = self.lighting
         if lighting is not None:
             # Lights lie relative to the eye.
             lighting = lighting._replace(
@@ -115,12 +122,12 @@ class Shader(NamedTuple):
                 ambient=kept.copied("light from all around", lighting.ambient),
                 imitated=_kept_imitated(lighting.imitated, kept),
             )
-        shading = kept.made(
+        stages = kept.made(
             "stages", Shading, *read[:4], lighting, self.effects, encoding,
             kept.made("color behind", _color_of, background.tobytes()),
-            kept.copied("viewer", viewer, np.float32),
+            kept.copied("viewer", self.placement.toward_viewer, np.float32),
         )  # fmt: skip
-        return self._replace(shading=shading)
+        return self._replace(stages=stages)
 
     @property
     def has_behind(self) -> bool:
@@ -146,9 +153,10 @@ class Shader(NamedTuple):
         if self.has_codes:
             color = memory.empty(shape if self.has_behind else (1, 1), np.uint32)
             self.code_backdrop(first_row, color)
-            codes = color.view(np.uint8).reshape(*color.shape, 4).astype(np.float32)
-            codes[:, :, 3] /= np.float32(255.0)
-            return codes
+            codes = color.view(np.uint8).reshape(*color.shape, 4)
+            backdrop = codes.astype(np.float32)
+            backdrop[:, :, 3] /= np.float32(255.0)
+            return backdrop
         if not self.has_behind:
             return self.background.reshape(1, 1, 4)
         linear = memory.empty((*shape, 4), np.float32)
@@ -315,7 +323,7 @@ def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) ->
     """Resolve some rows of opaque faces at several samples."""
     most = max(ROWS_MIXED_AT_ONCE, PIXELS_MIXED_AT_ONCE // band.opaque.shape[2])
     for part in parts_of(len(target.color), most):
-        some = ColorRows(*(image[part] for image in target))
+        some = ColorRows(target.linear[part], target.color[part])
         rows = part.start, part.start + len(some.color)
         mix_samples(AT_ONCE, shader, band.opaque, rows, band.first_row, some, memory)
 
@@ -393,7 +401,10 @@ def is_direct(layers: PixelLayers, has_mixed: bool) -> bool:
 
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that `shade` and `shade_codes` call besides stages."""
-    layers, rows, kernels = plan.layers, shared_kernels(plan), []
+    layers = plan.layers
+    if layers is None:
+        return []
+    rows, kernels = shared_kernels(plan, layers), []
     has_samples, codes = layers.samples != 1, layers.mixes_codes
     if layers.has_blended and codes:
         kernels = [encoded.hide_behind, encoded.lay_codes]
@@ -413,9 +424,8 @@ def kernels_of(plan: RenderPlan) -> Rows:
     return rows
 
 
-def shared_kernels(plan: RenderPlan) -> Rows:
+def shared_kernels(plan: RenderPlan, layers: PixelLayers) -> Rows:
     """Return the kernels that find the faces of pixels and resolve opaque ones."""
-    layers = plan.layers
     rows = bands.kernels_of(layers.samples, plan.depth_format.kind)
     if layers.samples == 1:
         return rows
@@ -505,7 +515,8 @@ def shade_rows(
         return
     for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
         start, levels = band.first_row - rows[0], band.transparent.shape[1]
-        part = ColorRows(*(image[start : start + band.opaque.shape[1]] for image in target))
+        rows_of_band = slice(start, start + band.opaque.shape[1])
+        part = ColorRows(target.linear[rows_of_band], target.color[rows_of_band])
         if plan.in_order and levels > 1:
             drawing_order.keep_drawn(band.transparent)
         if plan.samples != 1 and shader.plain is not None:
@@ -514,8 +525,8 @@ def shade_rows(
         elif plan.samples != 1 and levels == 0:
             mix_opaque(band, shader, part, memory)
         elif shader.has_codes:
-            lay = lay_codes if plan.samples == 1 else mix_codes
-            lay(band, shader, part.color, memory)
+            lay_in_codes = lay_codes if plan.samples == 1 else mix_codes
+            lay_in_codes(band, shader, part.color, memory)
         else:
             lay = lay_layers if plan.samples == 1 else mix_layers
             lay(band, shader, part.linear, memory)

@@ -58,7 +58,7 @@ from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.camera_view import ThroughLens
 from rasterjit.survey.clip_planes import join
-from rasterjit.survey.effect import Bends, FrameContext, look_around
+from rasterjit.survey.effect import Bends, FrameContext, Planned, look_around
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 
@@ -160,7 +160,7 @@ def plan_lensed(
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
         one._replace(data=one.effect.bent(one.data, eye, pixels))
-        if one.used and isinstance(one.effect, Bends)
+        if isinstance(one, Planned) and isinstance(one.effect, Bends)
         else one
         for one in whole[0].plan.effects
     )

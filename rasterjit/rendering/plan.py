@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import diagnostics, fill, motion, table
-from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
+from rasterjit.outputs.table import MIXED_OUTPUTS, Outputs, check_outputs, row_of
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.passes import KernelRow, Pass, Rows
@@ -82,9 +82,9 @@ class FrameRequest(NamedTuple):
 
     size: tuple[int, int]
     quality: Quality
-    outputs: Sequence[str] = ("color",)
+    outputs: Outputs = ("color",)
     background: Any = None
-    cull: str = "none"
+    cull: Cull = "none"
     diagnose: bool = False
     previous: PreviousView | None = None
 
@@ -173,7 +173,7 @@ def plan_frame(
         pictures=facts.pictures,
         look=beside,
     )
-    if answers is not None and effects is answers:
+    if last is not None and answers is not None and effects is answers:
         plan.follow(last)
     return plan
 
@@ -540,7 +540,10 @@ def look_from(
 
 def _are_moved(before: Camera, after: Camera) -> bool:
     """Tell whether the planes of a camera are elsewhere than they were."""
-    return before is not after and planes_of(before)[:2] != planes_of(after)[:2]
+    if before is after:
+        return False
+    one, other = planes_of(before), planes_of(after)
+    return (one and one[:2]) != (other and other[:2])
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
@@ -605,8 +608,9 @@ def naming(name: str) -> Iterator[None]:
 
 
 def plan_earlier(
-    plan: RenderPlan, scene: Scene, camera: Camera, *known: Known | Views
-) -> RenderPlan:
+    plan: RenderPlan, scene: Scene, camera: Camera, known: Known | None = None,
+    views: Views | None = None,
+) -> RenderPlan:  # fmt: skip
     """Return the plan of an earlier view."""
     request = FrameRequest(plan.size, plan.quality, ("face_id",), None, plan.cull)
-    return plan_frame(request, scene, camera, *known)
+    return plan_frame(request, scene, camera, known, views)

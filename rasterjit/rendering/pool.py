@@ -227,7 +227,7 @@ class Artist:
                 found = {}
         begun: deque[Begun] = deque()
         for n, camera in enumerate(cameras):
-            begun.append(found.pop(n, None) or self._draw_alone(camera))
+            begun.append(found.pop(n) if n in found else self._draw_alone(camera))
             if begun[-1].error is not None:
                 break
         return begun

@@ -294,8 +294,8 @@ def draw_frame(
         if "face_id" in plan.outputs:
             # The caller may write to it.
             _ = stats.pixels_covered
-        arrays = {name: result[name] for name in plan.outputs}
-        frame = Frame(arrays, plan, stats, diagnostics, cache.face_starts)
+        shown = {name: result[name] for name in plan.outputs}
+        frame = Frame(shown, plan, stats, diagnostics, cache.face_starts)
         frame._white_share = share
         return frame, seen
 
@@ -407,16 +407,16 @@ def compare(
     if planned.earlier is None:
         return None
     now = planned.cache.shapes
-    moments = [
+    after, before = (
         motion.moment_of(one.cache.shapes, now, one.views, one.plan.camera, one.plan.size)
         for one in (planned, planned.earlier)
-    ]
+    )
     sighting = None
     if "motion_visible" in planned.plan.outputs:
         plan, cache, views = planned.earlier[:3]
         seen = find_visible(plan, cache, workers, clock, views)
         sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
-    return motion.Motion(*moments, sighting)
+    return motion.Motion(after, before, sighting)
 
 
 def stats_of(
@@ -786,8 +786,9 @@ class Renderer(Guarded):
         options["needs_seen"] = False
         if not self._keeping.acquire(blocking=False):
             return draw_frame(planned, self._workers, *arguments, **options)[0]
+        options["kept"] = self._kept
         try:
-            return draw_frame(planned, self._workers, *arguments, kept=self._kept, **options)[0]
+            return draw_frame(planned, self._workers, *arguments, **options)[0]
         except BaseException:
             # A thread may still draw there.
             self._kept.clear()

@@ -172,12 +172,12 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
         Or what else has its fields.
     """
     facts, shown = plan.facts, plan.layers
-    has_blended = shown is not None and shown.has_blended
+    alphas = None if shown is None or not shown.has_blended else Alphas(shown.is_blended)
     return tables.surface._replace(
         normals=tables.normals if facts.shades_smoothly else None,
         textures=tables.textures if facts.needs_textures else None,
         maps=tables.maps if facts.needs_maps else None,
-        alphas=Alphas(shown.is_blended) if has_blended else None,
+        alphas=alphas,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
         fields=tables.fields if facts.needs_fields else None,
         through=tables.through if facts.transmits else None,

@@ -25,12 +25,14 @@ from rasterjit.pipeline.views import begin_mix
 from rasterjit.rendering import shading_passes
 from rasterjit.runtime.driver import BlockMemory, StageList, Step, block_memory
 from rasterjit.runtime.jit import Bound
-from rasterjit.runtime.state import WORD, size_of, type_named
+from rasterjit.runtime.state import WORD, RecordType, size_of, type_named
 from rasterjit.runtime.team import Call
 from rasterjit.runtime.threads import Workers
 from rasterjit.survey.effect import Active
 
-BLOCK = type_named(Block)
+_BLOCK = type_named(Block)
+assert isinstance(_BLOCK, RecordType)
+BLOCK: RecordType = _BLOCK
 """The types of the arrays of a block of samples."""
 
 BLOCKS = BlockMemory(BLOCK)
@@ -55,8 +57,10 @@ def shading_arrays(
         seen = shading_passes.without_sides(placement, needs)
     if needs.multiplies_vertex_colors:
         lit_base = shading_passes.whitened(surface.materials)
-    viewer = np.float32(placement.toward_viewer) if viewer is None else viewer
-    return ShadingArrays(geometry, placement, surface, lighting, viewer, seen, lit_base)
+    if viewer is None:
+        viewer = placement.toward_viewer.astype(np.float32)
+    parts: tuple[Any, Any, Any, Any] = geometry, placement, surface, lighting
+    return ShadingArrays(*parts, viewer, seen, lit_base)
 
 
 def light_vertices(
@@ -300,7 +304,7 @@ class Shading:
         steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
         own = self._needs, self._shown, self._table, self._effects
         mixed_by = shading_passes.mixing_passes(*own, has_codes, (shares, rest, mixed))
-        return StageList(steps + self._bound(mixed_by))
+        return StageList([*steps, *self._bound(mixed_by)])
 
     def _bound(self, passes: Sequence[Pass]) -> list[Step]:
         return bind(passes, self._arrays)

@@ -17,7 +17,7 @@ from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
-from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, fixed
+from rasterjit.pipeline.passes import ImitatedNeeds, Pass, ShadingArrays, ShadingNeeds, fixed
 from rasterjit.pipeline.records import GOURAUD, MATERIAL_MODEL, Placement
 from rasterjit.pipeline.surface import (
     attributes,
@@ -409,7 +409,7 @@ def emission_passes(needs: ShadingNeeds, shown: int, decoding: Sequence[Pass] = 
 def light_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
     """Return the passes that light base colours."""
     if needs.imitated is not None:
-        return imitating_passes(needs, effects)
+        return imitating_passes(needs, needs.imitated, effects)
     passes = through_passes(needs)
     passes += effect_passes(effects, "rows", needs)
     passes.append(ambient_pass())
@@ -462,9 +462,9 @@ def passes_of_lights(
     Lights run together from one that is dimmed to the next, whose dimming falls on it.
     """
     passes: list[Pass] = []
-    first, dimming = 0, acting(effects, "light")
+    first, count, dimming = 0, needs.lights or 0, acting(effects, "light")
     mapped = () if needs.imitated is None else needs.imitated.mapped
-    for n in range(needs.lights) if dimming or mapped else ():
+    for n in range(count) if dimming or mapped else ():
         if n in mapped:
             passes += [*add_passes(needs, first, n), *mapped_light_passes(needs, n)]
             first = n + 1
@@ -473,7 +473,7 @@ def passes_of_lights(
         if dimmed:
             passes += add_passes(needs, first, n) + dimmed
             first = n
-    passes += add_passes(needs, first, needs.lights)
+    passes += add_passes(needs, first, count)
     return passes + effect_passes(effects, "around", needs)
 
 
@@ -558,23 +558,25 @@ def whitened(materials: NDArray[np.float32]) -> NDArray[np.float32]:
     return white
 
 
-def imitating_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pass]:
+def imitating_passes(
+    needs: ShadingNeeds, imitated: ImitatedNeeds, effects: Sequence[Active]
+) -> list[Pass]:
     """Return the passes that light base colours as pyrender's shader does."""
     from rasterjit.pipeline.lighting import pyrender
 
     passes = []
-    if needs.imitated.has_squares:
+    if imitated.has_squares:
         passes.append(
             Pass(
                 pyrender.place_in_squares,
                 lambda a: (a.lighting.imitated.are_squares, a.geometry.faces, a.placement),
             )
         )
-    if needs.imitated.faces_viewer:
+    if imitated.faces_viewer:
         passes.append(
             Pass(pyrender.face_viewer, lambda a: (a.lighting.imitated.faces_viewer, a.viewer))
         )
-    if needs.imitated.has_gains:
+    if imitated.has_gains:
         passes.append(Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 0, rows.RED)))
     passes += effect_passes(effects, "rows", needs)
     passes += [
@@ -587,7 +589,7 @@ def imitating_passes(needs: ShadingNeeds, effects: Sequence[Active]) -> list[Pas
     passes += emission_passes(needs, rows.OUT_RED, decoding_passes())
     if needs.vertex_colors:
         passes.append(fixed(pyrender.multiply_by_vertex_colors))
-    if needs.imitated.has_gains:
+    if imitated.has_gains:
         passes.append(
             Pass(pyrender.brighten, lambda a: (a.lighting.imitated.gains, 3, rows.OUT_RED))
         )

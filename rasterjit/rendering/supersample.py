@@ -207,12 +207,14 @@ def shade_faces(
         Called with a stage's name when it ends.
     """
     plan, workers = context.plan, context.workers
-    offsets = sample_offsets(plan.facts.picture_samples)
+    offsets = sample_offsets(plan.facts.picture_samples or 1)
     has_codes = plan.facts.mixes_codes
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
-    if accumulation.sums is None:
-        accumulation.sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
-        accumulation.sums.fill(0.0)
+    sums = accumulation.sums
+    if sums is None:
+        sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
+        sums.fill(0.0)
+        accumulation.sums = sums
     # In the same steps for any number of pictures: those of one step share shadow maps.
     counts = _counts(plan.pictures)
     for count in counts:
@@ -229,16 +231,16 @@ def shade_faces(
             other = shade.draw_behind(context, own, find)
             picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
-            drawn = _draw_picture(moved(picture, offset), context, find)
+            shown = _draw_picture(moved(picture, offset), context, find)
             clock("shade, resolve")
-            add(drawn, accumulation.sums, workers)
+            add(shown, sums, workers)
             # So that the next picture takes its memory.
-            del drawn
+            del shown
             accumulation.count += 1
             clock("average")
             if PICTURES:
                 PICTURES[-1](accumulation.count, plan.pictures)
-    result = finish(context, accumulation)
+    result = finish(context, sums, accumulation.count)
     clock("average")
     return result
 
@@ -282,9 +284,8 @@ def cover_pixels(
     plan = context.plan
     samples = plan.facts.picture_samples
     if samples is None:
-        samples = plan.quality.samples
         finder = bands.Finder(context.geometry, shade.find_hit_tests(plan, context.cache))
-        return cover_samples(samples, context.coverage, finder, context.workers)
+        return cover_samples(plan.quality.samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
@@ -325,7 +326,7 @@ def sample_spacing(samples: int) -> float:
 
 def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
-    spacing = sample_spacing(plan.facts.picture_samples)
+    spacing = sample_spacing(plan.facts.picture_samples or 1)
     return plan.with_(camera=MovedCamera(plan.camera, offset, spacing))
 
 
@@ -405,7 +406,7 @@ def prepare_whole(
 
 def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
     """Return where the pictures of each step lie, whose shadow maps are drawn together."""
-    offsets = sample_offsets(plan.facts.picture_samples)
+    offsets = sample_offsets(plan.facts.picture_samples or 1)
     counts = _counts(plan.pictures)
     return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 
@@ -435,10 +436,12 @@ def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Wor
     workers.run(add_band, _bands(color.shape, workers))
 
 
-def _average_codes(context: FrameContext, accumulation: Accumulation) -> dict[str, NDArray[Any]]:
+def _average_codes(
+    context: FrameContext, sums: NDArray[np.float64], count: int
+) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
     plan, workers = context.plan, context.workers
-    sums, light = accumulation.sums, shown_by_codes(plan.facts.encoding).copy()
+    light = shown_by_codes(plan.facts.encoding).copy()
     shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs
@@ -447,19 +450,20 @@ def _average_codes(context: FrameContext, accumulation: Accumulation) -> dict[st
     behind = np.array([[encode.code_of(plan.background, plan.facts.encoding)]], np.uint32)
 
     def write_band(band: slice) -> None:
-        encoded.write_mean_codes(sums[band], accumulation.count, behind, packed[band])
+        encoded.write_mean_codes(sums[band], count, behind, packed[band])
         if linear is not None:
             encoded.decode_rows(packed[band], light, linear[band])
 
     workers.run(write_band, _bands(sums.shape, workers))
-    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
-    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
+    return _wanted(plan, linear, color)
 
 
-def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDArray[Any]]:
+def _average(
+    context: FrameContext, sums: NDArray[np.float64], count: int
+) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of all pictures."""
     plan, workers = context.plan, context.workers
-    sums, behind = accumulation.sums, _background(plan)
+    behind = _background(plan)
     given = [
         Active(one.effect, one.effect.prepare(context, one.data, ()))
         for one in plan.at("background")
@@ -475,13 +479,20 @@ def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDA
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
 
     def write_band(band: slice) -> None:
-        weights.write_mean(sums[band], accumulation.count, behind, linear[band])
+        weights.write_mean(sums[band], count, behind, linear[band])
         rows = layers.ColorRows(linear[band], packed[band])
         layers.show_rows(AT_ONCE, tones, table, rows, band.start, workers.memory)
 
     workers.run(write_band, _bands(sums.shape, workers))
-    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
-    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
+    return _wanted(plan, linear, color)
+
+
+def _wanted(
+    plan: RenderPlan, linear: NDArray[np.float32] | None, color: NDArray[np.uint8] | None
+) -> dict[str, NDArray[Any]]:
+    """Return the colour outputs of a frame by name."""
+    made = (("linear", linear), ("color", color))
+    return {name: one for name, one in made if one is not None and name in plan.outputs}
 
 
 def cover_samples(
