@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
 from collections import Counter
@@ -136,7 +137,9 @@ def _lost(scene: Any, sample: str, files: Files, path: Path) -> list[str]:
     else:
         held = triangles_of(sample, files)
     if held is None and extension_of(path) not in OWN:
-        held = counts_of(path)
+        # What stops the other package, it does not count.
+        with contextlib.suppress(Exception):
+            held = counts_of(path)
     if held is None:
         return []
     if isinstance(held, int):
