@@ -10,7 +10,6 @@ import re
 import subprocess
 import sys
 
-import markupsafe
 import numpy as np
 import pytest
 from made_up_study import SAMPLES, SENTENCES, SUBPIXEL, changed, made_up_study
@@ -268,7 +267,7 @@ def test_what_has_special_characters_is_escaped(study):
     text = page(study, SENTENCES)
     for words in (study.scene, SENTENCES["samples"], study.machine["cpu"], study.left_out[1]):
         assert words not in text
-        assert str(markupsafe.escape(words)) in text
+        assert words in html.unescape(text)
 
 
 @pytest.mark.parametrize("name", ["<b>&\"'", "$x^2$ $", "\N{CJK UNIFIED IDEOGRAPH-4E2D} {0} %s"])
