@@ -113,7 +113,9 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
     if not arrays:
         raise ValueError("arrays must hold at least one array, got none")
     with replacing(place) as temporary:
-        np.savez_compressed(temporary, allow_pickle=True, **arrays)
+        # Old NumPy knows no option of its own beside the arrays.
+        named: dict[str, Any] = arrays
+        np.savez_compressed(temporary, **named)
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ Draw small frames of a reused `Renderer` from recorded calls (a command buffer).
 For small frames, Python overhead dominates. From the third frame of one kind on, the plan's kernels
 and stages are recorded with fixed memory (`desk.Desk`, as for batches). Then a frame copies its
 matrices and lights there, and is drawn by one call into machine code. Frames that
-`sharing.can_share` rejects are drawn step by step, like the first two of each kind.
+`together.can_share` rejects are drawn step by step, like the first two of each kind.
 """
 
 from __future__ import annotations

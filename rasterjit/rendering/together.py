@@ -414,7 +414,7 @@ def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArra
 
 
 def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float32]:
-    """Return the light of each view of a scene that has none, (N, 1, 13): `lights.headlight`."""
+    """Return the light of each view of a scene that has none, (N, 1, 13): `headlight_row`."""
     rows = np.repeat(headlight_row(camera, 0).lights[np.newaxis], len(view_from_world), axis=0)
     matrices = transforms.normal_matrices(view_from_world)
     x, y, z = HEADLIGHT_DIRECTION

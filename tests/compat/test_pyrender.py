@@ -253,6 +253,15 @@ def test_nodes_stand_below_their_parents(renderer):
     assert scene.nodes == set()
 
 
+def test_a_refused_rotation_moves_nothing():
+    pose = np.array([[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]], float)
+    node = node_module.Node(matrix=pose)
+    for wrong in ([0, 0, 0, 2], [0, 0, 1], "x"):
+        with pytest.raises(ValueError, match="rotation"):
+            node.rotation = wrong
+    assert (node.matrix == pose).all()
+
+
 def test_rotation_scale_and_translation_make_the_matrix():
     half = math.sqrt(0.5)
     node = node_module.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])

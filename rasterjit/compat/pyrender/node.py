@@ -126,15 +126,16 @@ class Node:
 
     def _quaternion(self, value: ArrayLike) -> NDArray[Any]:
         """Return a quaternion of length 1; the matrix is made anew."""
-        given = self._three(value, 4)
+        given = _numbers(value, (4,))
         length = float(np.sqrt((given * given).sum()))
         if not abs(length - 1.0) <= _LENGTH_TOLERANCE:
             raise ValueError(f"must be a quaternion of length 1, got {length:g}")
+        self._matrix = None
         return given
 
-    def _three(self, value: ArrayLike, count: int = 3) -> NDArray[Any]:
-        """Return three numbers, or so many; the matrix is made anew."""
-        given = _numbers(value, (count,))
+    def _three(self, value: ArrayLike) -> NDArray[Any]:
+        """Return three numbers; the matrix is made anew."""
+        given = _numbers(value, (3,))
         self._matrix = None
         return given
 

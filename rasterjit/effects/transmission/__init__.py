@@ -5,7 +5,7 @@ A frame has it where a metallic-roughness material in view transmits light. Then
 comes first, without transmitting and blended objects, in linear light; transmitting samples read it
 where the refracted ray leaves the volume (``stage``). So other glass, and blended objects, are not
 visible through glass.
-``rendering.behind`` draws the first picture, and hands it to `Transmission.prepare`.
+``rendering.shade.look_behind`` draws the first picture, and hands it to `Transmission.prepare`.
 """
 
 from __future__ import annotations

@@ -57,11 +57,13 @@ def noting_what_vtk_says(left_out: LeftOut) -> Iterator[None]:
     catcher = pyvista.VtkErrorCatcher(send_to_logging=False)
     with warnings.catch_warnings(), pyvista.vtk_verbosity("off"), catcher:
         warnings.simplefilter("ignore")
-        yield
-    for event in catcher.events:
-        line = _ADDRESS.sub("", event.alert.strip().partition("\n")[0])[:LONGEST_REASON]
-        if _FOLLOWS not in line:
-            left_out.note(f"what VTK says: {line}")
+        try:
+            yield
+        finally:
+            for event in catcher.events:
+                line = _ADDRESS.sub("", event.alert.strip().partition("\n")[0])[:LONGEST_REASON]
+                if _FOLLOWS not in line:
+                    left_out.note(f"what VTK says: {line}")
 
 
 def things_of_pyvista(what: Any, source: str, left_out: LeftOut) -> list[Thing]:
