@@ -199,6 +199,7 @@ SUN = [rj.DirectionalLight((1, -2, -1)), rj.AmbientLight(intensity=0.2)]
 TONES = {"tone_map": rj.ToneMap()}
 
 IN_GROUPS = {
+    "visible alpha": case(glassy, quality=QUALITY(visible_alpha=0.5), outputs=ALL[:6]),
     "all outputs": case(outputs=EVERYTHING),
     "float32": case(quality=QUALITY(precision="float32"), cameras=CUT),
     "affine": case(quality=QUALITY(interpolation="affine"), outputs=("color", "uv", "barycentric")),
@@ -280,7 +281,6 @@ ONE_BY_ONE = {
     "float64 depth": case(quality=QUALITY(depth_format="float64")),
     "fixed-point depth": case(quality=QUALITY(depth_format="unorm24")),
     "lengths": case(quality=QUALITY(renormalize=False)),
-    "visible alpha": case(glassy, quality=QUALITY(visible_alpha=0.5), outputs=ALL[:6]),
     "outline": case(change={"outline": rj.Outline()}),
     "wireframe": case(change={"wireframe": rj.Wireframe()}),
     "occlusion": case(change={"ambient_occlusion": rj.AmbientOcclusion()}),
@@ -318,8 +318,9 @@ def test_what_is_drawn_in_groups_has_the_same_bits_in_every_way(name, alone):
 
 
 @pytest.mark.parametrize("name", ONE_BY_ONE)
-def test_what_is_drawn_view_by_view_has_the_same_bits_in_every_way(name):
+def test_what_is_drawn_view_by_view_has_the_same_bits_in_every_way(name, alone):
     ONE_BY_ONE[name]()
+    assert alone
 
 
 @pytest.mark.filterwarnings("ignore::rasterjit.ViewWarning")

@@ -11,6 +11,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.rendering import bound_frames
 from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.rendering.together import COUNTED
 from rasterjit.runtime import jit
@@ -75,18 +76,19 @@ def by_threads(scene, cameras, **asked):
     return [rj.render(scene, camera, threads=3, **asked) for camera in cameras]
 
 
-def by_one_renderer(scene, cameras, threads=2, rounds=1, **asked):
-    """Draw views with one renderer, over and over, and return its last frame of each."""
+def by_one_renderer(scene, cameras, threads=2, times=1, **asked):
+    """Draw each view with one renderer, so many times in a row, and return the last frames."""
     size, quality = asked.pop("size"), asked.pop("quality", None)
     with rj.Renderer(size, quality=quality, threads=threads) as renderer:
-        for _ in range(rounds):
-            frames = [renderer.render(scene, camera, **asked) for camera in cameras]
-    return frames
+        return [
+            [renderer.render(scene, camera, **asked) for _ in range(times)][-1]
+            for camera in cameras
+        ]
 
 
 def by_bound_calls(scene, cameras, **asked):
-    """Draw views with a renderer of one thread, which binds the calls of its third frame."""
-    return by_one_renderer(scene, cameras, threads=1, rounds=2, **asked)
+    """Draw each view with a renderer of one thread, which binds the calls of its third frame."""
+    return by_one_renderer(scene, cameras, threads=1, times=bound_frames.FRAMES_BEFORE + 1, **asked)
 
 
 def as_stream(scene, cameras, **asked):
