@@ -4,8 +4,9 @@ Encode linear light as sRGB ``uint8``, or by another transfer function.
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
 up. Positive floats sort like their bits: the high half of the bits is the index of a bucket, which
 holds at most one threshold; the low half decides on which side of it a value lies. So encoding is
-one table lookup and one addition, without branch or clamping, as every float32 has a bucket. Codes
-1 to 254 use 6.5 KiB of the table. Negative values and NaN give 0, above one gives 255.
+one table lookup and one addition, without branch or clamping, as every float32 has a bucket. Values
+from code 1 up to 1.0 use 6.5 KiB of the table; others are rare. Negative values and NaN give 0,
+above one gives 255.
 
 References
 ----------

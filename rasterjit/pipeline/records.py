@@ -20,9 +20,9 @@ class Viewport(NamedTuple):
     A picture may be a part of a larger one: its vertices are snapped as in the whole, then moved by
     whole pixels, so that all integers derived are those of the whole picture.
 
-    ``subpixel_bits`` is
-    the grid that vertices are rounded to, ``grid_bits`` the unit of their coordinates. They are
-    equal except for 0 sub-pixel bits, where a pixel's centre needs a second unit per pixel.
+    ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the unit of their
+    coordinates. They are equal except for 0 sub-pixel bits, where a pixel's centre needs a second
+    unit per pixel.
     """
 
     width: int64

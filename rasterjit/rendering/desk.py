@@ -562,7 +562,7 @@ class Desk:
                     show_rows(calls, tones, table, ColorRows(linear, color), of_frame.start, own)
 
     def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
-        """Record the overexposure test of lit pixels, if any may be; return its step, pixels."""
+        """Record which sampled pixels are lit, if any may be white; return their step, and them."""
         step = notices.step_of(self._face_id.shape)
         lit_faces = notices.lit_faces(self._plan.facts, self._cache)
         if lit_faces is None:

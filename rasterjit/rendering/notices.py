@@ -23,7 +23,7 @@ STRONG = 2.0
 """Largest light that does not overexpose common surfaces."""
 
 LOOKED_AT = 64
-"""Rows and columns of a picture that are sampled, at most."""
+"""Fewest rows and columns of a picture that are sampled, if it has as many."""
 
 
 class ViewWarning(UserWarning):

@@ -399,7 +399,7 @@ def draw_in_turns(
 
 class LateFrame(Frame):
     """
-    A frame that builds its plan lazily; planning dominates for small images.
+    A frame whose plan is made when it is first asked for.
 
     Parameters
     ----------

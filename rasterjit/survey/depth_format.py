@@ -187,9 +187,9 @@ def least_held(name: str, precision: str) -> float:
 
 def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[float, float]]:
     """
-    Yield bounds on w of the vertices of visible faces, each tighter and slower; inf, -inf for none.
+    Yield upper bounds on the least and the greatest w of vertices of visible faces.
 
-    The last ones are exact.
+    Each pair takes longer to find, and the last is exact: inf and -inf for none.
     """
     # Bounds by boxes. Vertices beyond the range are not drawn, and need the exact test.
     lows, highs, within = boxes.w_ranges(row)

@@ -41,13 +41,13 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - light: ``(record, needs, n, of_vertices) -> passes`` before light ``n`` is added: row SHADOW.
 - around: ``(record, needs) -> passes`` after the lights: ambient light.
 - seen: ``(record, shown) -> passes`` on the three rows of final colours of samples, lit or not;
-does not by itself need lights or positions.
+  does not by itself need lights or positions.
 - sample: ``(record, needs) -> passes`` on the colours of lit samples, which have positions.
 - pixel: ``(record, shown) -> (passes, shown)`` on the three rows that are encoded in 8 bits; one
-effect at most.
+  effect at most.
 - mixed: ``(record, calls, linear, background, shown)``: the same on resolved rows of several faces,
-linear with straight alpha; composites them over the background, (4,) or (R, W, 4), and writes
-the final colours. It goes with "pixel".
+  linear with straight alpha; composites them over the background, (4,) or (R, W, 4), and writes
+  the final colours. It goes with "pixel".
 - background: ``(record, calls, face_id, first_row, linear, color)``: writes pixels without a face.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 

@@ -1,5 +1,5 @@
 """
-Find lights blocked by closed meshes: walls around the camera, or around the light.
+Find lights that closed meshes around the camera block from all that is visible.
 
 All visible points are connected to the near plane by rays that cross no wall. If a segment from
 there to a light crosses a closed mesh an odd number of times, the mesh separates them: every other

@@ -201,7 +201,7 @@ class Facts:
 
     @cached_property
     def tones(self) -> ToneMap | None:
-        """The tone map; None where it changes nothing, or no 8-bit colour is output."""
+        """The tone map; None where it changes nothing, or no 8-bit codes are made."""
         tones = self.asked["tone_map"]
         has_codes = "color" in self.whole_outputs or self.mixes_codes
         return None if tones is None or tones.is_neutral or not has_codes else tones

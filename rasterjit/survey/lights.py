@@ -3,8 +3,7 @@ Cull lights: decide which reach visible objects, and which cast shadows there, a
 
 Planning knows the boxes around the objects. A light is culled if it is black or surely reaches no
 object in view, and casts no shadows if surely nothing lies between. The others become rows that
-kernels read; shadow maps are fitted when it is
-known what is seen.
+kernels read; shadow maps are fitted when it is known what is seen.
 """
 
 from __future__ import annotations

@@ -331,9 +331,10 @@ def add_irradiance(
 @helper
 def shares_of_channel(base, metallic, dielectric, shares):
     """
-    Return the specular and the diffuse weight of one channel.
+    Return the weights of one channel: of the prefiltered reflection, and of irradiance.
 
-    A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse.
+    A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse. Multiple
+    scattering is in the second.
     """
     once, often = bounces(base, shares)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])

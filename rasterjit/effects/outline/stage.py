@@ -2,9 +2,9 @@
 Find the edges of shapes on the screen and draw them as lines of some width.
 
 On one surface, the depths of neighbouring pixels differ by an amount between the slopes of their
-faces. A larger difference, beyond vertex rounding and a pixel's footprint, is a silhouette; so
-planes at grazing angles have none, at any scale. A silhouette is drawn on the nearer pixel, an
-object boundary on that of the later object, a crease on the left or upper one.
+faces. A larger difference, beyond vertex rounding and a pixel's footprint, is a jump; so planes
+at grazing angles have none, at any scale. A jump, or an edge against the background, is drawn on
+the nearer pixel, an object boundary on that of the later object, a crease on the left or upper one.
 """
 
 from __future__ import annotations

@@ -168,7 +168,7 @@ def compare_two(texels, at, plane, step, right):
 def read_penumbra(
     u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer, share
 ):  # fmt: skip
-    """Subtract one comparison in the penumbra of each sample that is in shadow."""
+    """Subtract what one comparison in the penumbra of each sample finds in shadow."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
     last, most = np.float32(size - 2), LARGEST_RADIUS * np.float32(size)
     for i in range(share.shape[0]):

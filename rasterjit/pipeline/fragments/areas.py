@@ -153,7 +153,7 @@ def is_tied(line, size):
 @helper
 def find_levels(count, candidates, triangles, column, row, levels):
     """
-    Write whose depths stand for each candidate's: those of the first that it is tied with.
+    Write whose depths stand for each candidate's: the first that it is tied with, or its own.
 
     Ties are not transitive: compared by their own depths, three faces might hide each other in a
     cycle, and none would be visible.

@@ -265,7 +265,7 @@ def write_mean_codes(
 @kernel
 def decode_rows(color: uint32[:, :], light: float32[::1], linear: float32[:, :, ::1]):
     """
-    Decode sRGB codes to linear light.
+    Decode codes to linear light, by a table.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 """
-Average samples of objects with one constant colour each, as sRGB codes, without shading.
+Average samples of objects with one constant colour each, as 8-bit codes, without shading.
 
 The bits are those of ``weights``: means of at most 16 codes are exact in float32, too.
 """

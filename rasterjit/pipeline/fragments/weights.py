@@ -1,5 +1,5 @@
 """
-Resolve opaque faces: average the faces of a pixel by coverage, in linear light or in sRGB codes.
+Resolve opaque faces: average the faces of a pixel by coverage, in linear light or in codes.
 
 Each face of a pixel is shaded once. Faces are stored in layers: the first face of every pixel, the
 second one ... `share_samples` lists the faces of several samples with their coverage, ``areas``

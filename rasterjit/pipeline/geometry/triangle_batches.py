@@ -47,7 +47,7 @@ FEW_ROWS = 16
 """Boxes of a batch are cut to the rows reached if a wide triangle has more rows in the tile."""
 
 ROWS = 15
-"""Number of integer rows, with three of scratch for `cut_rows`."""
+"""First of three more integer rows, scratch of `cut_rows`."""
 WHOLE_ROWS = 18
 
 DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
@@ -259,7 +259,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
     Write the box of samples of each triangle inside a window.
 
     The window is a tile's (left, top, right, bottom). Boxes of triangles wider than
-    ``SMALL_PIXELS`` begin at a multiple of the column block.
+    ``SMALL_PIXELS`` are cut at the block of columns that holds it, which may begin left of it.
     """
     for n in range(ax.shape[0]):
         first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)

@@ -6,8 +6,8 @@ that the loops vectorize. ``power`` is built from IEEE operations alone: it has 
 every CPU, which a math library's ``pow`` has not.
 
 Light beyond the range of float32 is black: lamps whose squared distance overflows, highlights on
-points so far from the eye, and all light where a point or a normal is NaN. The order of arguments
-matters for NaN: ``max(a, NaN)`` is ``a``, ``max(NaN, a)`` is NaN.
+points so far from the eye, and all light where a point or a normal is NaN. Where NaN is to give
+a constant, that comes first: ``max(a, NaN)`` is ``a``, ``max(NaN, a)`` is NaN.
 
 References
 ----------
@@ -161,7 +161,7 @@ def find_light(light, px, py, pz, lx, ly, lz, falloff):
 
 @disjoint_helper
 def find_angles(nx, ny, nz, specular, vx, vy, vz, told, lx, ly, lz):
-    """Replace a light's direction by its cosines: `FACING`, `COSINE`, `STRENGTH`."""
+    """Replace a light's direction by terms of its reflection: `FACING`, `COSINE`, `STRENGTH`."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(nx.shape[0]):
         facing = max(zero, nx[i] * lx[i] + ny[i] * ly[i] + nz[i] * lz[i])

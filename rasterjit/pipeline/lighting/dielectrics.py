@@ -57,8 +57,8 @@ def light_own_mirrors(
     """
     Light samples with custom specular again, from rows BEFORE_RED on.
 
-    Right after `light_stages.add_lights_on_facets` of this light alone, which leaves cosines in
-    ``single``, and the multiple scattering of metals in ``shares``.
+    Right after `light_stages.add_lights_on_facets` of this light alone, which leaves the terms
+    of `pbr.find_facet_angles` in ``single``, and the multiple scattering of metals in ``shares``.
     """
     s = block.samples
     if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):

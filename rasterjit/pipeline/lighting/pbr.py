@@ -98,9 +98,8 @@ def reflected_shares(n_v, roughness):
     Return the scale and the offset of F0 in the directional albedo (split-sum BRDF).
 
     Their sum is the single-scattering albedo of perfectly reflecting facets. Both are polynomials,
-    fitted to the integral of the model by least squares;
-    their largest errors are 0.061 (the sum) and 0.069 (the offset), where the viewer's cosine is
-    below 0.1.
+    fitted to the integral of the model by least squares; their largest errors are 0.061 (the sum)
+    and 0.069 (the offset), where the viewer's cosine is below 0.1.
     """
     c, r, zero, one = n_v, roughness, np.float32(0.0), np.float32(1.0)
     total = cubic(

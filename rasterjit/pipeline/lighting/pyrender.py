@@ -6,7 +6,7 @@ cosines between normal n, light l, viewer v and their half vector h, each clampe
 0.001..1), base colour b, metallic m and roughness r, clamped to 0.04..1:
 
 - specular is F G D / (4 n·l n·v + 0.001): Schlick's F of 0.04 (1 - m) + b m; Schlick's form of
-Smith's G, with k = (r + 1)² / 8; the GGX density D with alpha r²;
+  Smith's G, with k = (r + 1)² / 8; the GGX density D with alpha r²;
 - diffuse is (1 - F) 0.96 (1 - m) b / pi;
 - both times n·l and the light's colour and intensity, over the squared distance of a lamp, times
   the squared ramp of a cone.
@@ -175,7 +175,7 @@ def find_facing(nx, ny, nz, roughness, vx, vy, vz, lx, ly, lz):
 
 @helper
 def sent_on(base, metallic, shine, bent):
-    """Return the BRDF times n·l of one channel."""
+    """Return the BRDF of one channel, without n·l."""
     one = np.float32(1.0)
     head_on = DIELECTRIC + metallic * (base - DIELECTRIC)
     mirrored = head_on + (one - head_on) * bent

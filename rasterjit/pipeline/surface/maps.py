@@ -60,7 +60,7 @@ def bend_normals(
         aside = scale * (np.float64(up[n]) - 0.5)
         ahead = 2.0 * np.float64(out[n]) - 1.0
         is_flat = (along == 0.0) & (aside == 0.0)
-        # On back faces the normal is flipped; undo it.
+        # A back face gets the bent normal of its front, flipped.
         along = (1.0 - 2.0 * np.float64(behind[n])) * along
         aside = handed[n] * aside
         # Interpolate the tangent.

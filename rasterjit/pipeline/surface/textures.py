@@ -38,7 +38,7 @@ from rasterjit.runtime.float_math import log2
 from rasterjit.runtime.jit import helper
 
 BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
-"""Kinds of texture, the rows of ``Textures.table``."""
+"""Kinds of texture, as ``Textures.table`` numbers them."""
 CORE_KINDS = 5
 CLEARCOAT, CLEARCOAT_ROUGHNESS, CLEARCOAT_NORMAL = 5, 6, 7
 SHEEN_COLOR, SHEEN_ROUGHNESS, SPECULAR_FACTOR, SPECULAR_COLOR = 8, 9, 10, 11

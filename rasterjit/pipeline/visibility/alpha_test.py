@@ -426,18 +426,18 @@ def keep_shown(
     Parameters
     ----------
     asked : (8,) int64
-    As ``Holes.asked``.
+        As ``Holes.asked``.
     tile : (depth, face numbers)
-    The frame's tile.
+        The frame's tile.
     own : (rows, columns), stored depth
-    The scratch tile; cleared.
+        The scratch tile; cleared.
     empty : (1,), stored depth
-    That of empty samples.
+        That of empty samples.
     batch : (rows, columns) int32
         The triangles of the batch, as ``triangle_batches`` sets them up.
     lists : (places, face numbers, stored depths)
         The queue.
-        question : Question
+    question : Question
 
     Returns
     -------

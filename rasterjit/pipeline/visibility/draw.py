@@ -204,7 +204,7 @@ def transform(
 
 
 def _per_task(count: int, least: int, most: int, workers: Workers) -> int:
-    """Return how many items one task does, between the least and the most."""
+    """Return how many items one task does: see `count_per_task`; not more than the most."""
     return min(count_per_task(count, least, workers, EVEN_TASKS), most)
 
 

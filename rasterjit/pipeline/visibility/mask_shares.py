@@ -47,7 +47,7 @@ LOW_BITS = 0x7FFFFFFF
 """Mask for the low bits of a product, so that the next fits int64."""
 
 LEAST_SHARE = np.float32(1.0 / 256.0)
-"""Coverage below this counts as 0, and within this of 1 as 1: rounding of 8-bit texels."""
+"""Coverage below this counts as 0, and within this of 1 as 1: rounding errors."""
 
 
 @helper

@@ -9,11 +9,11 @@ Which pixels a point covers, with the snapped centre (X, Y) and the size D in un
 grid, both rounded once, and pixels' centres (x, y):
 
 - Square: ``X - D/2 <= x < X + D/2``, the same in y. That is the top-left rule of triangles:
-squares side by side share no pixel. One of a pixel or more always covers a pixel's centre.
+  squares side by side share no pixel. One of a pixel or more always covers a pixel's centre.
 - Disc: ``(x - X)^2 + (y - Y)^2 <= (D/2)^2``. One of a pixel or more may hold no pixel's centre;
   then it covers the pixel that a square of one pixel there would.
 - Sphere: where the ray through the pixel's centre hits it, in float64, not rounded to the grid; one
-of a pixel or more covers at least one pixel, as a disc does.
+  of a pixel or more covers at least one pixel, as a disc does.
 
 Squares and discs have the depth of their centre. A sphere has the depth of the ray's first hit
 beyond the near plane: if that plane cuts the sphere, its inside is seen, as of a closed mesh.
