@@ -43,7 +43,7 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.visibility.draw import Coverage
-from rasterjit.rendering.shading import AT_ONCE, AnyCalls, Shading, no_color
+from rasterjit.rendering.shading import AT_ONCE, AnyCalls, Shading, Sharing, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
 from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.survey.blending import PixelLayers
@@ -355,7 +355,7 @@ def mix_samples(
     rest, mixed = memory.empty(shape[1:], np.float32), memory.empty((height, 4, width), np.float32)
     others = memory.empty((2, weights.BLOCK_COLUMNS), np.int32)
     behind = shader.backdrop(calls, shape[1:], first, memory)
-    sharing = opaque, rows, shown, shares, rest, others
+    sharing = Sharing(opaque, rows, shown, shares, rest, others)
     calls.mix(shader.shading, first, sharing, behind, mixed, shader.has_codes)
     finish_mixed(calls, shader, shares[0], rest, mixed, target)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -329,9 +329,22 @@ class Shading:
 When = tuple[NDArray[np.int64], int, int]
 """An array, and the least and the most that its first number may be."""
 
-Sharing = tuple[Any, ...]
-"""Arguments of ``weights.share_samples``: the faces at all samples, the rows, then its results:
-faces, their coverage, that of the background, scratch memory."""
+
+class Sharing(NamedTuple):
+    """Arguments of ``weights.share_samples``, for N samples of R rows."""
+
+    opaque: NDArray[np.int32]
+    """(N, B, W): the faces at all samples of a band."""
+    rows: tuple[int, int]
+    """The first of its rows that is resolved, and one past the last."""
+    shown: NDArray[np.int32]
+    """(N, R, W), written: the faces of each pixel."""
+    shares: NDArray[np.float32]
+    """(N, R, W), written: their coverage."""
+    rest: NDArray[np.float32]
+    """(R, W), written: that of the background."""
+    others: NDArray[np.int32]
+    """(2, C): scratch memory."""
 
 
 class DirectCalls:
@@ -360,8 +373,8 @@ class DirectCalls:
         """
         count = int(weights.share_samples(*sharing))
         mixed[:] = behind.transpose(0, 2, 1)
-        _, _, shown, shares, rest, _ = sharing
-        shading.mix(shown[:count], first_row, shares, rest, mixed, has_codes)
+        found = sharing.shown[:count], first_row, sharing.shares, sharing.rest
+        shading.mix(*found, mixed, has_codes)
 
 
 AT_ONCE = DirectCalls()
@@ -422,8 +435,8 @@ class BoundCalls:
         mixed: NDArray[np.float32], has_codes: bool,
     ) -> None:  # fmt: skip
         """Do what `DirectCalls.mix` does."""
-        _, _, shown, shares, rest, _ = sharing
-        stages = shading.mixing(shown, first_row, shares, rest, mixed, has_codes)
+        found = sharing.shown, first_row, sharing.shares, sharing.rest
+        stages = shading.mixing(*found, mixed, has_codes)
         # How many images of faces there are is known when they are listed.
         told = stages.place_of(0) + WORD
         self.call(begin_mix, self.bound(weights.share_samples, *sharing).words, told, behind, mixed)
