@@ -107,9 +107,11 @@ class File:
 
 
 def read(checkout: Path) -> list[File]:
-    """Read all files of the package."""
+    """Read all files of the package, stubs too."""
     found = []
-    for path in sorted((checkout / "rasterjit").rglob("*.py")):
+    for path in sorted((checkout / "rasterjit").rglob("*.py*")):
+        if path.suffix not in {".py", ".pyi"}:
+            continue
         text = path.read_text(encoding="utf-8")
         tree = ast.parse(text)
         name = path.relative_to(checkout).as_posix()
@@ -165,7 +167,9 @@ def long_signatures(files: list[File]) -> list[str]:
         ast.literal_eval(node.value)
         for file in files
         for node in file.tree.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        if isinstance(node, ast.Assign)
+        and ast.unparse(node.targets[0]) == "__all__"
+        and isinstance(node.value, ast.List)
     ]
     public, found = {name for names in lists for name in names}, []
     for file in files:

@@ -70,193 +70,78 @@ from rasterjit.runtime import versions as versions
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-from rasterjit.classics.framebuffer import Framebuffer
-from rasterjit.classics.pipeline import ClassicPipeline
-from rasterjit.distributed.many import render_many
-from rasterjit.inspect.pixel import explain_pixel
-from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.inspect.profile import FrameProfile, profile
-from rasterjit.io.gltf.writing import save_gltf
-from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, load, scene_to_add
-from rasterjit.io.skipped import SaveWarning
-from rasterjit.io.trimesh.writing import to_trimesh
-from rasterjit.outputs.batch import Batch
-from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.frame import (
-    Frame,
-    FrameStats,
-    LayeredFrame,
-    OutputNotRequestedError,
-    PickedPixel,
-    QualityChoice,
-)
-from rasterjit.outputs.grid import grid
-from rasterjit.rendering.batch import render_batch
-from rasterjit.rendering.budget import CalibrationWarning
-from rasterjit.rendering.notices import ViewWarning
-from rasterjit.rendering.peel import render_layers
-from rasterjit.rendering.plan import RenderPlan
-from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
-from rasterjit.rendering.renderer import Renderer, explain, render
-from rasterjit.runtime import packing as packing
-from rasterjit.scene import transforms
-from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.arrows import Arrow, Arrows
-from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.colormap import Colormap
-from rasterjit.scene.contours import Contours
-from rasterjit.scene.environment import Environment
-from rasterjit.scene.eye_dome import EyeDome
-from rasterjit.scene.fog import Fog
-from rasterjit.scene.framing import fit_camera, orbit_direction
-from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
-from rasterjit.scene.hooks import set_hooks
-from rasterjit.scene.keyframes import Animation, Channel
-from rasterjit.scene.label import Label
-from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
-from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
-from rasterjit.scene.lines import Lines
-from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.node import Node
-from rasterjit.scene.outline import Outline
-from rasterjit.scene.points import Points
-from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene
-from rasterjit.scene.section import SectionPlane
-from rasterjit.scene.skin import MorphTargets, Skin
-from rasterjit.scene.texture import Texture
-from rasterjit.scene.tone_map import ToneMap
-from rasterjit.scene.view import PreviousView
-from rasterjit.scene.vignette import Vignette
-from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.posing import posed_scene
-
-if TYPE_CHECKING:
-    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle, styles
-    from rasterjit import mpl as mpl
-    from rasterjit import types as types
-    from rasterjit.viewer.show import show
-
-
-def _show_frame(frame: Frame, color: Any, title: str) -> None:
-    """Show a frame; what does so is loaded when it is first needed."""
-    import_module("rasterjit.viewer.picture").show_picture(frame, color, title)
-
-
-def _preview(what: Scene | Mesh) -> Frame | None:
-    """Return a small picture; what draws it is loaded when it is first needed."""
-    picture: Frame | None = import_module("rasterjit.styles.preview").preview(what)
-    return picture
-
-
-set_hooks(
-    picture=_preview, show=_show_frame, as_scene=as_scene, scene_of_others=scene_to_add,
-    save=save_gltf, to_trimesh=to_trimesh, posed=posed_scene,
-)  # fmt: skip
-del as_scene, posed_scene, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "AmbientLight",
-    "AmbientOcclusion",
-    "Animation",
-    "Arrow",
-    "Arrows",
-    "Axes",
-    "Batch",
-    "BoundingBox",
-    "CalibrationWarning",
-    "Channel",
-    "ClassicPipeline",
-    "Colormap",
-    "Contours",
-    "Diagnostics",
-    "DirectionalLight",
-    "Environment",
-    "Equirectangular",
-    "EyeDome",
-    "FisheyeLens",
-    "Fog",
-    "Frame",
-    "FrameProfile",
-    "FrameStats",
-    "Framebuffer",
-    "Frustum",
-    "Grid",
-    "Label",
-    "LayeredFrame",
-    "Lines",
-    "LoadWarning",
-    "Material",
-    "MatrixCamera",
-    "Mesh",
-    "MeshFileError",
-    "MorphTargets",
-    "Node",
-    "OrthographicCamera",
-    "Outline",
-    "OutputNotRequestedError",
-    "PerspectiveCamera",
-    "PickedPixel",
-    "PinholeDistortion",
-    "PixelExplanation",
-    "PointLight",
-    "Points",
-    "PreviousView",
-    "Quality",
-    "QualityChoice",
-    "RasterizedFaces",
-    "RenderPlan",
-    "Renderer",
-    "SaveWarning",
-    "Scene",
-    "SectionPlane",
-    "Shadow",
-    "Skin",
-    "SpotLight",
-    "Texture",
-    "ToneMap",
-    "ViewWarning",
-    "Vignette",
-    "Wireframe",
-    "accuracy",
-    "animation",
-    "cameras",
-    "dataset",
-    "distributed",
-    "explain",
-    "explain_pixel",
-    "fit_camera",
-    "grid",
-    "load",
-    "masks",
-    "oracle",
-    "orbit_direction",
-    "profile",
-    "rasterize",
-    "render",
-    "render_batch",
-    "render_layers",
-    "render_many",
-    "show",
-    "styles",
-    "transforms",
-]
+_HOMES = {
+    "classics.framebuffer": "Framebuffer",
+    "classics.pipeline": "ClassicPipeline",
+    "distributed.many": "render_many",
+    "inspect.pixel": "explain_pixel",
+    "inspect.pixel_report": "PixelExplanation",
+    "inspect.profile": "FrameProfile profile",
+    "io.meshes": "LoadWarning MeshFileError load",
+    "io.skipped": "SaveWarning",
+    "outputs.batch": "Batch",
+    "outputs.diagnostics": "Diagnostics",
+    "outputs.frame": (
+        "Frame FrameStats LayeredFrame OutputNotRequestedError PickedPixel QualityChoice"
+    ),
+    "outputs.grid": "grid",
+    "rendering.batch": "render_batch",
+    "rendering.budget": "CalibrationWarning",
+    "rendering.notices": "ViewWarning",
+    "rendering.peel": "render_layers",
+    "rendering.plan": "RenderPlan",
+    "rendering.rasterize": "RasterizedFaces rasterize",
+    "rendering.renderer": "Renderer explain render",
+    "scene.ambient_occlusion": "AmbientOcclusion",
+    "scene.arrows": "Arrow Arrows",
+    "scene.camera": "MatrixCamera OrthographicCamera PerspectiveCamera",
+    "scene.colormap": "Colormap",
+    "scene.contours": "Contours",
+    "scene.environment": "Environment",
+    "scene.eye_dome": "EyeDome",
+    "scene.fog": "Fog",
+    "scene.framing": "fit_camera orbit_direction",
+    "scene.guides": "Axes BoundingBox Frustum Grid",
+    "scene.keyframes": "Animation Channel",
+    "scene.label": "Label",
+    "scene.lens": "Equirectangular FisheyeLens PinholeDistortion",
+    "scene.light": "AmbientLight DirectionalLight PointLight Shadow SpotLight",
+    "scene.lines": "Lines",
+    "scene.material": "Material",
+    "scene.mesh": "Mesh",
+    "scene.node": "Node",
+    "scene.outline": "Outline",
+    "scene.points": "Points",
+    "scene.quality": "Quality",
+    "scene.scene": "Scene",
+    "scene.section": "SectionPlane",
+    "scene.skin": "MorphTargets Skin",
+    "scene.texture": "Texture",
+    "scene.tone_map": "ToneMap",
+    "scene.view": "PreviousView",
+    "scene.vignette": "Vignette",
+    "scene.wireframe": "Wireframe",
+    "viewer.show": "show",
+}
+"""The module of each public name. ``__init__.pyi`` tells type checkers the same."""
 
 _MODULES = (
     "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle",
-    "styles", "types",
+    "styles", "transforms", "types",
 )  # fmt: skip
 """
-Those that are loaded when they are first named.
+Public modules.
 
 ``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
 the name of a standard module.
 """
+
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names.split()}
+
+__all__ = sorted({*_MODULE_OF, *_MODULES} - {"mpl", "types"})
 
 
 class _Folder(list[str]):
@@ -278,12 +163,11 @@ def __dir__() -> list[str]:
     return sorted({*__all__, "types", *loaded, *facts})
 
 
-if not TYPE_CHECKING:  # A type checker that saw this would let every name pass.
-
-    def __getattr__(name: str) -> object:
-        """Load what rendering needs nothing of when it is first named."""
-        if name == "show":
-            return import_module("rasterjit.viewer.show").show
-        if name in _MODULES:
-            return import_module(f"rasterjit.{name}")
+def __getattr__(name: str) -> object:
+    """Load a public name when it is first needed, and keep it."""
+    if name in _MODULES:
+        return import_module(f"rasterjit.{name}")
+    if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
+    return found

@@ -19,7 +19,7 @@ from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import preview
-from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.hooks import call_above
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_of
@@ -523,7 +523,7 @@ class Frame:
         """
         if not isinstance(title, str):
             raise ValueError(f"title must be a text, got {in_short(title)}")
-        HOOKS["show"](self, self.color, title or self.caption)
+        call_above("show_picture", self, self.color, title or self.caption)
 
     @property
     def caption(self) -> str:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import forks
+from rasterjit.runtime import packing as packing  # From now on, arguments are packed by it.
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.team import PATIENCE, Call, Team
 

@@ -27,7 +27,7 @@ from rasterjit.scene.extents import (
     kept,
     sphere_around,
 )
-from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.hooks import call_above
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     MAX_WHOLE_SIZE,
@@ -478,7 +478,7 @@ def bounded(scene: Any) -> Bounded:
     # trimesh's objects have a property of this name, which is a mesh and needs SciPy.
     found = inspect.getattr_static(scene, "bounding_sphere", None)
     if found is None or isinstance(found, property):
-        return HOOKS["as_scene"](scene, "scene")
+        return call_above("as_scene", scene, "scene")
     return scene
 
 

@@ -1,26 +1,27 @@
 """
-Hooks: what scenes and meshes are asked for and leave to levels above them.
+What scenes and meshes are asked for and leave to levels above them.
 
-Scenes know nothing of how they are rendered, read and written. `set_hooks` registers the functions
-that do so; importing the package does it.
+Scenes know nothing of how they are rendered, read and written: they find who does it by name, when
+it is first needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
-HOOKS: dict[str, Callable[..., Any]] = {}
-"""
-By name: ``picture`` takes a scene or mesh and returns a small frame or None, for notebooks;
-``show`` takes a frame, its colour and a title, and shows it;
-``scene_of_others`` returns another program's object, or another scene, as a scene to be added;
-``as_scene`` returns what can be drawn as a scene, and takes what errors call it;
-``posed`` returns a scene with all skins and morph weights applied;
-``save`` writes a scene to a path; ``to_trimesh`` returns a scene or mesh as trimesh's.
-"""
+HOOKS = {
+    "as_scene": "rasterjit.io.meshes",
+    "posed_scene": "rasterjit.survey.posing",
+    "preview": "rasterjit.styles.preview",
+    "save_gltf": "rasterjit.io.gltf.writing",
+    "scene_to_add": "rasterjit.io.meshes",
+    "show_picture": "rasterjit.viewer.picture",
+    "to_trimesh": "rasterjit.io.trimesh.writing",
+}
+"""The module of each function that a scene, a mesh or a frame calls above its own level."""
 
 
-def set_hooks(**functions: Callable[..., Any]) -> None:
-    """Let functions do from now on what their names in `HOOKS` say."""
-    HOOKS.update(functions)
+def call_above(name: str, *arguments: Any) -> Any:
+    """Call a function of `HOOKS`."""
+    return getattr(import_module(HOOKS[name]), name)(*arguments)

@@ -22,7 +22,7 @@ from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.contours import ContoursLike
 from rasterjit.scene.field import NAN_COLOR, Field, make_field, refuse_field
 from rasterjit.scene.first_corners import least_first
-from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.hooks import call_above
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
@@ -706,7 +706,7 @@ class Mesh(Guarded, Previewed):
         SaveWarning
             Once, naming what trimesh has no place for.
         """
-        return HOOKS["to_trimesh"](self)
+        return call_above("to_trimesh", self)
 
     def shown_vertex_colors(self) -> NDArray[np.float32] | None:
         """Return colours of the vertices, (V, 4) linear RGBA, or of their scalars, or None."""

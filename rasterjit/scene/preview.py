@@ -6,7 +6,7 @@ import base64
 from html import escape
 from typing import Any, TypeAlias
 
-from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.hooks import call_above
 
 Bundle: TypeAlias = tuple[dict[str, Any], dict[str, Any]]
 """Data and metadata, each by media type, as ``_repr_mimebundle_`` returns them."""
@@ -40,7 +40,7 @@ class Previewed:
 
     def _picture(self) -> Any:
         """Return a small frame; None if there is nothing to see."""
-        return HOOKS["picture"](self) if "picture" in HOOKS else None
+        return call_above("preview", self)
 
 
 def bundle(

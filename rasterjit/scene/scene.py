@@ -20,7 +20,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.extents import box_around, sphere_around
 from rasterjit.scene.eye_dome import EyeDome
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.hooks import HOOKS
+from rasterjit.scene.hooks import call_above
 from rasterjit.scene.imitation import Imitation
 from rasterjit.scene.keyframes import Animation
 from rasterjit.scene.label import Label
@@ -259,7 +259,7 @@ class Scene(Guarded, Previewed):
         if isinstance(mesh, Label):
             node = Node(None, transform, "" if name is None else str(name), label=mesh)
             return self._add_node(node, None, None, parent)
-        found = HOOKS["scene_of_others"](mesh)
+        found = call_above("scene_to_add", mesh)
         if _is_plain(found):
             return self.add(found.nodes[0].mesh, transform, name, parent=parent)
         group, drawn, animations = _copied(found, transform, "" if name is None else str(name))
@@ -393,7 +393,7 @@ class Scene(Guarded, Previewed):
         SaveWarning
             Once, naming what the file has not, or has in another form.
         """
-        HOOKS["save"](self, path)
+        call_above("save_gltf", self, path)
 
     def to_trimesh(self) -> trimesh.Scene:
         """
@@ -408,7 +408,7 @@ class Scene(Guarded, Previewed):
         SaveWarning
             Once, naming what trimesh has no place for.
         """
-        return HOOKS["to_trimesh"](self)
+        return call_above("to_trimesh", self)
 
     def at(
         self,
@@ -520,7 +520,7 @@ class Scene(Guarded, Previewed):
             The same objects, as they are drawn: nodes of their own, without skins, in the order of
             ``nodes``, each with its mesh as it is posed. The scene itself where nothing is posed.
         """
-        return HOOKS["posed"](self) if Posable.was_made else self
+        return call_above("posed_scene", self) if Posable.was_made else self
 
     def _copied(self, moved: dict[int, dict[str, Any]]) -> Scene:
         """Return a copy with nodes of its own, some moved: by their ids what is new of each."""

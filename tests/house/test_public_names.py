@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
@@ -17,6 +18,7 @@ import rasterjit as rj
 from rasterjit import types
 from rasterjit.classics import framebuffer
 from rasterjit.outputs.table import LAYER_OUTPUTS, OUTPUTS, TABLE
+from rasterjit.scene.hooks import HOOKS
 
 FOLDER = Path(rj.__file__).parent
 WITHOUT_STAR = {"mpl", "types"}
@@ -33,6 +35,22 @@ def test_dir_lists_what_is_public_and_nothing_else():
     listed = {name for name in dir(rj) if not re.fullmatch(r"__\w+__", name)}
     assert listed - WITHOUT_STAR == set(rj.__all__)
     assert "types" in listed
+
+
+def test_type_checkers_are_told_the_same_names():
+    stub = ast.parse((FOLDER / "__init__.pyi").read_text())
+    told = {}
+    for node in (node for node in stub.body if isinstance(node, ast.ImportFrom)):
+        told |= {one.name: node.module for one in node.names}
+    homes = {name: f"rasterjit.{home}" for name, home in rj._MODULE_OF.items()}
+    assert told == homes | dict.fromkeys(rj._MODULES, "rasterjit")
+    (listed,) = (node.value for node in stub.body if isinstance(node, ast.Assign))
+    assert ast.literal_eval(listed) == rj.__all__
+
+
+@pytest.mark.parametrize(("function", "module"), HOOKS.items())
+def test_what_scenes_call_above_themselves_is_there(function, module):
+    assert callable(getattr(importlib.import_module(module), function))
 
 
 def test_help_describes_what_is_public_and_nothing_else():

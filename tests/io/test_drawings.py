@@ -426,7 +426,7 @@ def test_what_gltf_lacks_of_points_and_lines_is_named(tmp_path):
     scene.add(rj.Points(xyz, size=0.5, unit="world", shape="disc", on_invalid="drop"))
     scene.add(rj.Lines(CORNERS, width=4.0, dashes=[2, 2]))
     said = "points that are NaN or infinite, sizes and shapes of points, widths and dashes of lines"
-    with pytest.warns(rj.io.skipped.SaveWarning, match=said):
+    with pytest.warns(rj.SaveWarning, match=said):
         scene.save(tmp_path / "a.glb")
     assert len(rj.load(tmp_path / "a.glb").nodes[0].mesh) == 3
 
@@ -468,7 +468,7 @@ def test_points_and_lines_of_gltf_without_normals_are_unlit_and_show_what_they_e
 
 def test_points_and_lines_come_back_from_trimesh():
     scene = things()
-    with pytest.warns(rj.io.skipped.SaveWarning, match="sizes of points, .*widths of lines"):
+    with pytest.warns(rj.SaveWarning, match="sizes of points, .*widths of lines"):
         made = scene.to_trimesh()
     kinds = [type(geometry).__name__ for geometry in made.geometry.values()]
     assert kinds == ["PointCloud", "PointCloud", "Path3D", "Path3D", "Path3D"]

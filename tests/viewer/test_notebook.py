@@ -18,7 +18,6 @@ from PIL import Image, ImageShow
 
 import rasterjit as rj
 from rasterjit.runtime import progress
-from rasterjit.scene.hooks import HOOKS
 from rasterjit.styles.preview import SIZE
 from rasterjit.viewer.viewer import Viewer
 
@@ -110,11 +109,6 @@ def test_nothing_to_see_shows_no_picture(cube):
     wrong.add(cube)
     wrong.fog = "thick"
     assert wrong._repr_png_() is None
-
-
-def test_scenes_do_without_who_draws_them(cube, monkeypatch):
-    monkeypatch.delitem(HOOKS, "picture")
-    assert cube._repr_png_() is None
 
 
 RESIZE = {

@@ -1,0 +1,148 @@
+from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle, styles
+from rasterjit import mpl as mpl
+from rasterjit import transforms as transforms
+from rasterjit import types as types
+from rasterjit.classics.framebuffer import Framebuffer
+from rasterjit.classics.pipeline import ClassicPipeline
+from rasterjit.distributed.many import render_many
+from rasterjit.inspect.pixel import explain_pixel
+from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.inspect.profile import FrameProfile, profile
+from rasterjit.io.meshes import LoadWarning, MeshFileError, load
+from rasterjit.io.skipped import SaveWarning
+from rasterjit.outputs.batch import Batch
+from rasterjit.outputs.diagnostics import Diagnostics
+from rasterjit.outputs.frame import (
+    Frame,
+    FrameStats,
+    LayeredFrame,
+    OutputNotRequestedError,
+    PickedPixel,
+    QualityChoice,
+)
+from rasterjit.outputs.grid import grid
+from rasterjit.rendering.batch import render_batch
+from rasterjit.rendering.budget import CalibrationWarning
+from rasterjit.rendering.notices import ViewWarning
+from rasterjit.rendering.peel import render_layers
+from rasterjit.rendering.plan import RenderPlan
+from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
+from rasterjit.rendering.renderer import Renderer, explain, render
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.arrows import Arrow, Arrows
+from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.colormap import Colormap
+from rasterjit.scene.contours import Contours
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.eye_dome import EyeDome
+from rasterjit.scene.fog import Fog
+from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.guides import Axes, BoundingBox, Frustum, Grid
+from rasterjit.scene.keyframes import Animation, Channel
+from rasterjit.scene.label import Label
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
+from rasterjit.scene.lines import Lines
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
+from rasterjit.scene.outline import Outline
+from rasterjit.scene.points import Points
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.section import SectionPlane
+from rasterjit.scene.skin import MorphTargets, Skin
+from rasterjit.scene.texture import Texture
+from rasterjit.scene.tone_map import ToneMap
+from rasterjit.scene.view import PreviousView
+from rasterjit.scene.vignette import Vignette
+from rasterjit.scene.wireframe import Wireframe
+from rasterjit.viewer.show import show
+
+__version__: str
+__all__ = [
+    "AmbientLight",
+    "AmbientOcclusion",
+    "Animation",
+    "Arrow",
+    "Arrows",
+    "Axes",
+    "Batch",
+    "BoundingBox",
+    "CalibrationWarning",
+    "Channel",
+    "ClassicPipeline",
+    "Colormap",
+    "Contours",
+    "Diagnostics",
+    "DirectionalLight",
+    "Environment",
+    "Equirectangular",
+    "EyeDome",
+    "FisheyeLens",
+    "Fog",
+    "Frame",
+    "FrameProfile",
+    "FrameStats",
+    "Framebuffer",
+    "Frustum",
+    "Grid",
+    "Label",
+    "LayeredFrame",
+    "Lines",
+    "LoadWarning",
+    "Material",
+    "MatrixCamera",
+    "Mesh",
+    "MeshFileError",
+    "MorphTargets",
+    "Node",
+    "OrthographicCamera",
+    "Outline",
+    "OutputNotRequestedError",
+    "PerspectiveCamera",
+    "PickedPixel",
+    "PinholeDistortion",
+    "PixelExplanation",
+    "PointLight",
+    "Points",
+    "PreviousView",
+    "Quality",
+    "QualityChoice",
+    "RasterizedFaces",
+    "RenderPlan",
+    "Renderer",
+    "SaveWarning",
+    "Scene",
+    "SectionPlane",
+    "Shadow",
+    "Skin",
+    "SpotLight",
+    "Texture",
+    "ToneMap",
+    "ViewWarning",
+    "Vignette",
+    "Wireframe",
+    "accuracy",
+    "animation",
+    "cameras",
+    "dataset",
+    "distributed",
+    "explain",
+    "explain_pixel",
+    "fit_camera",
+    "grid",
+    "load",
+    "masks",
+    "oracle",
+    "orbit_direction",
+    "profile",
+    "rasterize",
+    "render",
+    "render_batch",
+    "render_layers",
+    "render_many",
+    "show",
+    "styles",
+    "transforms",
+]
