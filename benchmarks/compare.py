@@ -59,12 +59,11 @@ class Tree:
         place.mkdir(parents=True, exist_ok=True)
         return package_environment({**cache_environment(place), **self._instructions})
 
-    def worker(self, scene: str, threads: int) -> Worker:
-        """Start a worker that draws a scene."""
-        arguments = ("draw", str(self.folder), scene, str(threads))
+    def worker(self, task: str, *arguments: str) -> Worker:
+        """Start a worker for a task of `benchmarks.compare_worker`."""
         self._cache.mkdir(parents=True, exist_ok=True)
         return Worker(
-            ("-m", "benchmarks.compare_worker", *arguments),
+            ("-m", "benchmarks.compare_worker", task, str(self.folder), *arguments),
             self.environment(), self._cache / "errors.log",
         )  # fmt: skip
 
@@ -89,7 +88,7 @@ def time_scene(
         with contextlib.ExitStack() as stack:
             workers, ready = [], []
             for tree in trees:
-                workers.append(tree.worker(scene, threads))
+                workers.append(tree.worker("draw", scene, str(threads)))
                 stack.callback(workers[-1].close)
                 ready.append(workers[-1].answer(PREPARE_SECONDS))
             slowest = max(each["seconds"] for each in ready)

@@ -3,9 +3,10 @@ A process that drives the package ``rasterjit`` of another folder.
 
 ``python -m benchmarks.compare_worker draw FOLDER SCENE THREADS`` draws the scene, says so, and then
 answers every line on standard input with the seconds of one picture, by the wall clock and of the
-processor, as JSON. ``... code FOLDER``
-draws a small scene of each kind and prints the seconds that its first pictures took, compiling
-included, and the instructions of every kernel that was compiled.
+processor, as JSON. ``... loops FOLDER`` answers the name of a loop of `benchmarks.loops` with the
+milliseconds of a step. ``... code FOLDER`` draws a small scene of each kind and prints the seconds
+that its first pictures took, compiling included, and the instructions of every kernel that was
+compiled.
 """
 
 from __future__ import annotations
@@ -63,6 +64,17 @@ def serve(scene: str, threads: str) -> None:
         print(json.dumps(answer), flush=True)
 
 
+def turn_loops() -> None:
+    """Run the loop that each line of standard input names."""
+    # What it imports, imports the package.
+    from benchmarks.loops import Turns
+
+    turns = Turns()
+    print(json.dumps({}), flush=True)
+    for name in sys.stdin:
+        print(json.dumps({"ms": turns.measure(name.strip())}), flush=True)
+
+
 def show_code() -> None:
     """Print what compiling took and what came out."""
     drawers = [drawer(scene, 1) for scene in small_scenes()]
@@ -74,10 +86,12 @@ def show_code() -> None:
 
 
 def main(task: str, folder: str, *arguments: str) -> None:
-    """Do one of the two tasks."""
+    """Do one of the tasks."""
     use_package(folder)
     if task == "draw":
         serve(*arguments)
+    elif task == "loops":
+        turn_loops()
     else:
         show_code()
 

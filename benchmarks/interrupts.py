@@ -265,7 +265,7 @@ class Bench:
         if kept is None:
             self.warm.mkdir(mode=0o700)
         else:
-            shutil.copytree(kept, self.warm)
+            shutil.copytree(kept, self.warm, ignore=shutil.ignore_patterns("*.lock"))
             self.warm.chmod(0o700)
 
     def start(self, command: Command, out: Path, cache: Path, errors: Path) -> subprocess.Popen:
