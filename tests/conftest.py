@@ -70,7 +70,6 @@ def pytest_configure(config):
 
 
 def _call_helper(helper, *arguments):
-    # Numba is imported by the first that is called.
     from helpers import call
 
     return call(helper, *arguments)
@@ -99,8 +98,9 @@ def pytest_sessionstart(session):
     is_whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     is_told = config.option.collectonly or hasattr(config, "workerinput")
     if is_whole and not (is_told or jit.DISABLED or jit.CHECKED):
-        subprocess.run([sys.executable, "-m", "rasterjit", "warmup", "--quiet"], check=False)
-        config.stash[SPENT]["compilers"] = _spent()
+        warm_up = [sys.executable, "-m", "rasterjit", "warmup", "--quiet"]
+        code = subprocess.run(warm_up, check=False).returncode
+        config.stash[SPENT]["compilers"] = {**_spent(), "code": code}
 
 
 def _spent():
@@ -116,6 +116,8 @@ def _spent():
 
 
 def pytest_sessionfinish(session):
+    if "helpers" in sys.modules:
+        sys.modules["helpers"].end()
     if hasattr(session.config, "workerinput"):
         session.config.workeroutput["spent"] = _spent()
 
@@ -130,7 +132,13 @@ def pytest_terminal_summary(terminalreporter, config):
     workers, last = config.stash[SPENT], _spent()
     if not last:
         return
-    before = workers.pop("compilers", {"others": 0.0})["others"]
+    compilers = workers.pop("compilers", {"others": 0.0, "code": 0})
+    before = compilers["others"]
+    if compilers["code"]:
+        terminalreporter.write_line(
+            f"rasterjit warmup failed with exit status {compilers['code']}: tests compiled kernels",
+            red=True,
+        )
     # The workers of a main process are its children, too.
     last["others"] = 0.0 if workers else last["others"] - before
     spent = [one for one in [*workers.values(), last] if one]
