@@ -272,7 +272,7 @@ def evened(scene: Scene) -> Scene:
 
 def rays(painter: Painter, scene: Scene, seconds: float) -> Truth:
     """Find what reaches some points from all around by pictures of what lies above them."""
-    asked = sized_occlusion(scene)
+    asked = sized_occlusion(scene.ambient_occlusion, scene)
     bright = painter.light(STANDARD, with_field(scene, "ambient_occlusion", None))
     dark = _without_ambient(scene)
     darkness = painter.light(STANDARD, dark)

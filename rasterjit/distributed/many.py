@@ -170,16 +170,18 @@ def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | 
     """
     with shared.renderer() as artist:
         begun = artist.draw(cameras)
-    if begun[0].error is not None:
-        raise begun[0].error
-    return [one.error or as_drawn(one) for one in begun]
+    if isinstance(begun[0].result, Exception):
+        raise begun[0].result
+    return [as_drawn(one) for one in begun]
 
 
-def as_drawn(one: Begun) -> Drawn:
+def as_drawn(one: Begun) -> Drawn | Exception:
     """Return what a worker sends back of a frame."""
+    if isinstance(one.result, Exception):
+        return one.result
     # Counted where the faces are: they do not travel for it.
-    _ = one.frame.stats.pixels_covered
-    return one.frame.arrays(), one.frame.stats, one.notices
+    _ = one.result.stats.pixels_covered
+    return one.result.arrays(), one.result.stats, one.notices
 
 
 class FrameTask(NamedTuple):

@@ -120,7 +120,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
     light, linear, look, parts = None, plan.background, None, ()
-    if drawn.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
+    if drawn.seen.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
     plain = seen = np.array([encode.code_of(linear, plan.facts.encoding)], np.uint32).view(np.uint8)
@@ -138,7 +138,7 @@ def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) ->
         )  # fmt: skip
         seen = frame.color[y, x]
     faces, parts = _as_whole(drawn, faces), _parts_as_whole(drawn, parts)
-    reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
+    reasons = () if drawn.seen.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
     return PixelExplanation(
         x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
     )
@@ -254,9 +254,8 @@ def _draw(scene: Scene, plan: RenderPlan) -> VisibleScene:
         plan.depth_format, plan.camera, geometry, coverage, workers, placed
     )
     placement = shade.placement_to_light(plan, placed)
-    return VisibleScene(
-        scene, cache, plan, arrays, geometry, placement, coverage, lists, primitives
-    )
+    seen = draw.Seen(objects, plan.depth_format.coefficients, geometry, placement, coverage)
+    return VisibleScene(scene, cache, plan, arrays, seen, lists, primitives)
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
@@ -286,7 +285,7 @@ def _find_faces(drawn: VisibleScene, x: int, y: int) -> list[FaceAtPixel]:
     """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
     lists = drawn.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
-    coverage, viewport = drawn.coverage, drawn.geometry.viewport._replace(spacing=1.0)
+    coverage, viewport = drawn.seen.coverage, drawn.seen.geometry.viewport._replace(spacing=1.0)
     columns = -(-viewport.width // setup.TILE_SIZE)
     tile = (y // setup.TILE_SIZE) * columns + x // setup.TILE_SIZE
     listed = binned[starts[tile] : starts[tile + 1]]
@@ -339,7 +338,7 @@ def _face_at(
     drawn: VisibleScene, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
     """Gather all numbers of one face at one pixel."""
-    arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
+    arrays, geometry, coverage = drawn.arrays, drawn.seen.geometry, drawn.seen.coverage
     owner = owner_of(drawn, face)
     node, first = drawn.scene.nodes[owner], int(drawn.cache.shapes.listed_places[face])
     # As the mesh lists them, like the weights of a frame.
@@ -527,7 +526,7 @@ def _reasons(
             reasons.append(f"{lost} faces cover it: {names}")
     else:
         reasons.append("no face covers the pixel's centre")
-    totals = drawn.coverage.totals
+    totals = drawn.seen.coverage.totals
     nearest_drawn = _nearest(drawn, x, y)
     if nearest_drawn:
         face, distance = nearest_drawn
@@ -554,7 +553,7 @@ def _nearest(drawn: VisibleScene, x: int, y: int) -> tuple[int, float] | None:
 
 def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the disc or sphere that the nearest pixel shows, and how far that is."""
-    points = drawn.coverage.points
+    points = drawn.seen.coverage.points
     if points is not None and points.picture is not None:
         rows, columns = np.nonzero(points.picture[1] >= 0)
         if len(rows):
@@ -565,11 +564,11 @@ def _nearest_point(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, f
 
 def _nearest_triangle(drawn: VisibleScene, x: int, y: int) -> Iterator[tuple[int, float]]:
     """Yield the nearest of what is drawn as triangles, and how far it is."""
-    triangles = np.unique(drawn.coverage.lists.binned)
+    triangles = np.unique(drawn.seen.coverage.lists.binned)
     if not len(triangles):
         return
-    unit = float(1 << drawn.geometry.viewport.grid_bits)
-    corners = drawn.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
+    unit = float(1 << drawn.seen.geometry.viewport.grid_bits)
+    corners = drawn.seen.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
     point = np.array([x + 0.5, y + 0.5])
     best = np.full(len(triangles), np.inf)
     for k in range(3):

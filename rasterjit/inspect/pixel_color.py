@@ -15,7 +15,7 @@ from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import ShadingNeeds
-from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.records import Lighting, Surface
 from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
@@ -78,9 +78,7 @@ class VisibleScene(NamedTuple):
     cache: SceneCache
     plan: RenderPlan
     arrays: SceneArrays
-    geometry: Geometry
-    placement: Placement
-    coverage: draw.Coverage
+    seen: draw.Seen
     lists: draw.TileLists
     """With culled faces."""
     primitives: Primitives | None
@@ -95,12 +93,13 @@ def owner_of(drawn: VisibleScene, face: int) -> int:
 def find_look(drawn: VisibleScene) -> tuple[Surface, Lit]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
-    context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
+    context = FrameContext(plan, cache, drawn.seen.placement, workers, drawn.seen)
     find = partial(find_visible, cache=cache, workers=workers, clock=lambda _: None)
     lit = Lit(plan.lighting, prepare_effects(look_behind(context, find)))
     surface = shading.find_surface(plan, cache.tables)
-    if plan.facts.shades_points:
-        surface = surface._replace(points=drawn.coverage.points.read)
+    points = drawn.seen.coverage.points
+    if plan.facts.shades_points and points is not None:
+        surface = surface._replace(points=points.read)
     return surface, lit
 
 
@@ -108,7 +107,7 @@ def light_of(
     drawn: VisibleScene, whole: Surface, lit: Lit, x: int, y: int
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
-    face = int(drawn.coverage.face_id[y, x])
+    face = int(drawn.seen.coverage.face_id[y, x])
     owner = owner_of(drawn, face)
     material = drawn.cache.tables.meshes[owner].material
     linear = shade(drawn, whole, lit, x, y)
@@ -148,7 +147,7 @@ def scalar_of(
     drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> tuple[float | None, NDArray[np.float32] | None]:
     """Return the scalar of the visible face, and its colour, (3,) linear; None if it has none."""
-    face_id, shapes = drawn.coverage.face_id, drawn.cache.shapes
+    face_id, shapes = drawn.seen.coverage.face_id, drawn.cache.shapes
     face = int(face_id[y, x])
     field = drawn.cache.tables.meshes[owner_of(drawn, face)].field
     if field is None:
@@ -157,7 +156,7 @@ def scalar_of(
     if field.of_faces and of_faces is not None and surface.face_colors is not None:
         return float(of_faces[face]), surface.face_colors[face, :3].copy()
     scalar = np.empty(face_id.shape, np.float32)
-    fields.fill_scalars(face_id, (y, y + 1), drawn.geometry, of_vertices, scalar)
+    fields.fill_scalars(face_id, (y, y + 1), drawn.seen.geometry, of_vertices, scalar)
     plain = _white(surface)._replace(fields=surface.fields, textures=None)
     return float(scalar[y, x]), shade(drawn, plain, lit, x, y)[:3]
 
@@ -248,9 +247,9 @@ def _interpolate(
     drawn: VisibleScene, values: NDArray[np.float32], x: int, y: int
 ) -> NDArray[np.float32]:
     """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
-    face_id = drawn.coverage.face_id
+    face_id = drawn.seen.coverage.face_id
     attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
-    whole = drawn.geometry
+    whole = drawn.seen.geometry
     barycentric.fill_attribute(face_id, (y, y + 1), whole, values, attribute)
     return attribute[y, x].copy()
 
@@ -280,8 +279,8 @@ def shade(
 
     ``face`` is the one to shade; default the visible one.
     """
-    geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
-    face = int(drawn.coverage.face_id[y, x]) if face is None else face
+    geometry, placement, plan = drawn.seen.geometry, drawn.seen.placement, drawn.plan
+    face = int(drawn.seen.coverage.face_id[y, x]) if face is None else face
     needs = plan.shading.of(surface, lit.lighting)
 
     def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
@@ -306,7 +305,7 @@ def _lit_vertices(
     vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
     for vertex in drawn.arrays.faces[face].tolist():
         light_vertices(
-            needs, (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface,
+            needs, (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.seen.placement, surface,
             lit.lighting, lit.effects, vertices,
         )  # fmt: skip
     return vertices
@@ -336,7 +335,7 @@ def parts_of(
     x, y : int
     """
     # What one face alone shows has no parts.
-    winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
+    winner, quality = int(drawn.seen.coverage.face_id[y, x]), drawn.plan.quality
     samples = drawn.plan.facts.picture_samples
     if samples is not None and winner >= 0:
         mean = f"what the mean of {samples} samples, each shaded by itself, differs by"
@@ -388,20 +387,23 @@ def parts_of(
 
 def _at_samples(drawn: VisibleScene) -> VisibleScene:
     """Return what was drawn, for samples that may lie anywhere in their pixels."""
-    viewport = bands.sampled_viewport(drawn.geometry.viewport, drawn.plan.layers.samples)
-    return drawn._replace(geometry=drawn.geometry._replace(viewport=viewport))
+    viewport = bands.sampled_viewport(drawn.seen.geometry.viewport, drawn.plan.layers.samples)
+    geometry = drawn.seen.geometry._replace(viewport=viewport)
+    return drawn._replace(seen=drawn.seen._replace(geometry=geometry))
 
 
 def _find_samples(
     drawn: VisibleScene, surface: Surface, lit: Lit, x: int, y: int
 ) -> Iterator[tuple[list[int], float]]:
     """Yield the faces that are seen through each other, nearest first, and their share."""
-    plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
+    plan, geometry, workers = drawn.plan, drawn.seen.geometry, Workers(1)
     alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     if alpha_tests is not None:
         alpha_tests = alpha_tests._replace(geometry=geometry)
     finder = bands.Finder(geometry, alpha_tests)
-    lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)
+    lists = bands.part_lists(
+        drawn.seen.coverage, geometry.viewport, plan.layers.is_blended, workers
+    )
     first = y - y % TILE_SIZE
     rows = first, min(first + TILE_SIZE, geometry.viewport.height)
     if plan.layers.samples == "area":

@@ -25,6 +25,7 @@ from rasterjit.scene.validation import (
     cut_short,
     image_size,
 )
+from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
@@ -194,15 +195,15 @@ def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variati
         if changed is not None:
             found.append((planned.name, OFF, changed, quality))
     for effect in EFFECTS:
-        extend = effect.extend if plan.has(effect.name) else effect.add
-        what, changed = extend(scene, quality)
+        what, changed = effect.add(scene, quality)
         if changed is not None and _is_used(effect.name, plan, changed, quality):
             found.append((effect.name, what, changed, quality))
     for planned in plan.planned:
-        other = planned.effect.quality_without(quality)
-        if other is not None:
-            found.append((planned.name, OFF, scene, other))
+        if isinstance(planned.effect, OfQuality):
+            found.append((planned.name, OFF, scene, planned.effect.quality_without(quality)))
     for effect in EFFECTS:
+        if not isinstance(effect, OfQuality):
+            continue
         what, other = effect.quality_with(quality)
         if other is not None and _is_used(effect.name, plan, scene, other):
             found.append((effect.name, what, scene, other))

@@ -13,7 +13,7 @@ import operator
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, nullcontext
 from functools import partial
@@ -54,9 +54,11 @@ from rasterjit.scene.validation import image_size, in_short, number_array, one_o
 from rasterjit.survey import contents
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.contents import find_attribute
+from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
 Arrays = dict[str, NDArray[Any]]
+Frames = Generator[Frame, None, None]
 
 VIEWS_PER_GROUP = 32
 """Most views of a group, if there are few."""
@@ -195,10 +197,10 @@ def render_batch(
             drawn = _draw_one(views, kept, workers * own)
         else:
             # Plan the first, which finds what is wrong with all of them.
-            planned = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first)
-            kept.first = planned.plan
-            with beside(partial(planning.list_tasks, kept.first), workers * own):
-                drawn = _draw_all(views, kept, projections, workers)
+            first = plan_views(options, views.scene_of(0), eyes[0], kept.cache, kept.first).plan
+            kept.first = first
+            with beside(partial(planning.list_tasks, first), workers * own):
+                drawn = _draw_all(views, kept, first, projections, workers)
         # After an error, drop the cache.
         SHELF.put(what, kept)
     notices.warn(drawn.told.named(), set())
@@ -393,16 +395,16 @@ def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> 
 
 
 def _draw_all(
-    views: AllViews, kept: BatchCache, projections: Projections, workers: int
+    views: AllViews, kept: BatchCache, first: RenderPlan, projections: Projections, workers: int
 ) -> ViewsDrawn:
-    """Draw all views."""
+    """Draw all views, given the plan of the first."""
     cache, count = kept.cache, len(views.cameras)
     by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
     most = max(1, min(views_per_group(count, workers), by_work))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Draws] = partial(OneByOne, views, cache)
     is_possible = together.is_possible(views.options)
-    if is_possible and can_share(kept.first, views.scene, cache):
+    if is_possible and can_share(first, views.scene, cache):
         shared = Together(
             views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )
@@ -635,8 +637,9 @@ class Pace:
 class Pool(Protocol):
     """Draws frames, several at once; to be entered before, and left after the last."""
 
-    pace: Pace
-    """It may change with each frame that is taken."""
+    @property
+    def pace(self) -> Pace:
+        """It may change with each frame that is taken."""
 
     def __enter__(self) -> Any:
         """Begin."""
@@ -651,7 +654,7 @@ class Pool(Protocol):
         """Return the next of frames that were begun in one go, when it is done."""
 
 
-def draw_all(pool: Pool, cameras: Iterable[Camera]) -> Iterator[Frame]:
+def draw_all(pool: Pool, cameras: Iterable[Camera]) -> Frames:
     """Yield the frames of a pool; close it after the last."""
     with pool:
         yield from in_order(cameras, pool)
@@ -727,14 +730,14 @@ def check_item(number: int, camera: Any) -> Camera:
     return check_camera(f"cameras[{number}]", camera)
 
 
-def with_bar(frames: Iterator[Frame], cameras: Iterable[Camera], progress: str) -> Iterator[Frame]:
+def with_bar(frames: Frames, cameras: Iterable[Camera], progress: str) -> Iterator[Frame]:
     """Yield frames, with a bar that counts them where one is asked for."""
     if progress == "none":
         return frames
     return _counted(frames, operator.length_hint(cameras, 0) or None)
 
 
-def _counted(frames: Iterator[Frame], total: int | None) -> Iterator[Frame]:
+def _counted(frames: Frames, total: int | None) -> Iterator[Frame]:
     """Yield frames and count them on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn

@@ -159,8 +159,8 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
         own = ManyViews(
-            *(part[np.newaxis] for part in views[:2]), views.toward_viewer[np.newaxis],
-            np.array([views.screen_turn]), np.ones(1, np.bool_),
+            views.relative_from_model[np.newaxis], views.clip_from_relative[np.newaxis],
+            views.toward_viewer[np.newaxis], np.array([views.screen_turn]), np.ones(1, np.bool_),
         )  # fmt: skip
         in_view, boxes = plan.facts.in_view[np.newaxis], cache.shapes.boxes
         group = Group([plan.camera], plan.size, eye, own, in_view, boxes)

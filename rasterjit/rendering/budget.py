@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from rasterjit import forks
 from rasterjit.io.whole import replacing
 from rasterjit.outputs.frame import Frame, QualityChoice
+from rasterjit.outputs.table import OutputName
 from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
@@ -110,7 +111,7 @@ or less."""
 ALL_PICTURES = int(Quality.reference().samples)
 """Pictures of the reference."""
 
-LIGHT = "color", "linear"
+LIGHT: tuple[OutputName, ...] = "color", "linear"
 """Outputs by which frames are compared: see `light_of`."""
 
 CODES = 255.0
@@ -510,7 +511,7 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     left out.
     """
     plan = frame.plan
-    if any(overlay.effect.joins_faces for overlay in look_around(plan.at("overlay"))):
+    if any(effect.joins_faces for effect, _ in look_around(plan.at("overlay"))):
         light = srgb_to_linear(frame.color[:, :, :3])
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:

@@ -47,13 +47,14 @@ from rasterjit.rendering.layers import (
     parts_of,
     show_rows,
 )
-from rasterjit.rendering.shading import BoundCalls, no_color, vertex_steps
+from rasterjit.rendering.shading import BoundCalls, RecordingWorkers, no_color, vertex_steps
 from rasterjit.runtime.driver import StageList
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, FrameContext, acting
+from rasterjit.survey.effect import Active, FrameContext, InGroups, acting
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.many_views import ManyViews
 from rasterjit.survey.placement import Places, Views, culled_turns
@@ -189,7 +190,6 @@ class Desk:
             seen_through = cache.tables.inventory.is_see_through.astype(np.uint8)
             plan = plan.with_(layers=plan.layers._replace(is_blended=seen_through))
             self._plan = plan
-        self._is_mixed = plan.layers is not None and plan.layers.samples != 1
         self._places: list[tuple[str, int]] = []
         self._white = np.zeros(2, np.int64)
         self._targets: list[tuple[str, NDArray[Any], int, int]] = []
@@ -275,7 +275,7 @@ class Desk:
 
     def _load_at(self, name: str, address: int, count: int) -> None:
         """Load float64 numbers of each view at an address."""
-        numbers = np.frombuffer((ctypes.c_double * count).from_address(address))
+        numbers = np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
         self._targets.append((name, numbers, address, count))
 
     def _find(self) -> None:
@@ -406,9 +406,10 @@ class Desk:
         )  # fmt: skip
         listed, self._listing = self._list(lists, viewport, raised)
         found, self._listing_samples = (*listed, raised, drawn), self._listing
-        if self._is_mixed:
+        layers = self._plan.layers
+        if layers is not None and layers.samples != 1:
             # The first lists are not read again.
-            around = bands.sampled_viewport(viewport, self._plan.layers.samples)
+            around = bands.sampled_viewport(viewport, layers.samples)
             listed, self._listing_samples = self._list(lists, around)
             found = *found, *listed
         self._lists = lists
@@ -454,7 +455,7 @@ class Desk:
         effects = tuple(
             Active(one.effect, one.effect.share(plan, one.data, self._field))
             for one in plan.planned
-            if one.effect.places
+            if one.effect.places and isinstance(one.effect, InGroups)
         )
         placement = shade.placement_to_light(plan, self._placement)
 
@@ -484,21 +485,23 @@ class Desk:
         step, lit = self._look_at_lit()
         picture = ColorRows(linear, color)
         if plan.layers is None:
-            own = self._face_id, 0, height, None, *picture
+            own = self._face_id, 0, height, None, linear, color
             self._calls.run_stages(shader.shading.listed(*own))
-            shader.show_behind(self._calls, self._face_id, 0, *picture)
+            shader.show_behind(self._calls, self._face_id, 0, linear, color)
         else:
-            self._shade_layers(shader, tones, picture)
+            self._shade_layers(plan.layers, shader, tones, picture)
         if lit is not None:
             self._calls.call(drawing_views.count_white, lit, step, color, self._white)
-        context = FrameContext(plan, cache, None, placement, None, self._calls)
+        context = FrameContext(plan, cache, placement, RecordingWorkers(self._calls))
         for one in acting(effects, "overlay"):
             one.at("overlay", context, color.view(np.uint8).reshape(height, width, 4))
-        for name, picture in (("linear", linear), ("color", color)):
+        for name in ("linear", "color"):
             if name in plan.outputs:
-                self._keep(name, picture)
+                self._keep(name, getattr(picture, name))
 
-    def _shade_layers(self, shader: Shader, tones: Tones | None, picture: ColorRows) -> None:
+    def _shade_layers(
+        self, layers: PixelLayers, shader: Shader, tones: Tones | None, picture: ColorRows
+    ) -> None:
         """
         Record shading and resolving of pixels with several faces.
 
@@ -507,7 +510,7 @@ class Desk:
         is called for layers that there are not is left out, and a view that has more than there is
         room for is drawn as any frame.
         """
-        calls, lists, layers = self._calls, self._lists, self._plan.layers
+        calls, lists = self._calls, self._lists
         viewport, samples = shader.geometry.viewport, int(layers.samples)
         # Partition the lists: opaque faces first.
         parted, middles, room = lists.binned, lists.starts[1:], MOST_LAYERS * layers.has_blended
@@ -549,7 +552,7 @@ class Desk:
                 own.begin()
                 last = min(part.stop, shape[2])
                 some, of_frame = slice(part.start, last), slice(top + part.start, top + last)
-                linear, color = (image[of_frame] for image in picture)
+                linear, color = picture.linear[of_frame], picture.color[of_frame]
                 if not (at_once or linear.shape[1]):
                     linear = own.empty((last - part.start, viewport.width, 4), np.float32)
                 if room:

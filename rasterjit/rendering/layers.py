@@ -26,6 +26,7 @@ from rasterjit.pipeline.fragments import (
 from rasterjit.pipeline.fragments.bands import (
     MOST_BYTES,
     Band,
+    Finder,
     Lists,
     at_samples,
     find_areas,
@@ -97,6 +98,11 @@ class Shader(NamedTuple):
         if self.stages is None:
             raise RuntimeError("the stages of a shader are made by ready()")
         return self.stages
+
+    @property
+    def finder(self) -> Finder:
+        """What finds the faces of an image."""
+        return Finder(self.geometry, self.alpha_tests)
 
     def of_plain_codes(self) -> Shader:
         """Return this shader for constant-colour objects over an opaque background colour."""
@@ -312,7 +318,7 @@ def mix_areas(
     rows: tuple[int, int], lists: Lists, shader: Shader, target: ColorRows, memory: Memory
 ) -> None:
     """Resolve one row of tiles of opaque faces by exact area coverage."""
-    faces, shares, rest = find_areas(rows, lists, shader, memory)
+    faces, shares, rest = find_areas(rows, lists, shader.finder, memory)
     mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
     mixed[:] = shader.backdrop(AT_ONCE, rest.shape, rows[0], memory).transpose(0, 2, 1)
     shader.shading.mix(faces, rows[0], shares, rest, mixed, shader.has_codes)
@@ -513,7 +519,7 @@ def shade_rows(
     if plan.samples == "area":
         mix_areas(rows, lists, shader, target, memory)
         return
-    for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
+    for band in find_layers(rows, lists, int(plan.samples), shader.finder, memory, plan.most):
         start, levels = band.first_row - rows[0], band.transparent.shape[1]
         rows_of_band = slice(start, start + band.opaque.shape[1])
         part = ColorRows(target.linear[rows_of_band], target.color[rows_of_band])

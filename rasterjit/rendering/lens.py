@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -159,7 +160,7 @@ def plan_lensed(
     text = f"{type(lens).__name__}: {looks.described}"
     pixels, eye = _pixels_of(lens, sight, camera, size), camera.eye_position()
     effects = tuple(
-        one._replace(data=one.effect.bent(one.data, eye, pixels))
+        replace(one, data=one.effect.bent(one.data, eye, pixels))
         if isinstance(one, Planned) and isinstance(one.effect, Bends)
         else one
         for one in whole[0].plan.effects
@@ -241,8 +242,9 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
     one = planned.pictures[0]
     placement = placement_of(one.cache.shapes.arrays, one.views)
-    coverage = seen.coverage._replace(face_id=targets["face_id"])
-    context = FrameContext(planned.plan, one.cache, None, placement, coverage, workers)
+    # What draws over the finished picture of a lens reads the faces, no more.
+    seen = seen._replace(coverage=seen.coverage._replace(face_id=targets["face_id"]))
+    context = FrameContext(planned.plan, one.cache, placement, workers, seen)
     lit = notices.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
     share = 0.0 if lit is None else notices.white_share(lit, result["color"])
     for overlay in planned.plan.at("overlay"):
@@ -299,8 +301,7 @@ def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
 def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
     """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
     for plan in plans:
-        for one in look_around(plan.planned):
-            effect = one.effect
+        for effect, _ in look_around(plan.planned):
             looks_around = effect.looks == "neighbours"
             if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
                 raise ValueError(

@@ -124,7 +124,7 @@ def _draw_layers(
     plan, cache, views = planned[:3]
     seen = find_visible(plan, cache, workers, clock, views)
     finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, cache))
-    depths, faces = peel(count, seen.coverage, finder, workers)
+    depths, faces = peel(count, seen, finder, workers)
     clock("layers")
     compared = compare(planned, workers, clock)
     arrays: dict[str, NDArray[Any]] = {}
@@ -149,7 +149,7 @@ def _draw_layers(
 
 
 def peel(
-    count: int, coverage: draw.Coverage, finder: bands.Finder, workers: Workers
+    count: int, seen: draw.Seen, finder: bands.Finder, workers: Workers
 ) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """
     Return the nearest surfaces of each pixel, nearest first.
@@ -158,8 +158,8 @@ def peel(
     ----------
     count : int
         How many.
-    coverage : Coverage
-        With its lists.
+    seen : Seen
+        With the lists of its coverage.
     finder : Finder
     workers : Workers
 
@@ -172,8 +172,8 @@ def peel(
     """
     finder = bands.at_samples(finder, 1)
     viewport = finder.geometry.viewport
-    everything = np.ones(len(coverage.lists.objects.face_starts) - 1, np.uint8)
-    lists = bands.part_lists(coverage, viewport, everything, workers)
+    everything = np.ones(len(seen.objects.face_starts) - 1, np.uint8)
+    lists = bands.part_lists(seen.coverage, viewport, everything, workers)
     shape = count, viewport.height, viewport.width
     depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)
@@ -183,6 +183,7 @@ def peel(
     def peel_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
         for band in bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
+            assert band.depths is not None
             found = band.transparent[0], band.depths[0]
             if finder.alpha_tests is not None:
                 found = without_holes(band.first_row, *found, finder.alpha_tests)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,10 +64,9 @@ from rasterjit.survey.effect import Absent, Active, Planned, Planning
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight_row, imitated_lighting, lighting_of
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
-from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.plan import Cull, RenderPlan
 from rasterjit.survey.posing import posed_scene
 
-Cull: TypeAlias = Literal["none", "back", "front"]
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 """Which faces are dropped: none; those that show their back; their front."""
 
@@ -394,10 +393,10 @@ class PlannedFrame(NamedTuple):
     plan: RenderPlan
     cache: SceneCache
     views: Views
+    scene: Scene
+    """What is drawn."""
     earlier: PlannedFrame | None = None
     """The earlier frame that motion is found against; ``None`` -> none."""
-    scene: Scene | None = None
-    """What is drawn; of an earlier frame ``None``."""
 
 
 def plan_views(
@@ -435,7 +434,7 @@ def plan_views(
         views = placing.view_again(views, plan.camera, size)
     earlier = find_earlier(request.previous, plan, scene, camera)
     if earlier is None:
-        return PlannedFrame(plan, cache, views, None, scene)
+        return PlannedFrame(plan, cache, views, scene)
     earlier = cut_alike(earlier[0], scene), earlier[1]
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = placing.view_places(old.places, earlier[1], size)
@@ -448,8 +447,8 @@ def plan_views(
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
         old_views = placing.view_again(old_views, old_plan.camera, size)
-    before = PlannedFrame(old_plan, old, old_views)
-    return PlannedFrame(plan.with_(previous=old_plan), cache, views, before, scene)
+    before = PlannedFrame(old_plan, old, old_views, earlier[0])
+    return PlannedFrame(plan.with_(previous=old_plan), cache, views, scene, before)
 
 
 def settle_together(

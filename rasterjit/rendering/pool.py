@@ -145,16 +145,15 @@ def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
 class Begun(NamedTuple):
     """The result of a view: its frame and warnings, or an error."""
 
-    frame: Frame | None
+    result: Frame | Exception
     notices: dict[str, str]
-    error: Exception | None = None
 
     def taken(self, told: set[str]) -> Frame:
         """Return the frame and issue new warnings, or raise the error."""
-        if self.error is not None:
-            raise self.error
+        if isinstance(self.result, Exception):
+            raise self.result
         notices.warn(self.notices, told)
-        return self.frame
+        return self.result
 
 
 class Shared(NamedTuple):
@@ -163,18 +162,19 @@ class Shared(NamedTuple):
     kept: BatchCache
     projections: Projections
     moment: SceneSnapshot
-    count: int
+    group_size: int
     """How many views are drawn in one go."""
 
     @classmethod
     def of(
-        cls, scene: Scene, cache: SceneCache, options: FrameRequest, count: int,
+        cls, scene: Scene, cache: SceneCache, options: FrameRequest, group_size: int,
         first: RenderPlan | None = None,
     ) -> Shared:  # fmt: skip
         """Return what it takes to draw groups of so many views, perhaps with the plan of one."""
         kept = BatchCache(cache)
         kept.first = first
-        return cls(kept, Projections(options.size), SceneSnapshot(scene, cache, options), count)
+        own = SceneSnapshot(scene, cache, options)
+        return cls(kept, Projections(options.size), own, group_size)
 
 
 class Artist:
@@ -199,14 +199,13 @@ class Artist:
         # The pool tells once, for all of them.
         self._renderer = Renderer.of_many(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
-        self._drawer: Drawer | None = None
-        self._shared: Shared | None = None
+        self._group: tuple[Drawer, Shared] | None = None
 
     def close(self) -> None:
         """Release its threads and its memory."""
         self._renderer.close()
-        if self._drawer is not None:
-            self._drawer.close()
+        if self._group is not None:
+            self._group[0].close()
 
     def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[Begun]:
         """
@@ -228,7 +227,7 @@ class Artist:
         begun: deque[Begun] = deque()
         for n, camera in enumerate(cameras):
             begun.append(found.pop(n) if n in found else self._draw_alone(camera))
-            if begun[-1].error is not None:
+            if isinstance(begun[-1].result, Exception):
                 break
         return begun
 
@@ -241,13 +240,13 @@ class Artist:
                 cull=asked.cull,
             )  # fmt: skip
         except Exception as error:
-            return Begun(None, {}, error)
+            return Begun(error, {})
         return Begun(frame, notices.notices_of_frame(frame))
 
     def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
         """Draw those views, by their numbers, that have a place in a group."""
         clock = StageClock()
-        drawer, moment = self._drawer_of(len(cameras), shared)
+        drawer, own = self._drawer_of(len(cameras), shared)
         counts, is_drawn, told = drawer.draw(range(len(cameras)), cameras, None)
         clock("all stages")
         drawn = np.flatnonzero(is_drawn).tolist()
@@ -258,24 +257,24 @@ class Artist:
             named = dict(zip(COUNTED, counted, strict=False))
             seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
             stats = FrameStats(**named, seconds=seconds, face_id=covered)
-            plan = partial(moment.plan, cameras[n])
+            plan = partial(own.moment.plan, cameras[n])
             found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
         return found
 
-    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, SceneSnapshot]:
-        """Return what draws groups of so many views or fewer, and plans them later."""
-        if self._shared is not None and count > self._shared.count:
+    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, Shared]:
+        """Return what draws groups of so many views or fewer, and what it shares."""
+        if self._group is not None and count > self._group[1].group_size:
             # A worker drew a smaller group before.
-            self._drawer.close()
-            self._shared = None
-        if self._shared is None:
-            self._shared = shared or Shared.of(self._scene, self._cache, self._options, count)
-            self._drawer = self._make_drawer(self._shared)
-        return self._drawer, self._shared.moment
+            self._group[0].close()
+            self._group = None
+        if self._group is None:
+            shared = shared or Shared.of(self._scene, self._cache, self._options, count)
+            self._group = self._make_drawer(shared), shared
+        return self._group
 
     def _make_drawer(self, shared: Shared) -> Drawer:
         """Return what draws groups, into memory of its own."""
-        shapes = batch.shapes_of(self._scene, shared.count, self._options)
+        shapes = batch.shapes_of(self._scene, shared.group_size, self._options)
         self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}
         return Drawer(
             Together(
@@ -309,9 +308,7 @@ class RendererPool:
         self._process = os.getpid()
         self._idle: queue.SimpleQueue[Artist] = queue.SimpleQueue()
         self._artists: list[Artist] = []
-        self._pool: ThreadPoolExecutor | None = None
         self._told: set[str] = set()
-        self._cache: SceneCache | None = None
         self._shared: Shared | None = None
 
     def __enter__(self) -> RendererPool:
@@ -379,7 +376,8 @@ def draw_in_turns(
         count = views_at_once(first.plan, scene, cache, options, 1, room)
         shared = Shared.of(scene, cache, options, count, first.plan)
         yield first
-        artists, each = [alone], map
+        artists: list[Artist] = [alone]
+        each: Callable[..., Iterator[deque[Begun]]] = map
         if count > 1:
             artists = [
                 stack.enter_context(closing(Artist(scene, options, 1, cache)))
@@ -418,25 +416,25 @@ class LateFrame(Frame):
         stats: FrameStats,
         face_starts: NDArray[np.int64] | None = None,
     ) -> None:
-        self._plan: RenderPlan | None = None
-        self._make_plan: Callable[[], RenderPlan] | None = make_plan
-        super().__init__(outputs, None, stats, None, face_starts)
+        self._plan: RenderPlan | Callable[[], RenderPlan]
+        # The setter takes what makes it as well.
+        plan: Any = make_plan
+        super().__init__(outputs, plan, stats, None, face_starts)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the plan, not all that it is made from."""
-        return {**self.__dict__, "_plan": self.plan, "_make_plan": None}
+        return {**self.__dict__, "_plan": self.plan}
 
     @property
     def plan(self) -> RenderPlan:
         """What was decided for this frame."""
-        if self._plan is None:
-            self._plan = self._make_plan()
-            # It holds the scene.
-            self._make_plan = None
+        if not isinstance(self._plan, RenderPlan):
+            # What makes it holds the scene: that is let go.
+            self._plan = self._plan()
         return self._plan
 
     @plan.setter
-    def plan(self, value: RenderPlan | None) -> None:
+    def plan(self, value: RenderPlan | Callable[[], RenderPlan]) -> None:
         self._plan = value
 
 

@@ -260,7 +260,7 @@ def draw_frame(
         if plan.takes_first_depth:
             first_depth = workers.memory.empty(seen.coverage.face_id.shape, plan.depth_format.kind)
             seen = seen._replace(coverage=seen.coverage._replace(first_depth=first_depth))
-        context = FrameContext(plan, cache, *seen[2:], workers)
+        context = FrameContext(plan, cache, seen.placement, workers, seen)
         lit = notices.lit_pixels(plan.facts, cache, seen.coverage.face_id)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:

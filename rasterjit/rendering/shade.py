@@ -31,7 +31,15 @@ from rasterjit.rendering.shading import AT_ONCE
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
-from rasterjit.survey.effect import Active, FrameContext, Planned, SeesThrough, acting
+from rasterjit.survey.effect import (
+    Active,
+    FrameContext,
+    Planned,
+    SeesThrough,
+    acting,
+    context_of,
+    look_around,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
@@ -71,7 +79,8 @@ def shade_faces(
     shared : (H, W) int32, optional
         The picture's faces, to be written over: see `shared_memory`.
     """
-    plan, cache, geometry, placement, coverage, workers = context
+    plan, cache, placement, workers, _ = context
+    geometry, coverage = context.seen.geometry, context.seen.coverage
     if not plan.facts.is_colored:
         return {}
     height, width = coverage.face_id.shape
@@ -98,7 +107,7 @@ def shade_faces(
         cache.tables,
     )  # fmt: skip
     surface = light_surface(plan, surface, plan.lighting, light)
-    if plan.facts.shades_points:
+    if plan.facts.shades_points and coverage.points is not None:
         surface = surface._replace(points=coverage.points.read)
     shader = layers.Shader(
         plan.shading, geometry, placement, surface, plan.lighting, plan.background, effects,
@@ -310,14 +319,15 @@ def shade_nothing(
         picture[1:] = picture[0]
 
 
-def glass_of(plan: RenderPlan) -> Planned | None:
-    """Return the transmission effect of a frame; ``None`` without one."""
-    return next((one for one in plan.planned if isinstance(one.effect, SeesThrough)), None)
+def glass_of(plan: RenderPlan) -> tuple[SeesThrough, Any] | None:
+    """Return the transmission effect of a frame, with its data; ``None`` without one."""
+    around = look_around(plan.planned)
+    return next(((one, data) for one, data in around if isinstance(one, SeesThrough)), None)
 
 
-def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
+def plan_behind(plan: RenderPlan, glass: SeesThrough) -> RenderPlan:
     """Return the plan of the opaque pass that transmission reads."""
-    layers, hidden = plan.layers, own.effect.hidden(plan.facts)
+    layers, hidden = plan.layers, glass.hidden(plan.facts)
     if layers is not None and layers.has_blended:
         hidden = hidden | (layers.is_blended > 0)
     if layers is not None:
@@ -328,17 +338,17 @@ def plan_behind(plan: RenderPlan, own: Planned) -> RenderPlan:
 
     def is_behind(planned: Planned) -> bool:
         places = planned.effect.places
-        return planned is not own and "overlay" not in places and "mixed" not in places
+        return planned.effect is not glass and "overlay" not in places and "mixed" not in places
 
     return plan.with_(is_behind, outputs=("linear",), layers=layers, hidden=hidden, drawn=drawn)
 
 
 def draw_behind(
-    context: FrameContext, own: Planned, find: Callable[[RenderPlan], Seen]
+    context: FrameContext, glass: SeesThrough, find: Callable[[RenderPlan], Seen]
 ) -> FrameContext:
     """Run the opaque pass that transmission reads, up to visibility."""
-    plan = plan_behind(context.plan, own)
-    return FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
+    plan = plan_behind(context.plan, glass)
+    return context_of(plan, context.cache, find(plan), context.workers)
 
 
 def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> FrameContext:
@@ -355,10 +365,11 @@ def look_behind(context: FrameContext, find: Callable[[RenderPlan], Seen]) -> Fr
     own = glass_of(plan)
     if own is None:
         return context
+    glass, data = own
     (done,) = plan.drawn or ({},)
-    if own.name in done:
-        record = own.effect.of_part(done[own.name], plan.corner)
-        return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
-    linear = shade_faces(draw_behind(context, own, find))["linear"]
-    record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
-    return context._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
+    if glass.name in done:
+        record = glass.of_part(done[glass.name], plan.corner)
+    else:
+        linear = shade_faces(draw_behind(context, glass, find))["linear"]
+        record = glass.prepare(context, data, [(plan.camera, linear)])
+    return context._replace(plan=plan.with_(drawn=({**done, glass.name: record},)))

@@ -387,8 +387,6 @@ class BoundCalls:
     Keep it alive while its table is in use.
     """
 
-    threads = 1
-
     def __init__(self) -> None:
         self.kept: list[Any] = []
         """Owners of the memory behind the addresses."""
@@ -410,11 +408,6 @@ class BoundCalls:
     def call(self, kernel: Any, *arguments: Any, when: When | None = None) -> None:
         """Call a kernel."""
         self.add(self.bound(kernel, *arguments), when=when)
-
-    def run(self, kernel: Any, arguments: Iterable[tuple[Any, ...]]) -> None:
-        """Call a kernel with each of some arguments, in place of ``Workers.run``."""
-        for some in arguments:
-            self.call(kernel, *some)
 
     def run_stages(self, stages: StageList, when: When | None = None) -> None:
         """Run stages over an empty block."""
@@ -463,6 +456,20 @@ class BoundCalls:
 
 
 AnyCalls = DirectCalls | BoundCalls
+
+
+class RecordingWorkers(Workers):
+    """One thread that records what it is to run."""
+
+    def __init__(self, calls: BoundCalls) -> None:
+        super().__init__(1)
+        self._calls = calls
+
+    def run(self, task: Any, arguments: Iterable[tuple]) -> list[Any]:
+        """Record the call of a kernel for each tuple."""
+        for some in arguments:
+            self._calls.call(task, *some)
+        return []
 
 
 def no_color(linear: NDArray[np.float32]) -> NDArray[np.uint32]:

@@ -32,7 +32,7 @@ from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.visibility.draw import Coverage, Seen
+from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import layers, shade
 from rasterjit.rendering.lens_pictures import PictureCamera
 from rasterjit.rendering.shading import AT_ONCE
@@ -41,7 +41,7 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.imitation import shown_by_codes
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import Active, FrameContext, Planned, shown_as_given
+from rasterjit.survey.effect import Active, FrameContext, Planned, context_of, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -212,7 +212,7 @@ def shade_faces(
     add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     sums = accumulation.sums
     if sums is None:
-        sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
+        sums = workers.memory.empty((*context.seen.coverage.face_id.shape, 4), np.float64)
         sums.fill(0.0)
         accumulation.sums = sums
     # In the same steps for any number of pictures: those of one step share shadow maps.
@@ -228,7 +228,7 @@ def shade_faces(
         picture = plan_picture(plan, drawn)
         own = shade.glass_of(plan)
         if own is not None and new and surveys_pictures(plan):
-            other = shade.draw_behind(context, own, find)
+            other = shade.draw_behind(context, own[0], find)
             picture = picture.with_(drawn_behind=_draw_whole(other, new, find))
         for offset in new:
             shown = _draw_picture(moved(picture, offset), context, find)
@@ -281,13 +281,13 @@ def cover_pixels(
     Takes what `shade_faces` takes; of a frame of fewer pictures than the quality has samples it is
     the share of these.
     """
-    plan = context.plan
+    plan, seen = context.plan, context.seen
     samples = plan.facts.picture_samples
     if samples is None:
-        finder = bands.Finder(context.geometry, shade.find_hit_tests(plan, context.cache))
-        return cover_samples(plan.quality.samples, context.coverage, finder, context.workers)
+        finder = bands.Finder(seen.geometry, shade.find_hit_tests(plan, context.cache))
+        return cover_samples(plan.quality.samples, seen, finder, context.workers)
     if accumulation.covered is None:
-        accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
+        accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else samples
     picture = plan.with_(
         lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
@@ -302,7 +302,7 @@ def _draw_picture(
     plan: RenderPlan, context: FrameContext, find: Callable[[RenderPlan], Seen]
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
-    picture = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
+    picture = context_of(plan, context.cache, find(plan), context.workers)
     picture = shade.look_behind(picture, find)
     return shade.shade_faces(picture)[plan.outputs[0]]
 
@@ -364,19 +364,18 @@ def _draw_whole(
     sights = [see_whole(context)]
     for offset in offsets:
         plan = moved(context.plan, offset)
-        beside = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
-        sights.append(see_whole(beside))
+        sights.append(see_whole(context_of(plan, context.cache, find(plan), context.workers)))
     return prepare_whole(context, offsets, sights)
 
 
 def surveys_pictures(plan: RenderPlan) -> bool:
     """Tell whether an effect looks at all pictures, not at the finished one alone."""
-    return any("overlay" not in one.effect.places for one in plan.whole)
+    return any("overlay" not in effect.places for effect, _ in plan.whole)
 
 
 def see_whole(context: FrameContext) -> dict[str, Any]:
     """Return what the effects that look at the whole picture see of one, or a part of it."""
-    return {one.name: one.effect.see(context) for one in context.plan.whole}
+    return {effect.name: effect.see(context) for effect, _ in context.plan.whole}
 
 
 def prepare_whole(
@@ -396,11 +395,11 @@ def prepare_whole(
     plan = context.plan
     cameras = [plan.camera, *(moved(plan, offset).camera for offset in offsets)]
     return {
-        one.name: one.effect.prepare(
-            context, one.data,
-            [(camera, sight[one.name]) for camera, sight in zip(cameras, sights, strict=True)],
+        effect.name: effect.prepare(
+            context, data,
+            [(camera, sight[effect.name]) for camera, sight in zip(cameras, sights, strict=True)],
         )
-        for one in plan.whole
+        for effect, data in plan.whole
     }  # fmt: skip
 
 
@@ -496,7 +495,7 @@ def _wanted(
 
 
 def cover_samples(
-    samples: int | str, coverage: Coverage, finder: bands.Finder, workers: Workers
+    samples: int | str, seen: Seen, finder: bands.Finder, workers: Workers
 ) -> NDArray[np.float32]:
     """
     Return the share of each pixel's samples that any face covers, (H, W), or of its area.
@@ -505,16 +504,17 @@ def cover_samples(
     ----------
     samples : int or str
         1 to 16, or ``"area"``.
-    coverage : Coverage
-        With its lists.
+    seen : Seen
+        With the lists of its coverage.
     finder : Finder
     workers : Workers
     """
+    coverage = seen.coverage
     if samples == 1:
         return (coverage.face_id >= 0).astype(np.float32)
     finder = bands.at_samples(finder, samples)
     viewport = finder.geometry.viewport
-    nothing = np.zeros(len(coverage.lists.objects.face_starts) - 1, np.uint8)
+    nothing = np.zeros(len(seen.objects.face_starts) - 1, np.uint8)
     lists = bands.part_lists(coverage, viewport, nothing, workers)
     covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
 

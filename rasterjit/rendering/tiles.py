@@ -28,7 +28,7 @@ from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of
-from rasterjit.survey.effect import FrameContext, SeesThrough, look_around
+from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, look_around
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
@@ -129,8 +129,7 @@ class RegionRenderer:
             for one in plans:
                 known = views if one is part else None
                 seen = find_visible(one, cache, self._workers, _no_clock, known)
-                context = FrameContext(one, cache, *seen[2:], self._workers)
-                found.append(supersample.see_whole(context))
+                found.append(supersample.see_whole(context_of(one, cache, seen, self._workers)))
         return tuple(found)
 
     def take_surveys(self, surveys: Mapping[Region, Survey]) -> None:
@@ -145,16 +144,16 @@ class RegionRenderer:
         corners = [(region[0], region[1]) for region in surveys]
         middle, *beside = [
             {
-                one.name: one.effect.join(
+                effect.name: effect.join(
                     plan.size,
-                    [(at, seen[one.name]) for at, seen in zip(corners, sights, strict=True)],
+                    [(at, seen[effect.name]) for at, seen in zip(corners, sights, strict=True)],
                 )
-                for one in plan.whole
+                for effect, _ in plan.whole
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
         placement = shade.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
-        context = FrameContext(plan, cache, None, placement, None, self._workers)
+        context = FrameContext(plan, cache, placement, self._workers)
         rest, drawn = iter(beside), []
         for step in self._surveyed_steps() or [[]]:
             sights = [middle, *(next(rest) for _ in step)]
@@ -188,7 +187,7 @@ class RegionRenderer:
         plan = self._planned.plan
         region = check_region(region, plan.size)
         if self.needs_surveys:
-            names = " and ".join(one.name for one in self.plan.whole)
+            names = " and ".join(one.name for one, _ in self.plan.whole)
             raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
         self._look_behind()
         return self._draw(self._planned.plan, region)
@@ -206,18 +205,20 @@ class RegionRenderer:
         own = shade.glass_of(plan)
         if own is None:
             return
+        glass, data = own
         (done,) = plan.drawn or ({},)
-        if own.name in done:
+        if glass.name in done:
             return
-        other = shade.plan_behind(plan, own)
+        other = shade.plan_behind(plan, glass)
         linear = np.empty((plan.size[1], plan.size[0], 4), np.float32)
         for region in regions_of(plan.size, BEHIND_TILE):
             left, top, width, height = region
             linear[top : top + height, left : left + width] = self._draw(other, region).linear
         placement = placement_of(cache.shapes.arrays, views)
-        context = FrameContext(plan, cache, None, placement, None, self._workers)
-        record = own.effect.prepare(context, own.data, [(plan.camera, linear)])
-        self._planned = self._planned._replace(plan=plan.with_(drawn=({**done, own.name: record},)))
+        context = FrameContext(plan, cache, placement, self._workers)
+        record = glass.prepare(context, data, [(plan.camera, linear)])
+        drawn = ({**done, glass.name: record},)
+        self._planned = self._planned._replace(plan=plan.with_(drawn=drawn))
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
         """
@@ -338,22 +339,22 @@ def _margin_of(plan: RenderPlan) -> int:
         If an effect looks at any pixels beyond the edges of a region.
     """
     farthest = 0
-    for planned in look_around(plan.planned):
-        if planned.effect.looks != "neighbours":
+    for effect, data in look_around(plan.planned):
+        if effect.looks != "neighbours":
             continue
-        reach = planned.effect.reach(planned.data)
+        reach = effect.reach(data)
         farthest = max(farthest, reach or 0)
-        if isinstance(planned.effect, SeesThrough) and plan.pictures == 1 and not plan.whole:
+        if isinstance(effect, SeesThrough) and plan.pictures == 1 and not plan.whole:
             # The whole picture behind glass is drawn before.
             if max(plan.size) > MAX_SIZE:
                 raise ValueError(
-                    f"{planned.effect.refusal()} where a picture is larger than {MAX_SIZE} pixels "
+                    f"{effect.refusal()} where a picture is larger than {MAX_SIZE} pixels "
                     f"a side, got size {plan.size}"
                 )
             continue
         if reach is None:
             raise ValueError(
-                f"{planned.effect.refusal()} where a picture is drawn in regions: "
+                f"{effect.refusal()} where a picture is drawn in regions: "
                 "it looks at neighbouring pixels, which other regions hold"
             )
     layers = plan.layers

@@ -50,6 +50,7 @@ from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
+from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
 from rasterjit.survey.contents import Contents
@@ -257,7 +258,7 @@ class Together:
         asked = (~is_sure | beyond_boxes) & views.is_finite
         moved = []
         for n in self._find_crossed(seen, asked, beyond_boxes, views, measures):
-            of_all = Measures(*(part[..., n, :] for part in measures))
+            of_all = measures.of(n)
             relative, clip = views.relative_from_model[n], views.clip_from_relative[n]
             own = self.cache.extents
             if places is not None:
@@ -341,7 +342,7 @@ class Together:
             return []
         numbers = [n for n, _ in asked]
         near, far = np.array([inside for _, inside in asked]).T[..., np.newaxis]
-        some = Measures(*(part[..., numbers, :] for part in measures))
+        some = measures.of(numbers)
         crossed = some.may_cross(near, far).any(axis=1) | beyond_boxes[numbers]
         return [n for n, is_crossed in zip(numbers, crossed, strict=True) if is_crossed]
 
@@ -373,9 +374,12 @@ class Together:
             options.cull, cache.tables.is_single_sided, view[:, 2, :3],
         )  # fmt: skip
         kind = cache.shapes.positions(options.quality.precision).dtype
-        kinds = {"relative_from_model": kind, "clip_from_relative": kind, "viewer": np.float32}
+        kinds: dict[str, Any] = {
+            "relative_from_model": kind, "clip_from_relative": kind, "viewer": np.float32,
+            "is_parallel": np.int64,
+        }  # fmt: skip
         with np.errstate(over="ignore"):
-            for name, kind in {**kinds, "is_parallel": np.int64}.items():
+            for name, kind in kinds.items():
                 fields[name] = fields[name].astype(kind, copy=False)
         if "depth" in self.options.outputs:
             ways = [depth_way(camera) for camera in cameras]
@@ -407,7 +411,7 @@ def light_rows(lights: Sequence[Light], camera: Camera, eyes: Float64) -> NDArra
     """Return the lights of each view, (N, L, 13), relative to its eye: `lights.lighting_of`."""
     rows = np.repeat(lighting_of(lights, camera, 0).lights[np.newaxis], len(eyes), axis=0)
     for n, light in enumerate(lights):
-        if not isinstance(light, DirectionalLight):
+        if isinstance(light, PointLight | SpotLight):
             place = np.array(light.position) - eyes
             rows[:, n, :3] = np.clip(place, -FARTHEST_LIGHT, FARTHEST_LIGHT)
     return rows
@@ -549,7 +553,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
         return False
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False
-    if plan.layers is not None and not _is_laid_in_groups(plan):
+    if plan.layers is not None and not _is_laid_in_groups(plan.layers):
         return False
     if not facts.finds_faces or (facts.is_colored and not facts.draws_faces):
         return False
@@ -568,9 +572,8 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     )
 
 
-def _is_laid_in_groups(plan: RenderPlan) -> bool:
+def _is_laid_in_groups(layers: PixelLayers) -> bool:
     """Tell whether pixels have several samples, or transparency at one, in linear light."""
-    layers = plan.layers
     if layers.mixes_codes or layers.samples == "area":
         return False
     return not layers.has_blended or (layers.samples == 1 and layers.most is None)

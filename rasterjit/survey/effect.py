@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 
 from rasterjit.pipeline.passes import Rows
-from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.visibility.draw import Coverage
+from rasterjit.pipeline.records import Placement
+from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -74,47 +75,35 @@ class Planning(NamedTuple):
 
 
 class FrameContext(NamedTuple):
-    """A picture whose visible faces are known."""
+    """A picture that is prepared or drawn over."""
 
     plan: RenderPlan
     cache: SceneCache
-    geometry: Geometry | None
     placement: Placement
-    coverage: Coverage | None
     workers: Workers
-
-
-class Planned(NamedTuple):
-    """An effect that a frame needs."""
-
-    effect: Effect
-    facts: Facts
-    data: Any = None
-    """The plan's data for it: a description, or the record that stages read."""
-
-    used = True
+    picture: Seen | None = None
+    """Its visible faces; ``None`` for views drawn by recorded calls, or in regions."""
 
     @property
-    def name(self) -> str:
-        """Name of its row."""
-        return self.effect.name
-
-    @property
-    def reason(self) -> str:
-        """Why the frame needs it."""
-        return self.effect.reason(self.facts, True)
-
-    def __repr__(self) -> str:
-        return f"Planned({self.name}: {self.reason})"
+    def seen(self) -> Seen:
+        """Its visible faces; raises ``RuntimeError`` where they are not known."""
+        if self.picture is None:
+            raise RuntimeError("the visible faces of this picture are not known as a whole")
+        return self.picture
 
 
-class Absent(NamedTuple):
+def context_of(plan: RenderPlan, cache: SceneCache, seen: Seen, workers: Workers) -> FrameContext:
+    """Return the context of a picture whose visible faces are known."""
+    return FrameContext(plan, cache, seen.placement, workers, seen)
+
+
+@dataclass(repr=False)
+class Absent:
     """An effect that a frame does not need."""
 
+    used: ClassVar[bool] = False
     effect: Effect
     facts: Facts
-
-    used = False
 
     @property
     def name(self) -> str:
@@ -123,11 +112,20 @@ class Absent(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why the frame does not need it."""
-        return self.effect.reason(self.facts, False)
+        """Why the frame needs it or not."""
+        return self.effect.reason(self.facts, self.used)
 
     def __repr__(self) -> str:
-        return f"Absent({self.name}: {self.reason})"
+        return f"{type(self).__name__}({self.name}: {self.reason})"
+
+
+@dataclass(repr=False)
+class Planned(Absent):
+    """An effect that a frame needs."""
+
+    used: ClassVar[bool] = True
+    data: Any = None
+    """The plan's data for it: a description, or the record that stages read."""
 
 
 class Calls(Protocol):
@@ -151,8 +149,6 @@ class Effect:
         The field of `Scene` that asks for it; empty: none does.
     key : str
         What switches it in the viewer; empty: nothing does.
-    modes : dict of str
-        What the key goes through before it is off, with a word for each; empty: on and off.
     is_explained : bool
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
@@ -169,12 +165,11 @@ class Effect:
     name = ""
     field = ""
     key = ""
-    modes: Mapping[str, str] = {}
     is_explained = False
     term = ""
     settings: tuple[str, ...] = ()
     follows_facts = False
-    places: Mapping[str, Callable[..., Any]] = {}
+    places: ClassVar[Mapping[str, Callable[..., Any]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Raise ``ValueError`` for an unknown place."""
@@ -246,29 +241,30 @@ class Effect:
         """Return a scene without it; None: it cannot be switched off in the scene."""
         return None if not self.field else with_field(scene, self.field, None)
 
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Suggest it, or more of it: return a description and a scene that has it, or None."""
+        return "", None
+
+
+class HasModes(Effect):
+    """
+    An effect that is on in several ways: its key goes through them.
+
+    Attributes
+    ----------
+    modes : dict of str
+        A word for each, before it is off.
+    """
+
+    modes: ClassVar[Mapping[str, str]]
+
     def mode_of(self, scene: Scene) -> str | None:
         """Return the mode in which a scene asks for it; None: it does not."""
-        return None
+        raise NotImplementedError
 
     def with_mode(self, scene: Scene, mode: str | None) -> Scene:
         """Return a scene that asks for it in a mode, else as before; None: that does not."""
         raise NotImplementedError
-
-    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Suggest it for a scene that lacks it: return a description and such a scene, or None."""
-        return "", None
-
-    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
-        """Suggest more of it for a scene with it: return a description and the scene, or None."""
-        return self.add(scene, quality)
-
-    def quality_without(self, quality: Quality) -> Quality | None:
-        """Return a quality that does not ask for it; None: it is no matter of quality."""
-        return None
-
-    def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
-        """Suggest it for a quality without it: return a description and such a quality, or None."""
-        return "", None
 
 
 class InGroups(Effect):
@@ -372,6 +368,18 @@ class SeesThrough(LooksAround):
         raise NotImplementedError
 
 
+class OfQuality(Effect):
+    """An effect that the quality asks for, not the scene."""
+
+    def quality_without(self, quality: Quality) -> Quality:
+        """Return a quality that does not ask for it."""
+        raise NotImplementedError
+
+    def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
+        """Suggest it for a quality without it: return a description and such a quality, or None."""
+        raise NotImplementedError
+
+
 class Backdrop(Effect):
     """An effect that draws behind all faces, without tone mapping."""
 
@@ -395,9 +403,9 @@ class Bends(Effect):
         return data
 
 
-def look_around(planned: Iterable[Planned]) -> list[Planned]:
-    """Return the effects that are `LooksAround`."""
-    return [one for one in planned if isinstance(one.effect, LooksAround)]
+def look_around(planned: Iterable[Planned]) -> list[tuple[LooksAround, Any]]:
+    """Return the effects that are `LooksAround`, each with the plan's data for it."""
+    return [(one.effect, one.data) for one in planned if isinstance(one.effect, LooksAround)]
 
 
 class Active(NamedTuple):

@@ -13,7 +13,7 @@ import operator
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ from rasterjit.scene.light import (
 from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.many_views import Group
 from rasterjit.survey.placement import Boxes
+
+CastingLight: TypeAlias = DirectionalLight | PointLight | SpotLight
+"""Lights that come from somewhere: they have a row each, and may cast shadows."""
 
 FARTHEST_LIGHT = 1e18
 """Coordinates of a light relative to the eye are clamped to this: their squares stay finite in
@@ -149,7 +152,9 @@ def plan_lights(
         if reason:
             notes.append(f"light {n}: {reason}")
             continue
-        if getattr(light, "shadow", None) is not None and not scenery.is_shaded(light, reached):
+        if isinstance(light, AmbientLight) or light.shadow is None:
+            pass
+        elif not scenery.is_shaded(light, light.shadow, reached):
             shadow_notes.append(f"light {n}: nothing lies between it and what is seen")
             light = replace(light, shadow=None)
         kept.append(light)
@@ -240,7 +245,7 @@ class _Scenery:
             return self._enclosures.between(-np.array(light.direction), False, low, high)
         return self._enclosures.between(np.array(light.position) - self.eye, True, low, high)
 
-    def is_shaded(self, light: Any, reached: NDArray[np.bool_] | None) -> bool:
+    def is_shaded(self, light: Any, shadow: Shadow, reached: NDArray[np.bool_] | None) -> bool:
         """Tell whether anything may lie between a light and what it reaches, (O,) or all."""
         receives = self._boxes.in_view if reached is None else reached
         is_solid = self.casts & ~self._boxes.is_flat
@@ -259,13 +264,13 @@ class _Scenery:
         first, last = low[receivers], high[receivers]
         if isinstance(light, DirectionalLight):
             nearest = low[casters, 2].min(initial=np.inf)
-            room = _room_aside(light.shadow, first[:, :2], last[:, :2])
-            room += half_tangent(light.shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
+            room = _room_aside(shadow, first[:, :2], last[:, :2])
+            room += half_tangent(shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
             first[:, 2] = -np.inf
         else:
             place = np.array(light.position) - self.eye
             first, last = np.minimum(first, place), np.maximum(last, place)
-            room = _room_aside(light.shadow, first, last) + (light.shadow.light_size or 0.0) / 2.0
+            room = _room_aside(shadow, first, last) + (shadow.light_size or 0.0) / 2.0
         first, last = first - room, last + room
         return _meets_another(first, last, receivers, low[casters], high[casters], casters)
 
@@ -500,7 +505,7 @@ def view_of_light(one: DepthMap, eye: Sequence[float]) -> NDArray[np.float32]:
     return np.array([*matrix.ravel(), z_offset, w_offset, z_scale, w_scale], np.float32)
 
 
-def _row(light: Light, eye: Sequence[float]) -> list[float]:
+def _row(light: CastingLight, eye: Sequence[float]) -> list[float]:
     """Return one row of ``Lighting.lights``."""
     color = [part * light.intensity for part in light.color]
     if isinstance(light, DirectionalLight):

@@ -158,9 +158,9 @@ class TextureRow(MaterialRow):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with no texture."""
-        return with_materials(scene, lambda one: replace(one, **dict.fromkeys(TEXTURE_FIELDS)))
+        return with_fields(scene, dict.fromkeys(TEXTURE_FIELDS))
 
-    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """
         Return the scene with all textures that have no mip levels filtered between two of them.
 
@@ -175,12 +175,10 @@ class TextureRow(MaterialRow):
                 known[texture] = replace(texture, filter="trilinear")
             return known[texture]
 
-        changed = with_materials(
-            scene,
-            lambda material: replace(
-                material, **{name: filtered(getattr(material, name)) for name in TEXTURE_FIELDS}
-            ),
-        )
+        def changes(material: Material) -> dict[str, Any]:
+            return {name: filtered(getattr(material, name)) for name in TEXTURE_FIELDS}
+
+        changed = with_materials(scene, lambda material: replace(material, **changes(material)))
         is_open = known and quality.texture_filter is None
         return f"mip levels for {len(known)} of them", changed if is_open else None
 
@@ -292,7 +290,7 @@ class Map(CountedRow):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene without these textures."""
-        return with_materials(scene, lambda material: replace(material, **{self._texture: None}))
+        return with_fields(scene, {self._texture: None})
 
 
 class Emission(CountedRow):
@@ -307,8 +305,7 @@ class Emission(CountedRow):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with materials that send out none."""
-        dark = {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None}
-        return with_materials(scene, lambda material: replace(material, **dark))
+        return with_fields(scene, {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None})
 
 
 class LayerRow(CountedRow):
@@ -340,7 +337,7 @@ class LayerRow(CountedRow):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with materials that have none."""
-        return with_materials(scene, lambda material: replace(material, **self._lacking))
+        return with_fields(scene, self._lacking)
 
 
 LAYERS = (
@@ -407,6 +404,11 @@ def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scen
     return with_meshes(scene, changed)
 
 
+def with_fields(scene: Scene, fields: dict[str, Any]) -> Scene:
+    """Return a scene whose materials have other values of some fields."""
+    return with_materials(scene, lambda material: replace(material, **fields))
+
+
 def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
     """Return a scene with other meshes, each changed once."""
     changed, known = copy.copy(scene), {}
@@ -420,9 +422,9 @@ def with_meshes(scene: Scene, change: Callable[[Mesh], Mesh]) -> Scene:
 
 def without_transmission(scene: Scene) -> Scene:
     """Return a scene whose surfaces let no light through."""
-    return with_materials(scene, lambda material: replace(material, transmission=0.0))
+    return with_fields(scene, {"transmission": 0.0})
 
 
 def made_opaque(scene: Scene) -> Scene:
     """Return a scene in which nothing is cut out or blended."""
-    return with_materials(scene, lambda material: replace(material, alpha_mode="opaque"))
+    return with_fields(scene, {"alpha_mode": "opaque"})

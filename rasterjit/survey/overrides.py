@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
-from rasterjit.scene.light import Light, Shadow
+from rasterjit.scene.light import AmbientLight, Light, Shadow
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
@@ -99,9 +99,9 @@ def lights_under(lights: Sequence[Light], quality: Quality) -> Sequence[Light]:
     if quality.shadow_size is None and quality.shadow_taps is None:
         return lights
     return [
-        replace(light, shadow=shadow_under(light.shadow, quality))
-        if getattr(light, "shadow", None) is not None
-        else light
+        light
+        if isinstance(light, AmbientLight) or light.shadow is None
+        else replace(light, shadow=shadow_under(light.shadow, quality))
         for light in lights
     ]
 

@@ -158,6 +158,13 @@ class Measures(NamedTuple):
     in_view: NDArray[np.bool_]
     """Which may be seen: not all beyond a plane of the view volume, (O,)."""
 
+    def of(self, views: int | list[int]) -> Measures:
+        """Return those of one of N views, or of some."""
+        return Measures(
+            self.inside[..., views, :], self.widths[..., views, :], self.reach[..., views, :],
+            self.beside[..., views, :], self.in_view[..., views, :],
+        )  # fmt: skip
+
     def may_cross(self, near: float | Float64, far: float | Float64) -> NDArray[np.bool_]:
         """Tell which objects may cross a plane; takes what `Boxes.may_cross` does, or (N, 1)."""
         with np.errstate(invalid="ignore", over="ignore"):

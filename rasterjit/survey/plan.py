@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,11 @@ from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes, describe_planes
 from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, Planned, look_around
+from rasterjit.survey.effect import Absent, LooksAround, Planned, look_around
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.shading_needs import shading_needs
+
+Cull: TypeAlias = Literal["none", "back", "front"]
 
 GEOMETRY = ("depth_format", "precision", "interpolation")
 """Settings of the way from vertices to weights that a plan names where they are not standard."""
@@ -56,7 +58,7 @@ class RenderPlan(Printed):
     camera: Camera
     background: NDArray[np.float32]
     """(4,) linear."""
-    cull: str
+    cull: Cull
     facts: Facts
     effects: tuple[Planned | Absent, ...]
     lighting: Lighting | None
@@ -114,7 +116,7 @@ class RenderPlan(Printed):
             changes["facts"] = replace(self.facts, outputs=outputs, diagnose=False)
         if kept is not None:
             changes["effects"] = tuple(
-                one if not one.used or kept(one) else Absent(one.effect, one.facts)
+                one if not isinstance(one, Planned) or kept(one) else Absent(one.effect, one.facts)
                 for one in self.effects
             )
         return replace(self, **changes)
@@ -139,7 +141,7 @@ class RenderPlan(Printed):
     @cached_property
     def planned(self) -> tuple[Planned, ...]:
         """The effects that are in."""
-        return tuple(one for one in self.effects if one.used)
+        return tuple(one for one in self.effects if isinstance(one, Planned))
 
     def has(self, name: str) -> bool:
         """Tell whether an effect is in."""
@@ -164,14 +166,15 @@ class RenderPlan(Printed):
         return shading_needs(self.facts, self.layers, self.lighting)
 
     @property
-    def whole(self) -> list[Planned]:
-        """The effects that look at the whole picture before they are prepared, and still do."""
+    def whole(self) -> list[tuple[LooksAround, Any]]:
+        """The effects that look at the whole picture before they are prepared, with their data."""
+        return [(effect, data) for effect, data in self._undone if effect.looks_first(data)]
+
+    @property
+    def _undone(self) -> list[tuple[LooksAround, Any]]:
+        """The effects that look around, and are not prepared."""
         done = {} if self.drawn is None else self.drawn[0]
-        return [
-            one
-            for one in look_around(self.planned)
-            if one.effect.looks_first(one.data) and one.name not in done
-        ]
+        return [one for one in look_around(self.planned) if one[0].name not in done]
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -228,12 +231,7 @@ class RenderPlan(Printed):
     @cached_property
     def reads_depth(self) -> bool:
         """Whether a pass that follows visibility looks at the depth."""
-        done = {} if self.drawn is None else self.drawn[0]
-        return any(
-            one.effect.reads_depth(self)
-            for one in look_around(self.planned)
-            if one.name not in done
-        )
+        return any(effect.reads_depth(self) for effect, _ in self._undone)
 
     @cached_property
     def keeps_lists(self) -> bool:
@@ -244,9 +242,8 @@ class RenderPlan(Printed):
     @cached_property
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
-        return self.facts.diagnose or any(
-            one.effect.reads_clip_positions for one in look_around(self.planned)
-        )
+        around = look_around(self.planned)
+        return self.facts.diagnose or any(effect.reads_clip_positions for effect, _ in around)
 
     @property
     def visibility(self) -> Wanted:

@@ -15,13 +15,12 @@ def shading_needs(
 ) -> ShadingNeeds:
     """Return what decides which passes shade a picture of a plan."""
     contents, seen, in_float32 = facts.contents, facts.seen, facts.shown_in_float32
-    has_lights = lighting is not None
     samples_beside = layers is not None and layers.samples != 1 and not layers.at_centers
     return ShadingNeeds(
-        lights=len(lighting.lights) if has_lights else None,
-        highlights=has_lights and lighting.highlights is not None,
-        renormalizes=has_lights and bool(lighting.renormalizes),
-        imitated=_imitated(lighting.imitated) if has_lights else None,
+        lights=None if lighting is None else len(lighting.lights),
+        highlights=lighting is not None and lighting.highlights is not None,
+        renormalizes=lighting is not None and bool(lighting.renormalizes),
+        imitated=None if lighting is None else _imitated(lighting.imitated),
         flat="flat" in contents.shadings,
         smooth=not SMOOTH_AT_PIXELS.isdisjoint(contents.shadings),
         others=not SMOOTH_AT_PIXELS.issuperset(contents.shadings),

@@ -11,15 +11,16 @@ from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import HasModes
 
 ROUNDS = 3
 """Frames of each kind; their median counts."""
 
-KEYS = {effect.key: effect.name for effect in EFFECTS if effect.key and not effect.modes}
-"""What switches which effect, by its name in the plan."""
-
-MODED = {effect.key: effect for effect in EFFECTS if effect.modes}
+MODED = {effect.key: effect for effect in EFFECTS if isinstance(effect, HasModes)}
 """What goes through the modes of which effect."""
+
+KEYS = {one.key: one.name for one in EFFECTS if one.key and one.key not in MODED}
+"""What switches which effect, by its name in the plan."""
 
 TOLD_AT_ONCE = 3
 """Effects in a line of the help."""

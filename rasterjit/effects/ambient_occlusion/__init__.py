@@ -85,9 +85,8 @@ def find_occlusion(
     return rough
 
 
-def sized_occlusion(scene: Scene) -> AmbientOcclusion:
-    """Return the scene's ambient occlusion, with a radius in scene units."""
-    effect = scene.ambient_occlusion
+def sized_occlusion(effect: AmbientOcclusion, scene: Scene) -> AmbientOcclusion:
+    """Return a scene's ambient occlusion, with a radius in scene units."""
     if effect.radius is not None:
         return effect
     _, radius = scene.bounding_sphere()
@@ -105,7 +104,7 @@ class Occlusion(LooksAround):
 
     def decide(self, facts: Facts, planning: Planning) -> AmbientOcclusion:
         """Return it, with a radius."""
-        return sized_occlusion(planning.scene)
+        return sized_occlusion(facts.asked[self.field], planning.scene)
 
     def why_not(self, facts: Facts) -> str:
         """Say why no ambient light falls on faces lit pixel by pixel, or is not dimmed."""
@@ -131,8 +130,9 @@ class Occlusion(LooksAround):
         self, context: FrameContext, data: AmbientOcclusion, seen: Sequence[Any]
     ) -> NDArray[np.float32]:
         """Return the share of ambient light that reaches each pixel, (H, W) float32."""
-        plan, _, geometry, placement, coverage, workers = context
-        return find_occlusion(data, plan.camera, geometry, placement, coverage, workers)
+        camera, seen = context.plan.camera, context.seen
+        own = seen.geometry, context.placement, seen.coverage, context.workers
+        return find_occlusion(data, camera, *own)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""

@@ -11,14 +11,14 @@ from dataclasses import replace
 
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import Effect
+from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.facts import Facts
 
 SAMPLES_TO_TRY = 4
 """Samples per pixel suggested where edges are aliased."""
 
 
-class Antialiasing(Effect):
+class Antialiasing(OfQuality):
     """Average the samples of a pixel."""
 
     name = "anti-aliasing"

@@ -93,7 +93,7 @@ class PictureBehind(Backdrop):
             return "the render was given no picture"
         return "" if facts.is_colored else "no output shows colour"
 
-    def decide(self, facts: Facts, planning: Planning) -> BackgroundImage:
+    def decide(self, facts: Facts, planning: Planning) -> BackgroundImage | None:
         """Return the picture."""
         return facts.background_image
 
@@ -107,7 +107,7 @@ class PictureBehind(Backdrop):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that turn codes into light, or light into codes."""
-        is_of_codes = plan.facts.background_image.image.dtype == np.uint8
+        is_of_codes = plan.data(self.name).image.dtype == np.uint8
         kernel = encoded.decode_rows if is_of_codes else encode.encode_rows
         wanted = "light is mixed or asked for" if is_of_codes else "codes are mixed or asked for"
         return {"background": rows_where(wanted, kernel)}

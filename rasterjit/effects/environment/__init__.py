@@ -136,14 +136,14 @@ class EnvironmentLight(InGroups):
             return unlit_reason(facts)
         return "" if facts.environment.lights else "the environment is black"
 
-    def decide(self, facts: Facts, planning: Planning) -> Environment:
+    def decide(self, facts: Facts, planning: Planning) -> Environment | None:
         """Return what is around the scene."""
         return facts.environment
 
     def describe(self, facts: Facts) -> str:
         """Say what light comes from all around."""
         mirrored = ", mirrored by pbr" if facts.seen.pbr else ""
-        return f"{facts.environment.described}{mirrored}"
+        return f"{facts.asked['environment'].described}{mirrored}"
 
     def prepare(
         self, context: FrameContext, data: Environment, seen: Sequence[Any]
@@ -169,6 +169,8 @@ class EnvironmentLight(InGroups):
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is seen alone: no headlight takes its place."""
         around = scene.environment
+        if around is None:
+            return scene
         alone = SeenAlone(around.sky, around.intensity, around.rotation, around.background)
         return with_field(scene, "environment", alone)
 
@@ -208,7 +210,7 @@ class EnvironmentBackground(InGroups):
             return "the render was given a background"
         return "" if facts.environment.background else "its background is False"
 
-    def decide(self, facts: Facts, planning: Planning) -> Environment:
+    def decide(self, facts: Facts, planning: Planning) -> Environment | None:
         """Return what is around the scene."""
         return facts.environment
 
@@ -238,7 +240,9 @@ class EnvironmentBackground(InGroups):
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is not seen."""
-        return with_field(scene, "environment", replace(scene.environment, background=False))
+        around = scene.environment
+        unseen = None if around is None else replace(around, background=False)
+        return with_field(scene, "environment", unseen)
 
     places: ClassVar = {"background": Sky.show}
 

@@ -132,7 +132,7 @@ class EyeDomeLighting(LooksAround):
         self, context: FrameContext, data: EyeDome, seen: Sequence[Any]
     ) -> NDArray[np.float32]:
         """Return the share of its light that each pixel keeps, (H, W) float32."""
-        plan, depth = context.plan, context.coverage.reversed_depth
+        plan, depth = context.plan, context.seen.coverage.reversed_depth
         return find_shares(data, plan.camera, plan.size, depth, context.workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:

@@ -74,7 +74,7 @@ class FogEffect(InGroups):
 
     def decide(self, facts: Facts, planning: Planning) -> FogRecord:
         """Return the fog that passes read."""
-        return fog_record(facts.fog, planning.camera, facts.seen.flat > 0)
+        return fog_record(facts.asked[self.field], planning.camera, facts.seen.flat > 0)
 
     def answers(self, scene: Scene, group: Group) -> Any:
         """Tell which views the fog is in reach of."""

@@ -172,7 +172,7 @@ def find_seen(texts: Texts, context: FrameContext) -> NDArray[np.int8]:
     plan = context.plan
     if not plan.facts.draws_faces:
         return found
-    face_id, (left, top) = context.coverage.face_id, plan.corner
+    face_id, (left, top) = context.seen.coverage.face_id, plan.corner
     height, width = face_id.shape
     for n, (label, place) in enumerate(zip(texts.labels, places_of(texts, plan), strict=True)):
         if not label.hidden:
@@ -278,8 +278,12 @@ class Labels(LooksAround, Bends):
         nodes = planning.scene.labelled
         if not nodes or "color" not in facts.outputs:
             return Absent(self, facts)
-        points = [_moved(node.world_matrix[:3], np.array(node.label.position)) for node in nodes]
-        return Planned(self, facts, Texts(tuple(node.label for node in nodes), np.array(points)))
+        labels = tuple(node.label for node in nodes if node.label is not None)
+        points = [
+            _moved(node.world_matrix[:3], np.array(label.position))
+            for node, label in zip(nodes, labels, strict=True)
+        ]
+        return Planned(self, facts, Texts(labels, np.array(points)))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say why texts are drawn or not."""

@@ -141,8 +141,9 @@ class Outlines(LooksAround):
     @staticmethod
     def draw_over(outline: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw over the colour, (H, W, 4)."""
-        plan, _, geometry, placement, coverage, workers = context
-        draw_outlines(outline, plan.camera, geometry, placement, coverage, color, workers)
+        seen = context.seen
+        own = context.plan.camera, seen.geometry, context.placement, seen.coverage
+        draw_outlines(outline, *own, color, context.workers)
 
     places: ClassVar = {"overlay": draw_over}
 

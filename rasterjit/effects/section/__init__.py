@@ -25,7 +25,7 @@ from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.normals import dot_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.section import SectionPlane, planes_of
-from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
+from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -33,7 +33,7 @@ MARK = np.array([255, 255, 255, 255], np.uint8)
 """What marks a pixel that a line goes through."""
 
 
-class Sections(LooksAround):
+class Sections(LooksAround, HasModes):
     """Say by what a scene is cut: what is drawn is what is left of it."""
 
     name = "section"
@@ -155,7 +155,8 @@ class SectionLines(LooksAround):
         planes: tuple[SectionPlane, ...], context: FrameContext, color: NDArray[np.uint8]
     ) -> None:
         """Draw the lines over the colour, (H, W, 4)."""
-        plan, cache, geometry, _, coverage, workers = context
+        plan, cache, _, workers, _ = context
+        geometry, coverage = context.seen.geometry, context.seen.coverage
         target, coefficients = color.view(np.uint32)[:, :, 0], plan.camera.depth_coefficients()
         hidden_by = coverage.face_id, coverage.reversed_depth
         height = len(target)
@@ -192,7 +193,7 @@ def _behind_their_solids(
     Tell which edges of a cut are hidden by the solid that is cut, (E,): both its face there and the
     cut are turned away. Depth alone does not tell along its silhouette.
     """
-    geometry, placement = context.geometry, context.placement
+    geometry, placement = context.seen.geometry, context.placement
     result = np.zeros(len(edges), bool)
     x, y, z, share = placement.toward_viewer.tolist()
     for owner in np.unique(sides[sides[:, 0] >= 0, 1]).tolist():

@@ -28,7 +28,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts, settings_asked
-from rasterjit.survey.lights import TEXEL_BYTES, has_cube
+from rasterjit.survey.lights import TEXEL_BYTES, CastingLight, has_cube
 from rasterjit.survey.overrides import shadow_under
 from rasterjit.survey.placement import place_boxes
 from rasterjit.survey.plan import RenderPlan
@@ -55,7 +55,7 @@ def describe_shadows(lights: Sequence[Light]) -> str:
     return f"{listed}, {texels * TEXEL_BYTES / 1e6:.1f} MB"
 
 
-def mapped_lights(facts: Facts) -> list[Light]:
+def mapped_lights(facts: Facts) -> list[CastingLight]:
     """Return the lights that have a row in ``Lighting.lights``."""
     return [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
 
@@ -110,7 +110,7 @@ class ShadowMaps(LooksAround):
         layers = context.plan.layers
         is_open = layers is not None and not layers.has_blended
         faces = int(context.placement.face_starts[-1]) if is_open else None
-        return visible_depth.see_depth(context.coverage, context.workers, faces)
+        return visible_depth.see_depth(context.seen.coverage, context.workers, faces)
 
     def join(
         self,
@@ -122,7 +122,7 @@ class ShadowMaps(LooksAround):
 
     def prepare(self, context: FrameContext, data: Any, seen: Seen) -> maps.ShadowRecord | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
-        plan, cache, _, placement, _, workers = context
+        plan, cache, placement, workers, _ = context
         facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
         is_whole = plan.facts.in_view & facts.inventory.is_gouraud
@@ -168,8 +168,8 @@ class ShadowMaps(LooksAround):
         """Return the maps; that of a point light has up to six sides."""
         shadows = [
             (light.shadow, 6 if has_cube(light) else 1)
-            for light in plan.facts.lights.lights
-            if getattr(light, "shadow", None) is not None
+            for light in mapped_lights(plan.facts)
+            if light.shadow is not None
         ]
         return [
             (f"shadow map, {own.size} texels", sides, "float32", (own.size, own.size))
@@ -185,7 +185,7 @@ class ShadowMaps(LooksAround):
     def without(self, scene: Scene) -> Scene:
         """Return the scene with lights that cast none."""
         lights = [
-            replace(light, shadow=None) if getattr(light, "shadow", None) is not None else light
+            light if isinstance(light, AmbientLight) else replace(light, shadow=None)
             for light in scene.lights
         ]
         return with_field(scene, "lights", lights)
@@ -193,16 +193,18 @@ class ShadowMaps(LooksAround):
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Return the scene with a shadow of every light that could cast one and does not."""
         shadow = shadow_under(Shadow(), quality)
-        dark = [hasattr(light, "shadow") and light.shadow is None for light in scene.lights]
-        count, size = sum(dark), shadow.size
+        casting = [light for light in scene.lights if not isinstance(light, AmbientLight)]
+        count, size = sum(light.shadow is None for light in casting), shadow.size
         what = f"of {count} more light{'s' if count > 1 else ''}, maps of {size} x {size}"
-        if not any(getattr(light, "shadow", None) is not None for light in scene.lights):
+        if count == len(casting):
             what = what.replace(" more", "")
         lights = [
-            replace(light, shadow=shadow) if is_dark else light
-            for light, is_dark in zip(scene.lights, dark, strict=True)
+            light
+            if isinstance(light, AmbientLight) or light.shadow is not None
+            else replace(light, shadow=shadow)
+            for light in scene.lights
         ]
-        number = sum(6 if has_cube(light) else 1 for light in lights if hasattr(light, "shadow"))
+        number = sum(6 if has_cube(light) else 1 for light in casting)
         is_bounded = number * size * size <= MOST_TEXELS_TO_TRY
         return what, with_field(scene, "lights", lights) if count and is_bounded else None
 

@@ -39,8 +39,8 @@ from rasterjit.pipeline.visibility.primitives import Primitive, primitives_of
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.light import DirectionalLight, Light, Shadow
-from rasterjit.survey.lights import along, axes_of, half_tangent, has_cube
+from rasterjit.scene.light import DirectionalLight, Shadow
+from rasterjit.survey.lights import CastingLight, along, axes_of, half_tangent, has_cube
 from rasterjit.survey.placement import place_boxes
 
 Float64 = NDArray[np.float64]
@@ -111,7 +111,7 @@ class PlannedShadows(NamedTuple):
     """As those of `ShadowRecord`: the first texel is 0 for each light that may have maps."""
 
 
-def plan_shadows(lights: Sequence[Light]) -> PlannedShadows:
+def plan_shadows(lights: Sequence[CastingLight]) -> PlannedShadows:
     """Return which lights, those of ``Lighting.lights``, may have maps, and of which kind."""
     places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
     for place, light in zip(places, lights, strict=True):
@@ -141,7 +141,7 @@ class ShadowRecord(NamedTuple):
 
 
 def draw_shadows(
-    lights: Sequence[Light],
+    lights: Sequence[CastingLight],
     eye: Float64,
     scenery: Scenery,
     normals: NDArray[np.float32] | None,
@@ -170,31 +170,27 @@ def draw_shadows(
     places[:, shadows_stage.FIRST] = -1
     drawings, count = [], 0
     for n, light in enumerate(lights):
-        if light.shadow is None:
+        shadow = light.shadow
+        if shadow is None:
             continue
         fitted = _fit(light, eye, scenery, rows[n])
         if any(matrix is not None for matrix in fitted):
-            size = light.shadow.size
-            places[n] = count, size, FILTERS[light.shadow.filter], len(fitted)
-            drawings += [
-                (n, slice(count + k * size * size, count + (k + 1) * size * size), matrix)
-                for k, matrix in enumerate(fitted)
-            ]
-            count += len(fitted) * size * size
+            places[n] = count, shadow.size, FILTERS[shadow.filter], len(fitted)
+            for k, matrix in enumerate(fitted):
+                part = slice(count, count + shadow.size * shadow.size)
+                drawings.append((n, k, shadow, part, matrix))
+                count = part.stop
     if not drawings:
         return None
+    # Draw them into one array, and find the greatest depths of soft ones.
     texels = workers.memory.empty((count,), np.float32)
-    for n, part, matrix in drawings:
-        size = lights[n].shadow.size
-        _draw(matrix, rows[n], texels[part].reshape(size, size), scenery, workers)
+    for n, _, shadow, part, matrix in drawings:
+        whole = texels[part].reshape(shadow.size, shadow.size)
+        _draw(matrix, rows[n], whole, scenery, workers)
     highest = np.full((len(lights), 6, filters.CELLS, filters.CELLS), -np.inf, np.float32)
-    for n, part, _ in drawings:
-        if lights[n].shadow.filter == "soft":
-            size, k = (
-                lights[n].shadow.size,
-                (part.start - places[n, shadows_stage.FIRST]) // (part.stop - part.start),
-            )
-            write_highest(texels[part].reshape(size, size), highest[n, k])
+    for n, k, shadow, part, _ in drawings:
+        if shadow.filter == "soft":
+            write_highest(texels[part].reshape(shadow.size, shadow.size), highest[n, k])
     largest = max(int(side) for side in places[:, shadows_stage.SIZE])
     return ShadowRecord(
         rows,

@@ -57,7 +57,7 @@ class ToneMapping(InGroups):
 
     def decide(self, facts: Facts, planning: Planning) -> ToneRecord:
         """Return the tone map as shading reads it."""
-        return tone_record(facts.tones)
+        return tone_record(facts.asked[self.field])
 
     def describe(self, facts: Facts) -> str:
         """Say how light is brought onto the screen."""

@@ -26,7 +26,7 @@ from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import FrameContext, LooksAround, with_field
+from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -186,7 +186,7 @@ def list_by_bands(
     return starts, listed
 
 
-class Edges(LooksAround):
+class Edges(LooksAround, HasModes):
     """Draw the edges of faces over the finished picture."""
 
     name = "wireframe"
@@ -206,9 +206,10 @@ class Edges(LooksAround):
 
     def describe(self, facts: Facts) -> str:
         """Say how edges are drawn."""
+        mode = f"mode {facts.asked[self.field].mode}"
         if facts.quality.lines == "bresenham":
-            return f"mode {facts.wireframe.mode}"
-        return f"mode {facts.wireframe.mode}, by coverage{mixing_note(facts.quality)}"
+            return mode
+        return f"{mode}, by coverage{mixing_note(facts.quality)}"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
@@ -253,7 +254,8 @@ class Edges(LooksAround):
     @staticmethod
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw the edges over the colour, (H, W, 4)."""
-        plan, cache, geometry, _, coverage, workers = context
+        plan, cache, _, workers, _ = context
+        geometry, coverage = context.seen.geometry, context.seen.coverage
         hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.facts.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
         rgba = opaque_codes(wireframe.color)
