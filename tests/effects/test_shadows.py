@@ -388,8 +388,7 @@ def ball_over_ground(height, size, angle):
     return scene, camera
 
 
-@pytest.mark.parametrize("size", [1024, 2048])
-@pytest.mark.parametrize("height", [0.6, 1.5])
+@pytest.mark.parametrize(("height", "size"), [(0.6, 2048), (1.5, 1024)])
 def test_soft_shadow_of_a_ball_is_smooth_and_what_it_hides_of_the_light(height, size):
     # The strip is long: its far end is nearer to the light than the ball, by much.
     scene, camera = ball_over_ground(height, size, 6.0)

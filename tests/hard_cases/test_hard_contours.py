@@ -42,13 +42,13 @@ def hold_to_twin(face_id, lines, shares_of, scalars_of, levels, width):
 
 
 @pytest.mark.parametrize("ws", [(1.0, 1.0, 1.0), (1.0, 4.0, 2.0), (1.0, 2.0**14, 64.0)])
-@pytest.mark.parametrize("width", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize(
-    ("scalars", "levels"),
+    ("scalars", "levels", "width"),
     [
-        ((0.0, 1.0, 0.4), [0.1, 0.25, 0.5, 0.75]), ((1e30, -1e30, 3e29), [-2e29, 0.0, 5e29]),
-        ((1e-300, 3e-300, 2e-300), [1.7e-300, 2.5e-300]), ((0, 1000, 300), [17.0, 171.0, 600.0]),
-        ((5.0, 5.0, 6.0), [5.0, 5.5, 6.0]),
+        ((0.0, 1.0, 0.4), [0.1, 0.25, 0.5, 0.75], 0.3),
+        ((1e30, -1e30, 3e29), [-2e29, 0.0, 5e29], 1.0),
+        ((1e-300, 3e-300, 2e-300), [1.7e-300, 2.5e-300], 2.5),
+        ((0, 1000, 300), [17.0, 171.0, 600.0], 1.0), ((5.0, 5.0, 6.0), [5.0, 5.5, 6.0], 0.3),
     ],
 )  # fmt: skip
 def test_lines_are_the_exact_ones(ws, width, scalars, levels):

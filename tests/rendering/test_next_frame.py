@@ -136,6 +136,16 @@ def test_frames_of_cameras_of_all_kinds_are_those_of_a_fresh_renderer():
             drawing.check(scene, [walk(1), camera, walk(2), camera, camera], asked)
 
 
+def test_frames_of_one_eye_are_cut_at_the_planes_of_each():
+    scene, asked = changing_scene(), Asked(together.BY_KERNEL)
+    planes = [{}, {"near": 3.0, "far": 4.5}, {"near": 4.0, "far": 5.5}, {"near": 3.5}]
+    cameras = [replace(walk(1), **own) for own in planes]
+    with renderers() as drawing:
+        for _ in range(2):
+            frames = drawing.check(scene, [one for one in cameras for _ in range(3)], asked)
+    assert len({frame.face_id.tobytes() for frame in frames}) == len(cameras)
+
+
 def test_frames_of_scenes_in_turn_are_those_of_a_fresh_renderer():
     scenes, asked = [changing_scene() for _ in range(3)], Asked()
     placed(scenes[1], 0, FAR_OFF)
