@@ -19,6 +19,9 @@ _GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"
 _TAR_AT = 257
 """Where the header of a file in a plain TAR archive says that it is one."""
 
+_LISTED, MEMBER_BYTES = b"PK\1\2", 640
+"""How an entry of a ZIP archive's list begins, and the memory that it takes."""
+
 _PIECE = 1 << 20
 """Bytes that are unpacked at once to count them."""
 
@@ -58,6 +61,9 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
 
 def _take_zip(path: Path, factor: int, budget: MemoryBudget) -> None:
     """Count what is declared, then what is there besides: unpacking may make all of it at once."""
+    with path.open("rb") as file:
+        listed = sum(piece.count(_LISTED) for piece in iter(lambda: file.read(_PIECE), b""))
+    budget.take("its list of members", listed * MEMBER_BYTES)
     with zipfile.ZipFile(path) as archive, path.open("rb") as file:
         members = [one for one in archive.infolist() if not one.is_dir()]
         for one in members:

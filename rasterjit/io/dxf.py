@@ -308,11 +308,14 @@ def note_entities(path: Path, left_out: LeftOut) -> None:
     """Note by kind the entities that trimesh, which reads drawings without ezdxf, passes over."""
     _, _, behind = path.read_bytes().partition(b"ENTITIES")
     section = behind.partition(b"ENDSEC")[0]
-    for kind in re.findall(rb"^\s*0\s*\n\s*([A-Z0-9_]+)\s*$", section, re.MULTILINE):
-        name = kind.decode("ascii")
-        if name not in _BY_TRIMESH:
+    lines = [line.strip() for line in section.split(b"\n")[1:]]
+    for code, kind in zip(lines[::2], lines[1::2], strict=False):
+        name = kind.decode("ascii", "replace")
+        if code == b"0" and _ENTITY.fullmatch(name) and name not in _BY_TRIMESH:
             left_out.note(f"{name} entity, which ezdxf would read")
 
+
+_ENTITY = re.compile("[A-Z0-9_]+")
 
 _BY_TRIMESH = (
     "LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "SPLINE", "INSERT", "VERTEX", "SEQEND",

@@ -18,7 +18,14 @@ from rasterjit.io.kinds import extension_of, other_kind
 from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, as_mesh_file_error
+from rasterjit.io.skipped import (
+    DAMAGED,
+    OF_READERS,
+    LeftOut,
+    LoadWarning,
+    MeshFileError,
+    as_mesh_file_error,
+)
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
@@ -236,7 +243,13 @@ def _load(
 
         found = read_file(file, resources, on_invalid, on_damage, left_out)
     make = scene_of_assembly if isinstance(found, Assembly) else scene_of_parts
-    return make(found, str(file), on_invalid, crease_angle, left_out, resources.budget)
+    try:
+        return make(found, str(file), on_invalid, crease_angle, left_out, resources.budget)
+    except OF_READERS as error:
+        if extension in OWN_FORMATS or not isolate:
+            raise
+        # What the process of another package sent is not trusted either.
+        raise MeshFileError(f"{file} could not be read as .{extension}: {DAMAGED}") from error
 
 
 def readable_formats() -> frozenset[str]:

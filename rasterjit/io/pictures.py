@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,17 @@ from rasterjit.scene.texture import opened_picture
 
 if TYPE_CHECKING:
     from PIL import Image
+
+_PACKED_TEXTS = (b"zTXt", b"iTXt", b"iCCP")
+"""What a PNG file may hold packed beside its texels."""
+TEXT_BYTES, MOST_TEXTS = 1 << 20, 64
+"""How large each may be unpacked, and how many of that size there may be, before Pillow refuses."""
+
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+TAG_BYTES = 16
+"""How much memory a byte of a TIFF file takes as a Python number."""
+_LONGEST_VALUE = 8
+"""Bytes of a value of a tag, at most."""
 
 
 def picture_pixels(
@@ -52,10 +64,42 @@ def picture_pixels(
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
+    beside = _bytes_of_head(content)
+    if budget is not None:
+        budget.take(what, beside)
     with _opened(content, further) as image:
         if budget is not None:
-            take_texels(image.size, what, budget)
+            # What opening took is free again.
+            width, height = image.size
+            budget.take(what, max(width * height * TEXEL_BYTES - beside, 0))
         return image_pixels(image)
+
+
+def _bytes_of_head(content: bytes) -> int:
+    """Return how much memory opening a picture takes at most, by what its head says."""
+    if content.startswith(b"\x89PNG"):
+        packed = sum(map(content.count, _PACKED_TEXTS))
+        return min(packed, MOST_TEXTS) * TEXT_BYTES
+    if content[:4] in _TIFF:
+        return TAG_BYTES * max(len(content), _bytes_of_tags(content))
+    return 0
+
+
+def _bytes_of_tags(content: bytes) -> int:
+    """Return how long all tags of a TIFF file are together; several may be the same bytes."""
+    order = "<" if content[:1] == b"I" else ">"
+    # Large files have places of 8 bytes.
+    is_large = content[2:4].strip(b"\0") == b"+"
+    first, count, entry = ("8xQ", "Q", "2xHQ8x") if is_large else ("4xI", "H", "2xHI4x")
+    try:
+        (at,) = struct.unpack_from(order + first, content)
+        (tags,) = struct.unpack_from(order + count, content, at)
+        at += struct.calcsize(order + count)
+        rows = content[at : at + tags * struct.calcsize(order + entry)]
+        return sum(_LONGEST_VALUE * n for _, n in struct.iter_unpack(order + entry, rows))
+    except struct.error:
+        # Pillow says what is wrong with it.
+        return 0
 
 
 def take_texels(size: tuple[int, int], what: str, budget: MemoryBudget) -> None:

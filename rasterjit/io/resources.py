@@ -18,6 +18,7 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from rasterjit.io.foreign.codecs import Decoder
 from rasterjit.io.skipped import MissingFileError, reason_of
@@ -31,6 +32,9 @@ _PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)", re.DOTALL)
 
 _MARKS = ("model.config", "package.xml")
 """Files that mark the folder of a model or a package."""
+
+_FLAGS = ("O_NONBLOCK", "O_NOFOLLOW", "O_BINARY", "O_CLOEXEC")
+"""How files are opened, where the system has it."""
 
 _HIGHEST = 4
 """How many folders above that of a mesh file such a folder is looked for."""
@@ -171,33 +175,48 @@ class Resources:
 def _model_folder(folder: Path) -> Path | None:
     """Return the nearest folder, this one or above, of a model or package; None without one."""
     for one in (folder, *folder.parents[:_HIGHEST]):
-        if one.parent != one and any((one / mark).is_file() for mark in _MARKS):
+        if one.parent != one and any(_is_regular(one / mark) for mark in _MARKS):
             return one
     return None
+
+
+def _is_regular(place: Path) -> bool:
+    """Tell whether there is a regular file, not a link to one."""
+    try:
+        return stat.S_ISREG(os.lstat(place).st_mode)
+    except OSError:
+        return False
 
 
 def _name_in(folder: Path) -> str | None:
     """Return the name that the file of a model or package gives it."""
     for mark in _MARKS:
         try:
-            with (folder / mark).open("rb") as file:
-                found = re.search(rb"<name>\s*([^<]*?)\s*</name>", file.read(_MOST_OF_MARK))
-        except OSError:
+            with _open_regular(folder / mark, mark) as file:
+                found = re.search(rb"<name>([^<]*)</name>", file.read(_MOST_OF_MARK))
+        except (OSError, RefusedFileError):
             continue
         if found:
-            return found[1].decode("utf-8", "replace")
+            return found[1].decode("utf-8", "replace").strip()
     return None
 
 
-def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:
-    """Return the content of a regular file; never wait for a pipe, never touch a device."""
-    if not stat.S_ISREG(os.stat(place).st_mode):
+def _open_regular(place: Path, shown: str) -> BinaryIO:
+    """Open a regular file, no link to one; never wait for a pipe, never touch a device."""
+    if not stat.S_ISREG(os.lstat(place).st_mode):
         raise RefusedFileError(f"{shown} is no regular file")
     # It may have become another since; opening a pipe would wait for who writes to it.
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    with open(os.open(place, flags | getattr(os, "O_CLOEXEC", 0)), "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise RefusedFileError(f"{shown} is no regular file")
+    flags = os.O_RDONLY | sum(getattr(os, name, 0) for name in _FLAGS)
+    file = open(os.open(place, flags), "rb")  # noqa: SIM115
+    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return file
+    file.close()
+    raise RefusedFileError(f"{shown} is no regular file")
+
+
+def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:
+    """Return the content of a regular file."""
+    with _open_regular(place, shown) as file:
         size = os.fstat(file.fileno()).st_size
         budget.take(f"the file {shown}", size)
         # It may have grown since.

@@ -46,7 +46,7 @@ MOST_NAMED = 3
 
 DAMAGED = "it is damaged or something else"
 
-_OF_READERS = (AttributeError, TypeError, IndexError, UnicodeError, AssertionError, StopIteration)
+OF_READERS = (AttributeError, TypeError, IndexError, UnicodeError, AssertionError, StopIteration)
 """Errors of a reader that met what it does not expect: they speak of it, not of the file."""
 
 
@@ -56,7 +56,7 @@ def reason_of(error: Exception) -> str:
         return "it is missing"
     if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
         return f"{error.args[0]} is missing"
-    if isinstance(error, _OF_READERS):
+    if isinstance(error, OF_READERS):
         return DAMAGED
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__

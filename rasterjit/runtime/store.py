@@ -169,7 +169,10 @@ def folder() -> Path | None:
     chosen = os.environ.get(FOLDER_VARIABLE)
     try:
         path = Path(chosen) if chosen else cache_folder() / "kernels"
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # What is made on the way is nobody else's either, whatever the umask.
+        for one in (*reversed(path.parents), path):
+            if not one.exists():
+                one.mkdir(mode=0o700, exist_ok=True)
         # Links on the way are left behind: what is used is what was checked.
         path = path.resolve()
         problem = _distrust(path)
@@ -196,7 +199,9 @@ def cache_folder() -> Path:
     elif sys.platform == "darwin":
         base = Path.home() / "Library" / "Caches"
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        base = os.environ.get("XDG_CACHE_HOME") or ""
+        # By its standard, one that is not absolute is none.
+        base = base if os.path.isabs(base) else Path.home() / ".cache"
     return Path(base) / "rasterjit"
 
 

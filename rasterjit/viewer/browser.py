@@ -193,7 +193,7 @@ def serve(
         import uvicorn
         import websockets  # noqa: F401
 
-        from rasterjit.viewer.connections import ShortConnection
+        from rasterjit.viewer.connections import Connections, ShortConnection
     except ImportError as error:
         raise ImportError(
             f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
@@ -202,12 +202,13 @@ def serve(
     with bind(host, port) as listening:
         drawer, notice = Worker(), Notice()
         first = drawer.submit(viewer.draw)
-        app = guarded(application(viewer, first, notice), host, own)
+        others = Connections()
+        app = guarded(application(viewer, first, notice), host, own, others.let_in)
         # What is sent are pictures, which are compressed. Whoever asks for nonsense is answered,
         # and fills nobody's terminal.
         config = uvicorn.Config(
             app, log_level="error", access_log=False, server_header=False,
-            http=cast(Any, partial(ShortConnection, {})),
+            http=cast(Any, partial(ShortConnection, others)),
             h11_max_incomplete_event_size=LONGEST_REQUEST,
             ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,
             timeout_graceful_shutdown=GRACE,
@@ -374,7 +375,9 @@ class _Outbox:
                         await send({"type": "websocket.send", "bytes": picture})
 
 
-def guarded(app: App, host: str, token: str) -> App:
+def guarded(
+    app: App, host: str, token: str, let_in: Callable[[Any], None] = lambda client: None
+) -> App:
     """
     Return an application that only those use who know the token, and only as its page does.
 
@@ -382,7 +385,8 @@ def guarded(app: App, host: str, token: str) -> App:
     which no other site's page sends along; its address loses it. Pages of other sites are kept out
     besides: a page may open a websocket to any address, this machine's own too, and a name of
     another site may be made to lead here; both say so in the headers ``Origin`` and ``Host``.
-    Addresses in numbers are nobody's name.
+    Addresses in numbers are nobody's name. ``let_in`` is told the address of each page whose socket
+    is let in.
     """
     own = {host.casefold(), "localhost"}
     if not _is_loopback(host):
@@ -412,6 +416,7 @@ def guarded(app: App, host: str, token: str) -> App:
         elif may_enter and knows and scope["path"] == SOCKET and len(pages) < MOST_PAGES:
             page = object()
             pages.add(page)
+            let_in(scope["client"])
             try:
                 await app(scope, receive, send)
             finally:
@@ -476,8 +481,8 @@ def _headers(scope: dict[str, Any], wanted: bytes) -> list[str]:
 
 def _length(scope: dict[str, Any]) -> int:
     """Return how long a request is, bytes."""
-    fields = [part for field in scope["headers"] for part in field]
-    return sum(map(len, [scope["path"], scope.get("query_string", b""), *fields]))
+    fields = [len(name) + len(value) + len(": \r\n") for name, value in scope["headers"]]
+    return len(scope["path"]) + len(scope.get("query_string", b"")) + sum(fields)
 
 
 def _may_enter(scope: dict[str, Any], host: str, own: set[str]) -> bool:

@@ -20,47 +20,59 @@ CLOSED_AFTER = 20.0
 one when it needs it."""
 
 
+class Connections:
+    """The connections of a server that are no sockets of pages, by age."""
+
+    def __init__(self) -> None:
+        self._timers: dict[asyncio.Transport, asyncio.TimerHandle] = {}
+
+    def add(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
+        """Close a connection after a while, and now the oldest one if there are too many."""
+        self._timers[transport] = loop.call_later(CLOSED_AFTER, self._end, transport)
+        if len(self._timers) > MOST_CONNECTIONS:
+            self._end(next(iter(self._timers)))
+
+    def remove(self, transport: asyncio.Transport) -> None:
+        """Let a connection be."""
+        timer = self._timers.pop(transport, None)
+        if timer is not None:
+            timer.cancel()
+
+    def let_in(self, client: tuple[str, int]) -> None:
+        """Let the connection from an address be, which became the socket of a page."""
+        for transport in list(self._timers):
+            if tuple(transport.get_extra_info("peername") or ())[:2] == tuple(client):
+                self.remove(transport)
+
+    def _end(self, transport: asyncio.Transport) -> None:
+        self.remove(transport)
+        transport.abort()
+
+
 class ShortConnection(H11Protocol):
     """
-    A connection that is closed after a while, or when there are too many, unless it is a socket.
+    A connection that is closed after a while, or when there are too many.
+
+    One that asks to become a socket goes on by another protocol, and is counted until it is one:
+    who never ends its request never becomes one.
 
     Parameters
     ----------
-    others : dict
-        The connections of the server that are no sockets, by age: the oldest one goes first.
+    others : Connections
     **of_server
         What uvicorn gives to each.
     """
 
-    def __init__(
-        self, others: dict[ShortConnection, asyncio.TimerHandle], **of_server: Any
-    ) -> None:
+    def __init__(self, others: Connections, **of_server: Any) -> None:
         super().__init__(**of_server)
         self._others = others
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin, and end the oldest one if there are too many."""
         super().connection_made(transport)
-        self._others[self] = self.loop.call_later(CLOSED_AFTER, self._end)
-        if len(self._others) > MOST_CONNECTIONS:
-            next(iter(self._others))._end()
+        self._others.add(transport, self.loop)
 
     def connection_lost(self, error: Exception | None) -> None:
         """Be one less."""
-        self._leave()
+        self._others.remove(self.transport)
         super().connection_lost(error)
-
-    def data_received(self, data: bytes) -> None:
-        """Take in what comes; a socket goes on as one, by another protocol."""
-        super().data_received(data)
-        if self.transport.get_protocol() is not self:
-            self._leave()
-
-    def _leave(self) -> None:
-        timer = self._others.pop(self, None)
-        if timer is not None:
-            timer.cancel()
-
-    def _end(self) -> None:
-        self._leave()
-        self.transport.abort()

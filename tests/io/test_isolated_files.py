@@ -133,7 +133,8 @@ def test_what_was_found_comes_back_as_it_was():
     "said",
     [
         b'["object", "Popen", ["args", "true"]]', b'["array", "|O", 0, 1]',
-        b'["array", "<f8", 8, 1000000]', b'["array", "<f8", 8, -1]', b'["same", 7]', b"[]",
+        b'["array", "<f8", 8, 1000000]', b'["list"' + b', ["bytes", 0, 100]' * 20 + b"]",
+        b'["array", "<f8", 8, -1]', b'["same", 7]', b"[]",
         b"[" * 9,
     ],
 )  # fmt: skip

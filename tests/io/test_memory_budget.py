@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -186,6 +187,53 @@ def obj_picture(folder):
     text = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
     (folder / "a.obj").write_text(text)
     return folder / "a.obj", r"picture 'wall\.png'"
+
+
+def packed_texts(folder):
+    """Write an OBJ file whose picture has packed texts beside its texels."""
+    picture = blank_png(4, 4)
+    text = b"zTXt" + b"a\0\0" + zlib.compress(bytes(1 << 20))
+    chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+    path, what = obj_picture(folder)
+    # Behind the mark and the head.
+    (folder / "wall.png").write_bytes(picture[:33] + 300 * chunk + picture[33:])
+    return path, what
+
+
+def tiff(folder, tags, content):
+    """Write an OBJ file whose picture is a TIFF file of a texel, with more tags, or long ones."""
+    usual = [(256, 3, 1, 1), (257, 3, 1, 1), (258, 3, 1, 8), (259, 3, 1, 1), (262, 3, 1, 1)]
+    tags = sorted([*usual, *tags, (278, 3, 1, 1)])
+    rows = b"".join(struct.pack("<HHII", *one) for one in tags)
+    head = struct.pack("<4sIH", b"II*\0", 8, len(tags)) + rows + bytes(4)
+    path, _ = obj_picture(folder)
+    (folder / "wall.png").unlink()
+    (folder / "wall.tif").write_bytes(head.ljust(TAGS_END, b"\0") + content)
+    (folder / "a.mtl").write_text("newmtl m\nmap_Kd wall.tif\n")
+    return path, r"picture 'wall\.tif'"
+
+
+TAGS_END = 1 << 13
+
+
+def many_strips(folder):
+    """Write a picture of one texel in strips without number."""
+    strips, count = bytes(8_000_000), 2_000_000
+    return tiff(folder, [(273, 4, count, TAGS_END), (279, 4, count, TAGS_END)], strips)
+
+
+def tags_of_one_place(folder):
+    """Write a picture whose tags are long, and all the same bytes."""
+    tags = [(40000 + n, 7, 1_000_000, TAGS_END) for n in range(300)]
+    return tiff(folder, [(273, 4, 1, TAGS_END), (279, 4, 1, 1), *tags], bytes(1_000_000))
+
+
+def many_members(folder):
+    """Write a 3MF file of empty members without number."""
+    with zipfile.ZipFile(folder / "a.3mf", "w") as archive:
+        for number in range(150_000):
+            archive.writestr(zipfile.ZipInfo(f"{number}"), b"")
+    return folder / "a.3mf", "its list of members"
 
 
 def ply_picture(folder):
@@ -469,7 +517,8 @@ def test_curves_are_cut_by_the_extent_of_the_drawing(tmp_path, peak_of, name, te
     [
         many_accessors, many_pictures, obj_picture, lying_member, grid, tar_headers, text_faces,
         text_rows, long_polygon, blank_lines, binary_faces, many_solids, many_curves, many_bulges,
-        many_changes, changes_of_few_rows, views_of_one_buffer, long_name_spaces,
+        many_changes, changes_of_few_rows, views_of_one_buffer, long_name_spaces, packed_texts,
+        many_strips, tags_of_one_place, many_members,
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("times", [1, 8])

@@ -253,6 +253,24 @@ def test_nothing_outside_a_robots_package_is_opened(tmp_path, name):
     assert scene.nodes[0].mesh.material.base_color_texture is None
 
 
+@pytest.mark.parametrize("plant", [os.mkfifo, lambda place: place.symlink_to("../secret.xml")])
+def test_what_marks_a_package_is_a_file(tmp_path, plant):
+    (tmp_path / "secret.xml").write_text("<name>other</name>")
+    file = obj(tmp_path / "arm", "package://other/wood.png")
+    (tmp_path / "arm" / "package.xml").write_text("<package/>")
+    plant(tmp_path / "arm" / "model.config")
+    with pytest.warns(LoadWarning, match="package"):
+        rj.load(file)
+
+
+def test_lines_without_end_take_no_time(tmp_path):
+    file = obj(tmp_path / "arm", "package://x/wood.png", library="package://x/" + "y" * 300_000)
+    (tmp_path / "arm" / "package.xml").write_text("<name>" + " " * 60_000)
+    (tmp_path / "arm" / "model.mtl").write_text(f"newmtl{' ' * 300_000}m\nKd {'1' * 300_000}x\n")
+    with pytest.warns(LoadWarning, match="package"):
+        rj.load(file)
+
+
 def test_another_package_is_found_in_the_root_that_is_given(tmp_path):
     picture(tmp_path / "other" / "wood.png")
     file = obj(tmp_path / "arm" / "meshes", "package://other/wood.png")

@@ -334,9 +334,13 @@ def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch, capfd):
 
 def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
     monkeypatch.delenv(store.FOLDER_VARIABLE, raising=False)
-    monkeypatch.setattr(store, "cache_folder", lambda: tmp_path / "rasterjit")
-    made = store.folder.__wrapped__()
-    assert made == tmp_path / "rasterjit" / "kernels"
+    monkeypatch.setattr(store, "cache_folder", lambda: tmp_path / ".cache" / "rasterjit")
+    before = os.umask(0o002)
+    try:
+        made = store.folder.__wrapped__()
+    finally:
+        os.umask(before)
+    assert made == tmp_path / ".cache" / "rasterjit" / "kernels"
     assert made.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
 
 
@@ -357,9 +361,10 @@ def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
     ("platform", "variables", "expected"),
     [
         ("linux", {}, ".cache"),
-        ("linux", {"XDG_CACHE_HOME": "elsewhere"}, "elsewhere"),
+        ("linux", {"XDG_CACHE_HOME": "/home/someone/elsewhere"}, "elsewhere"),
+        ("linux", {"XDG_CACHE_HOME": "elsewhere"}, ".cache"),
         ("darwin", {}, "Library/Caches"),
-        ("win32", {"LOCALAPPDATA": "Local"}, "Local"),
+        ("win32", {"LOCALAPPDATA": "/home/someone/Local"}, "Local"),
     ],
 )
 def test_the_folder_is_where_the_platform_keeps_caches(monkeypatch, platform, variables, expected):
@@ -369,7 +374,7 @@ def test_the_folder_is_where_the_platform_keeps_caches(monkeypatch, platform, va
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():
-        monkeypatch.setenv(name, str(home / value))
+        monkeypatch.setenv(name, value)
     assert store.cache_folder() == home / expected / "rasterjit"
 
 

@@ -63,8 +63,18 @@ def rest_of(connection):
 
 BEGUN = b"GET / HTTP/1.1\r\nHost: localhost\r\n"
 
+SOCKET = (
+    b"Host: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+)
+NEVER_SOCKETS = (
+    b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\n" + SOCKET,
+    b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 200 + SOCKET,
+    b"GET / HTTP/1.1\r\nContent-Length: 9\r\n" + SOCKET,
+)
 
-@pytest.mark.parametrize("begun", [b"", b"G", BEGUN, BEGUN + b"X: y"])
+
+@pytest.mark.parametrize("begun", [b"", b"G", BEGUN, BEGUN + b"X: y", *NEVER_SOCKETS])
 def test_unfinished_requests_end_after_a_while(address, monkeypatch, begun):
     with connect(address) as patient:
         # It is there before the one that asks.

@@ -146,6 +146,8 @@ class _Decoder:
 
     def __init__(self, file: int) -> None:
         self._file, self._size = file, os.fstat(file).st_size
+        self._left = self._size
+        """Bytes that may still be taken: the writer writes each once."""
         self._kept: list[Any] = []
 
     def value(self, said: Any) -> Any:
@@ -161,7 +163,7 @@ class _Decoder:
         if kind == "same":
             return self._kept[rest[0]]
         if kind == "bytes":
-            return bytes(_read_at(self._file, rest[0], rest[1], self._size))
+            return bytes(self._content(rest[0], rest[1]))
         if kind == "object":
             made = self._object(rest[0], dict(rest[1:]))
         else:
@@ -178,9 +180,12 @@ class _Decoder:
         kind = np.dtype(form)
         if kind.kind not in _NUMBERS + "S" or any(one < 0 for one in shape):
             raise ValueError(f"what was found must be numbers, got {kind} of {shape}")
-        size = math.prod(shape) * kind.itemsize
-        content = _read_at(self._file, at, size, self._size)
-        return np.ndarray(shape, kind, content)
+        return np.ndarray(shape, kind, self._content(at, math.prod(shape) * kind.itemsize))
+
+    def _content(self, at: int, size: int) -> bytearray:
+        """Return bytes of the file, or raise ``ValueError`` if they are more than it has."""
+        self._left -= size
+        return _read_at(self._file, at, size, self._size if self._left >= 0 else 0)
 
 
 def _read_at(file: int, at: int, size: int, end: int | None = None) -> bytearray:

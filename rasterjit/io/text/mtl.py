@@ -445,8 +445,12 @@ def library_names(text: str) -> Iterator[list[str]]:
 
 def named_as_mtl(text: str) -> list[str]:
     """Return the names that end in ``.mtl``."""
-    found = re.findall(r"\S.*?\.mtl\b[\"']?(?=\s|$)", _before_comment(text), re.IGNORECASE)
-    return [name.strip("\"' ") for name in found]
+    plain, begin, names = _before_comment(text), 0, []
+    for end in re.finditer(r"\.mtl\b[\"']?(?=\s|$)", plain, re.IGNORECASE):
+        if plain[begin : end.start()].strip():
+            names.append(plain[begin : end.end()].strip("\"' \t"))
+            begin = end.end()
+    return names
 
 
 def without_comment(words: list[str]) -> list[str]:
@@ -457,7 +461,7 @@ def without_comment(words: list[str]) -> list[str]:
 
 def _before_comment(text: str) -> str:
     """Return what stands before a comment, if anything does."""
-    return re.split(r"\s+#", text, maxsplit=1)[0].strip() or text
+    return re.split(r"(?<=\s)#", text, maxsplit=1)[0].strip() or text
 
 
 def _is_number(word: str, number: float) -> bool:
@@ -489,5 +493,5 @@ def _is_same(word: str, usual: str) -> bool:
 def _is_option_value(word: str) -> bool:
     """Tell a number or a switch from the beginning of a name."""
     return word in ("on", "off", "r", "g", "b", "m", "l", "z") or bool(
-        re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?", word, re.I)
+        re.fullmatch(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?", word, re.I)
     )
