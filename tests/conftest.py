@@ -186,13 +186,15 @@ def pytest_collection_finish():
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Forget what a module remembers for its tests when the last of them has run."""
+    """Forget what a module, and benchmarks, remember for its tests when the last has run."""
     module = getattr(item, "module", None)
     if module is None or module is getattr(nextitem, "module", None):
         return
-    for value in vars(module).values():
-        if hasattr(value, "cache_clear") and value.__module__ == module.__name__:
-            value.cache_clear()
+    benchmarks = [one for name, one in sys.modules.items() if name.startswith("benchmarks.")]
+    for owner in (module, *benchmarks):
+        for value in list(vars(owner).values()):
+            if hasattr(value, "cache_clear") and value.__module__ == owner.__name__:
+                value.cache_clear()
     if TRIM is not None:
         TRIM(0)
 

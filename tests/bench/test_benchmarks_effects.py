@@ -7,6 +7,8 @@ import importlib
 import json
 import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +37,26 @@ def small(variant):
     return fx.find_variant(variant + fx.SMALL)
 
 
-def drawn_by(key, scene):
-    reason = contestants.contestant(key).available()
-    if reason is not None:
-        skip_or_fail(reason)
-    prepared = contestants.contestant(key).prepare(scene, 1)
+def picture_of(key, variant):
+    prepared = contestants.contestant(key).prepare(small(variant), 1)
     prepared.draw()
     prepared.draw()
     prepared.read()
     return prepared.picture()
+
+
+@pytest.fixture(scope="module")
+def drawn_by():
+    """Return what draws in a process of its own: what OpenGL draws with keeps 20 MB each time."""
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+
+        def draw(key, variant):
+            reason = contestants.contestant(key).available()
+            if reason is not None:
+                skip_or_fail(reason)
+            return pool.submit(picture_of, key, variant).result()
+
+        yield draw
 
 
 @pytest.mark.parametrize("variant", fx.VARIANTS)
@@ -133,16 +146,16 @@ def test_shadows_are_those_that_the_titles_name():
     "variant",
     ["bilinear", "phong", "shadow", "phong_msaa", "height_fog", "tone_map", "aces", "neutral"],
 )
-def test_opengl_draws_the_picture_of_rasterjit(variant):
-    own, theirs = (drawn_by(key, small(variant)) for key in ("rasterjit_effects", fx.TWIN))
+def test_opengl_draws_the_picture_of_rasterjit(variant, drawn_by):
+    own, theirs = (drawn_by(key, variant) for key in ("rasterjit_effects", fx.TWIN))
     shares = pictures.agreement(own, theirs)
     assert own["covered"].mean() > 0.3
     assert not pictures.differs(shares, pictures.Needed(0.999, 0.97)), shares
 
 
-def test_layers_are_alike_peeled_and_sorted():
-    peeled, sorted_ = (drawn_by(key, small("layers")) for key in (fx.TWIN, fx.SORTED))
-    front = drawn_by(fx.TWIN, small("opaque_layers"))
+def test_layers_are_alike_peeled_and_sorted(drawn_by):
+    peeled, sorted_ = (drawn_by(key, "layers") for key in (fx.TWIN, fx.SORTED))
+    front = drawn_by(fx.TWIN, "opaque_layers")
     # Eight roundings to 8 bits, each half a step, at different places of the sum.
     apart = np.abs(peeled["color_linear"].astype(int) - sorted_["color_linear"])
     assert apart.max() <= fx.LAYERS
@@ -150,12 +163,11 @@ def test_layers_are_alike_peeled_and_sorted():
 
 
 @pytest.mark.parametrize("effect", TWINS, ids=lambda effect: effect.on)
-def test_opengl_draws_every_effect_that_has_a_twin(effect):
+def test_opengl_draws_every_effect_that_has_a_twin(effect, drawn_by):
     for key in effect.twins:
         for variant in (effect.off, effect.on):
-            scene = small(variant)
-            assert contestants.contestant(key).draws(scene) is None
-            assert drawn_by(key, scene)["covered"].mean() > 0.3
+            assert contestants.contestant(key).draws(small(variant)) is None
+            assert drawn_by(key, variant)["covered"].mean() > 0.3
 
 
 def run_of(variant, seconds, key=effects.OWN, pixels=1000):
