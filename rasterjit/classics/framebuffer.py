@@ -19,17 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.classics import line_bands, primitives
 from rasterjit.pipeline import lines
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene import validation as check
 from rasterjit.scene.assigning import Guarded
-from rasterjit.scene.validation import (
-    MaskedError,
-    bounded_number,
-    finite_array,
-    image_size,
-    is_infinite,
-    one_of,
-    thread_count,
-    unmasked_array,
-)
+from rasterjit.scene.validation import MaskedError
 
 OPAQUE = 255
 
@@ -112,8 +104,8 @@ class Framebuffer(Guarded):
     _INSTEAD = "draw into it, or write into its arrays"
 
     def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
-        self._width, self._height = image_size("width, height", (width, height))
-        self._workers = Workers(thread_count("threads", threads))
+        self._width, self._height = check.image_size("width, height", (width, height))
+        self._workers = Workers(check.thread_count("threads", threads))
         self._color = np.empty((self._height, self._width, 4), np.uint8)
         self._depth = np.empty((self._height, self._width), np.float32)
         self._pixels = self._color.view(np.uint32).reshape(self._height, self._width)
@@ -160,9 +152,9 @@ class Framebuffer(Guarded):
             range of float32.
         """
         rgba = _one_color("color", color)
-        if not is_infinite(depth):
+        if not check.is_infinite(depth):
             largest = float(np.finfo(np.float32).max)
-            depth = bounded_number("depth", depth, -largest, largest)
+            depth = check.bounded_number("depth", depth, -largest, largest)
         self._pixels.fill(rgba.view(np.uint32)[0])
         self._depth.fill(depth)
 
@@ -304,12 +296,12 @@ class Framebuffer(Guarded):
             [_whole_array(name, point, (2,), *SHAPE_RANGE) for name, point in names]
         )
         rgba = _vertex_colors("color", color)
-        bias = EDGE_RULES[one_of("edges", edges, tuple(EDGE_RULES))]
-        fill = FILL_METHODS[one_of("method", method, tuple(FILL_METHODS))]
+        bias = EDGE_RULES[check.one_of("edges", edges, tuple(EDGE_RULES))]
+        fill = FILL_METHODS[check.one_of("method", method, tuple(FILL_METHODS))]
         if depth is None:
             fill(self._pixels, NO_DEPTH, vertices, np.zeros(3), rgba, bias)
         else:
-            vertex_depths = np.ascontiguousarray(finite_array("depth", depth, (3,)))
+            vertex_depths = np.ascontiguousarray(check.finite_array("depth", depth, (3,)))
             if np.abs(vertex_depths).max() > np.finfo(np.float32).max:
                 raise ValueError(f"depth must fit float32, got {vertex_depths.tolist()}")
             fill(self._pixels, self._depth, vertices, vertex_depths, rgba, bias)
@@ -362,7 +354,7 @@ class Framebuffer(Guarded):
         ValueError
             If an argument is not as said.
         """
-        control = np.ascontiguousarray(finite_array("points", points, (None, 2)))
+        control = np.ascontiguousarray(check.finite_array("points", points, (None, 2)))
         if len(control) not in (3, 4):
             raise ValueError(f"points must be 3 or 4 control points, got {len(control)}")
         if np.abs(control).max() > primitives.MAX_COORDINATE:
@@ -487,7 +479,7 @@ def _whole_array(
     """Return whole numbers in low..high as a contiguous int64 array, or raise ``ValueError``."""
     if _is_whole_array(value, shape, low, high):
         return np.require(value, np.int64, ["C", "ALIGNED", "WRITEABLE", "ENSUREARRAY"])
-    numbers = finite_array(name, value, shape)
+    numbers = check.finite_array(name, value, shape)
     wrong = (numbers != np.floor(numbers)) | (numbers < low) | (numbers > high)
     if wrong.any():
         raise ValueError(
@@ -522,7 +514,7 @@ def _whole_number(name: str, value: Any) -> int:
 def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
-        channels = unmasked_array(name, value)
+        channels = check.unmasked_array(name, value)
         if channels.dtype == np.uint8 and channels.ndim and channels.shape[-1] == 4:
             return np.array(channels, order="C")
         if channels.dtype.kind not in "uif":

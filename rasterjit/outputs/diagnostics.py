@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
 from rasterjit.outputs import diagnostics_stage
 from rasterjit.outputs.fill import metric_depth
@@ -15,6 +15,7 @@ from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility import nearest as visibility
 from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.arrays import Int32, Int64
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.preview import Printed
 from rasterjit.survey.depth_format import DepthFormat
@@ -182,17 +183,14 @@ def diagnose(
 
 
 def _count_samples(
-    coverage: draw.Coverage,
-    lists: draw.TileLists,
-    geometry: Geometry,
-    workers: Workers,
-) -> tuple[NDArray[np.int64], int]:
+    coverage: draw.Coverage, lists: draw.TileLists, geometry: Geometry, workers: Workers
+) -> tuple[Int64, int]:
     """Return the samples of each triangle, faces before pieces, and the pixels with a tie."""
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     viewport = geometry.viewport
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
 
-    def count_some(tiles: NDArray[np.int32]) -> None:
+    def count_some(tiles: Int32) -> None:
         size = setup.TILE_SIZE
         drawer = visibility.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
         frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
@@ -226,7 +224,7 @@ def _ranges(
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 
 
-def _largest_error(face_id: NDArray[np.int32], geometry: Geometry, workers: Workers) -> float:
+def _largest_error(face_id: Int32, geometry: Geometry, workers: Workers) -> float:
     """Return the largest error bound of a visible sample."""
     height, step = len(face_id), rows_per_task(face_id.shape, workers)
     firsts = range(0, height, step)

@@ -29,6 +29,7 @@ from rasterjit.pipeline.visibility.points import PointsSeen
 from rasterjit.runtime.jit import Kernel
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene import transforms
+from rasterjit.scene.arrays import Float32, Float64, Int32, UInt8
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache, Shapes
@@ -94,9 +95,7 @@ class Fill(NamedTuple):
     arguments: tuple[Any, ...]
     """What it is called with between the geometry and the buffer."""
 
-    def run(
-        self, face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
-    ) -> NDArray[np.float32]:
+    def run(self, face_id: Int32, geometry: Geometry, workers: Workers) -> Float32:
         """Return the buffer, filled for the faces of a picture, (H, W)."""
         buffer = workers.memory.empty((*face_id.shape, *self.channels), np.float32)
         fill_rows(self.kernel, face_id, (geometry, *self.arguments, buffer), workers)
@@ -111,7 +110,7 @@ def list_fills(
     plan: RenderPlan,
     cache: SceneCache,
     placement: Placement,
-    world_from_model: NDArray[np.float64] | None = None,
+    world_from_model: Float64 | None = None,
 ) -> dict[str, Fill]:
     """
     Return how kernels fill the buffers that were asked for, by name, one for each row of the table.
@@ -155,9 +154,7 @@ def _at_rest(name: str, cache: SceneCache, placement: Placement) -> Placement:
     return cache.shapes.at_rest(placement) if name in ("object_position", "nocs") else placement
 
 
-def _matrices(
-    name: str, plan: RenderPlan, cache: SceneCache, placement: Placement
-) -> NDArray[np.float64]:
+def _matrices(name: str, plan: RenderPlan, cache: SceneCache, placement: Placement) -> Float64:
     """Return what takes each object into the space of a buffer of positions, (O, 3, 4)."""
     if name == "position":
         return np.ascontiguousarray(cache.places.world_from_model[:, :3])
@@ -168,9 +165,7 @@ def _matrices(
     return box_matrices(_whole_boxes(cache)) if name == "nocs" else placement.relative_from_model
 
 
-def _turns(
-    name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen
-) -> NDArray[np.float64]:
+def _turns(name: str, plan: RenderPlan, cache: SceneCache, points: PointsSeen) -> Float64:
     """Return what takes ways in world axes into that space, (O, 3, 3)."""
     if name == "position_camera":
         view = np.asarray(plan.camera.view_matrix())[:3, :3]
@@ -201,9 +196,7 @@ def _way_of_weights(plan: RenderPlan) -> str:
     return "affine weights" if plan.is_affine else ""
 
 
-def _weigh_whole_faces(
-    cut: Cut, face_id: NDArray[np.int32], barycentric: NDArray[np.float32]
-) -> None:
+def _weigh_whole_faces(cut: Cut, face_id: Int32, barycentric: Float32) -> None:
     """Turn weights in parts of faces, (H, W, 3), into those in the whole faces."""
     rows, columns = np.nonzero(cut.is_piece[face_id])
     for start in range(0, len(rows), SAMPLES_AT_ONCE):
@@ -213,9 +206,7 @@ def _weigh_whole_faces(
         barycentric[some] = (a + b) + c
 
 
-def _fill_numbers(
-    plan: RenderPlan, cache: SceneCache, face_id: NDArray[np.int32], result: Buffers
-) -> None:
+def _fill_numbers(plan: RenderPlan, cache: SceneCache, face_id: Int32, result: Buffers) -> None:
     """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
     wanted = [name for name in ("object_id", "instance_id", "material_id") if name in plan.outputs]
     if not wanted:
@@ -230,14 +221,14 @@ def _fill_numbers(
         result[name] = object_id if is_own else object_table(name, shapes)[object_id]
 
 
-def object_table(name: str, shapes: Shapes) -> NDArray[np.int32]:
+def object_table(name: str, shapes: Shapes) -> Int32:
     """Return what a buffer of numbers shows of each object, (O+1,); -1 of object -1."""
     if name == "object_id":
         return np.array([*range(len(shapes.meshes)), -1], np.int32)
     return shapes.instance_numbers if name == "instance_id" else material_numbers(shapes)
 
 
-def material_numbers(shapes: Shapes) -> NDArray[np.int32]:
+def material_numbers(shapes: Shapes) -> Int32:
     """
     Return the number of each object's material, (O+1,), as they are first used in the scene.
 
@@ -254,7 +245,7 @@ def _fill_points(
     cache: SceneCache,
     geometry: Geometry,
     placement: Placement,
-    face_id: NDArray[np.int32],
+    face_id: Int32,
     points: PointsSeen,
     result: Buffers,
     workers: Workers,
@@ -276,7 +267,7 @@ def _finish(
     plan: RenderPlan,
     cache: SceneCache,
     placement: Placement,
-    face_id: NDArray[np.int32],
+    face_id: Int32,
     result: Buffers,
     workers: Workers,
 ) -> None:
@@ -305,14 +296,14 @@ def _finish(
         result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
 
 
-def _whole_boxes(cache: SceneCache) -> NDArray[np.float64]:
+def _whole_boxes(cache: SceneCache) -> Float64:
     """Return the box of each object, (O, 2, 3), before it was posed and a section cut it."""
     if cache.cut is None:
         return cache.shapes.rest_boxes
     return Shapes(list(cache.cut.meshes)).rest_boxes[cache.cut.owners[:-1]]
 
 
-def _model_axes(world_from_model: NDArray[np.float64], points: PointsSeen) -> NDArray[np.float64]:
+def _model_axes(world_from_model: Float64, points: PointsSeen) -> Float64:
     """Return what takes ways in world axes to those of models, (O, 3, 3); 0 but for spheres."""
     axes = np.zeros((len(world_from_model), 3, 3))
     for number in np.flatnonzero(points.rows.shapes[:, 0] == SPHERE):
@@ -322,7 +313,7 @@ def _model_axes(world_from_model: NDArray[np.float64], points: PointsSeen) -> ND
     return axes
 
 
-def _into_view(camera: Camera, relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+def _into_view(camera: Camera, relative_from_model: Float64) -> Float64:
     """Return what takes each object into camera space, (O, 3, 4), given its matrix to the eye."""
     shift = transforms.translate(camera.eye_position())
     view = transforms.compose(camera.view_matrix(), shift)[:3, :, np.newaxis]
@@ -334,7 +325,7 @@ def _into_view(camera: Camera, relative_from_model: NDArray[np.float64]) -> NDAr
     return placed
 
 
-def box_matrices(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def box_matrices(boxes: Float64) -> Float64:
     """
     Return what takes each object into a cube of side 1, (O, 3, 4), given its box, (O, 2, 3).
 
@@ -357,11 +348,8 @@ def box_matrices(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _distances(
-    relative: NDArray[np.float32],
-    plan: RenderPlan,
-    placement: Placement,
-    workers: Workers,
-) -> NDArray[np.float32]:
+    relative: Float32, plan: RenderPlan, placement: Placement, workers: Workers
+) -> Float32:
     """Return how far points (H, W, 3), relative to the eye, are from it, (H, W); inf for NaN."""
     height, width, _ = relative.shape
     distance = workers.memory.empty((height, width), np.float32)
@@ -384,17 +372,13 @@ def _distances(
     return distance
 
 
-def _normals_of_points(
-    shapes: Shapes, flat: tuple[NDArray[np.float32], NDArray[np.uint8]]
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _normals_of_points(shapes: Shapes, flat: tuple[Float32, UInt8]) -> tuple[Float32, UInt8]:
     """Return the normals that points were given, and the objects that have some."""
     has_own = [mesh.primitive == "points" and mesh.normals is not None for mesh in shapes.meshes]
     return (shapes.normals, np.array(has_own, np.uint8)) if any(has_own) else flat
 
 
-def _turned_into_view(
-    normal: NDArray[np.float32], camera: Camera, workers: Workers
-) -> NDArray[np.float32]:
+def _turned_into_view(normal: Float32, camera: Camera, workers: Workers) -> Float32:
     """Return unit normals, (H, W, 3), of world space in camera space; zero ones stay zero."""
     height, width, _ = normal.shape
     turned = workers.memory.empty(normal.shape, np.float32)
@@ -466,10 +450,8 @@ def add_reversed_depth(
 
 
 def _reversed_vertices(
-    depth_format: DepthFormat,
-    coefficients: tuple[float, float, float],
-    coverage: draw.Coverage,
-) -> NDArray[np.float64]:
+    depth_format: DepthFormat, coefficients: tuple[float, float, float], coverage: draw.Coverage
+) -> Float64:
     """Return the reversed depth of the vertices; of those behind the eye anything."""
     _, deeper, rest = depth_format.coefficients
     c0, c1, c2 = coefficients
@@ -484,7 +466,7 @@ def metric_depth(
     coverage: draw.Coverage,
     size: tuple[int, int],
     corner: tuple[int, int] = (0, 0),
-) -> NDArray[np.float32]:
+) -> Float32:
     """
     Return the depth in scene units along the viewing axis; ``inf`` where nothing is.
 

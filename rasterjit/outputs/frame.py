@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,11 @@ from rasterjit.outputs.colorbar import beside, draw_colorbar, scale_of
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene import preview
+from rasterjit.scene import validation as check
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.section import planes_of
-from rasterjit.scene.validation import (
-    cut_short,
-    in_short,
-    index_below,
-    question,
-    word,
-)
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -167,43 +161,15 @@ PICKED = ("face_id", "barycentric", "position")
 """Outputs that `Frame.pick` reads."""
 
 
-class Frame:
+class RenderedOutputs:
     """
-    One rendered frame.
+    The outputs of a render as arrays; in a `Batch` each has one axis more, the first, of views.
 
-    Only the outputs that were asked for exist; reading another raises an error that names it. Rows
-    run from the top; the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
-
-    Attributes
-    ----------
-    plan : RenderPlan
-        What was decided for this frame.
-    stats : FrameStats
-    choice : QualityChoice or None
-        Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
+    What was not asked for raises `OutputNotRequestedError`.
     """
 
-    def __init__(
-        self,
-        outputs: dict[str, NDArray[Any]],
-        plan: RenderPlan,
-        stats: FrameStats,
-        diagnostics: Diagnostics | None = None,
-        face_starts: NDArray[np.int64] | None = None,
-    ) -> None:
-        self._outputs = outputs
-        self._face_starts = face_starts
-        self.plan = plan
-        self.stats = stats
-        # Not None for a type checker: who asks for a choice knows that there is one.
-        self.choice: QualityChoice | Any = None
-        self._white_share = 0.0
-        """Of the lit surfaces that are seen, 0..1; 0 where no light is so strong: see notices."""
-        self._diagnostics = diagnostics
-
-    def __repr__(self) -> str:
-        width, height = self.plan.size
-        return f"Frame({width} x {height}: {', '.join(self._outputs)})"
+    _HOLDER: ClassVar[str]
+    _outputs: dict[str, NDArray[Any]]
 
     @property
     def color(self) -> NDArray[np.uint8]:
@@ -274,7 +240,7 @@ class Frame:
         OutputNotRequestedError
             If the output was not asked for.
         """
-        full = f"{ATTRIBUTE}{word('name', name)}"
+        full = f"{ATTRIBUTE}{check.word('name', name)}"
         return self._output(name if is_attribute(name) and full not in self._outputs else full)
 
     @property
@@ -384,6 +350,54 @@ class Frame:
         """
         return self._output("coverage")
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all outputs by name."""
+        return dict(self._outputs)
+
+    def _output(self, name: str) -> NDArray[Any]:
+        return output_named(name, self._outputs, self._HOLDER)
+
+
+class Frame(RenderedOutputs):
+    """
+    One rendered frame.
+
+    Only the outputs that were asked for exist; reading another raises an error that names it. Rows
+    run from the top; the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+
+    Attributes
+    ----------
+    plan : RenderPlan
+        What was decided for this frame.
+    stats : FrameStats
+    choice : QualityChoice or None
+        Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
+    """
+
+    _HOLDER = "frame"
+
+    def __init__(
+        self,
+        outputs: dict[str, NDArray[Any]],
+        plan: RenderPlan,
+        stats: FrameStats,
+        diagnostics: Diagnostics | None = None,
+        face_starts: NDArray[np.int64] | None = None,
+    ) -> None:
+        self._outputs = outputs
+        self._face_starts = face_starts
+        self.plan = plan
+        self.stats = stats
+        # Not None for a type checker: who asks for a choice knows that there is one.
+        self.choice: QualityChoice | Any = None
+        self._white_share = 0.0
+        """Of the lit surfaces that are seen, 0..1; 0 where no light is so strong: see notices."""
+        self._diagnostics = diagnostics
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        return f"Frame({width} x {height}: {', '.join(self._outputs)})"
+
     @property
     def motion(self) -> NDArray[np.float32]:
         """
@@ -415,10 +429,6 @@ class Frame:
                 "diagnostics were not made: ask for them with diagnose=True"
             )
         return self._diagnostics
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all outputs by name."""
-        return dict(self._outputs)
 
     def save(
         self,
@@ -478,12 +488,14 @@ class Frame:
             outputs = "color"
         arrays = saving.chosen(self._outputs, outputs)
         if not isinstance(colorbar, (bool, str)):
-            raise ValueError(f"colorbar must be True, False or a title, got {in_short(colorbar)}")
+            raise ValueError(
+                f"colorbar must be True, False or a title, got {check.in_short(colorbar)}"
+            )
         has_bar = colorbar is not False
         if has_bar and (not is_image or list(arrays) != ["color"]):
             raise ValueError(
                 "colorbar must be False but for pictures of the colour, got "
-                f"{cut_short(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
+                f"{check.cut_short(colorbar)}, {suffix} and outputs {', '.join(arrays)}"
             )
         if has_bar:
             title = colorbar if isinstance(colorbar, str) else ""
@@ -522,7 +534,7 @@ class Frame:
         rasterjit.show : Turn a scene by hand.
         """
         if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {in_short(title)}")
+            raise ValueError(f"title must be a text, got {check.in_short(title)}")
         call_above("show_picture", self, self.color, title or self.caption)
 
     @property
@@ -573,7 +585,7 @@ class Frame:
             If no object has scalars, the node has none, or several bars are meant.
         """
         if not isinstance(title, str):
-            raise ValueError(f"title must be a text, got {in_short(title)}")
+            raise ValueError(f"title must be a text, got {check.in_short(title)}")
         scale = scale_of(self.plan.facts.inventory.color_scales, node)
         return draw_colorbar(scale, self.plan.size[1], title, font)
 
@@ -598,10 +610,10 @@ class Frame:
         """
         from rasterjit.outputs.masks import find
 
-        ids = self._output(word("output", output))
+        ids = self._output(check.word("output", output))
         if ids.ndim != 2 or ids.dtype.kind not in "iu":
             listed = ", ".join(map(repr, get_args(IdOutput)))
-            raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
+            raise ValueError(f"output must be one of {listed}, got {check.in_short(output)}")
         return find(ids)
 
     def pick(self, x: float, y: float) -> PickedPixel | None:
@@ -677,24 +689,21 @@ class Frame:
         """Show the colour in a notebook, its size and time under it, and an alternative text."""
         return preview.bundle(self._repr_png_(), f"Picture of {self!r}", caption=self.caption)
 
-    def _output(self, name: str) -> NDArray[Any]:
-        return output_named(name, self._outputs, "frame")
-
 
 def output_named(name: str, outputs: Mapping[str, NDArray[Any]], holder: str) -> NDArray[Any]:
     """Return an output of a frame, or of what else holds some; raise if it was not asked for."""
     if name not in outputs:
         held = f"this {holder} has {', '.join(outputs)}"
         if name not in OUTPUTS and not is_attribute(name):
-            meant = question(name, (*OUTPUTS, *outputs))
+            meant = check.question(name, (*OUTPUTS, *outputs))
             raise OutputNotRequestedError(
-                f"{in_short(name)} is the name of no output; {held}{meant}"
+                f"{check.in_short(name)} is the name of no output; {held}{meant}"
             )
         meant = ""
         if is_attribute(name):
             # All begin alike.
             others = [one.removeprefix(ATTRIBUTE) for one in outputs if is_attribute(one)]
-            meant = question(name.removeprefix(ATTRIBUTE), others)
+            meant = check.question(name.removeprefix(ATTRIBUTE), others)
         raise OutputNotRequestedError(
             f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
         )
@@ -709,7 +718,7 @@ def _pixel(name: str, value: Any, count: int) -> int:
                 f"{name} must be a point in the picture, at least 0 and below {count}, got {value}"
             )
         value = math.floor(value)
-    return index_below(name, value, count)
+    return check.index_below(name, value, count)
 
 
 class LayeredFrame(Frame):
@@ -769,7 +778,7 @@ class LayeredFrame(Frame):
         if scale is not None:
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         if colorbar is not False:
-            raise ValueError(f"colorbar must be False for layers, got {in_short(colorbar)}")
+            raise ValueError(f"colorbar must be False for layers, got {check.in_short(colorbar)}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
     def pick(self, x: float, y: float, layer: int = 0) -> PickedPixel | None:
@@ -782,7 +791,7 @@ class LayeredFrame(Frame):
         layer : int
             0 is the nearest.
         """
-        return self._pick(x, y, (index_below("layer", layer, self.plan.surfaces or 1),))
+        return self._pick(x, y, (check.index_below("layer", layer, self.plan.surfaces or 1),))
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

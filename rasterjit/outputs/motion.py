@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs import motion_stage
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene.arrays import Bool, Float32, Float64, Int32, Int64
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.node import Node
 from rasterjit.survey.cache import Shapes
@@ -20,18 +21,18 @@ from rasterjit.survey.placement import Views
 class Moment(NamedTuple):
     """Where the vertices of all objects were, and what took them to the screen."""
 
-    positions: NDArray[np.float64]
+    positions: Float64
     """(V, 3), model space."""
-    faces: NDArray[np.int32]
+    faces: Int32
     """(F, 3), vertex numbers."""
-    matrices: NDArray[np.float64]
+    matrices: Float64
     """(O, 5, 4), see ``motion_stage``."""
 
 
 class Sighting(NamedTuple):
     """What was seen of them."""
 
-    face_id: NDArray[np.int32]
+    face_id: Int32
     """(H, W), -1 where nothing was."""
     culled_turns: NDArray[np.int8]
     """(O,), which way the faces turned that were not drawn; see ``records.Objects``."""
@@ -68,7 +69,7 @@ def moment_of(
     return Moment(shapes.arrays.positions, shapes.faces_as(now), matrices)
 
 
-def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> Float64:
     """Return what takes each object to pixels and depth, (O, 5, 4); see ``motion_stage``."""
     x, y, z, w = views.clip_from_relative
     (width, height), (c0, c1, c2) = size, camera.depth_coefficients()
@@ -83,12 +84,8 @@ def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> NDA
 
 
 def fill_motion(
-    face_id: NDArray[np.int32],
-    geometry: Geometry,
-    face_starts: NDArray[np.int64],
-    compared: Motion,
-    workers: Workers,
-) -> NDArray[np.float32]:
+    face_id: Int32, geometry: Geometry, face_starts: Int64, compared: Motion, workers: Workers
+) -> Float32:
     """Return how far each point has moved, (H, W, 2), pixels; NaN where nothing is."""
     moved = workers.memory.empty((*face_id.shape, 2), np.float32)
     now, before = compared.now, compared.before
@@ -101,13 +98,13 @@ def fill_motion(
 
 
 def fill_visible(
-    face_id: NDArray[np.int32],
+    face_id: Int32,
     geometry: Geometry,
-    face_starts: NDArray[np.int64],
+    face_starts: Int64,
     before: Moment,
     sighting: Sighting,
     workers: Workers,
-) -> NDArray[np.bool_]:
+) -> Bool:
     """Return whether each point was seen before, (H, W); False where nothing is."""
     visible = workers.memory.empty(face_id.shape, np.bool_)
     seen = before.positions, before.matrices, before.faces, *sighting

@@ -19,11 +19,8 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.io.whole import replacing
 from rasterjit.outputs.table import is_attribute, row_of
-from rasterjit.scene.validation import (
-    in_short,
-    items,
-    positive_number,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Bool, Float64
 
 FORMATS = (".npz", ".npy", ".exr", ".png")
 """Extensions that ``save_outputs`` writes."""
@@ -405,9 +402,9 @@ def chosen(
     if names is None:
         return dict(arrays)
     try:
-        wanted = [names] if isinstance(names, str) else list(items("outputs", names))
+        wanted = [names] if isinstance(names, str) else list(check.items("outputs", names))
     except TypeError:
-        raise ValueError(f"outputs must be a name or names, got {in_short(names)}") from None
+        raise ValueError(f"outputs must be a name or names, got {check.in_short(names)}") from None
     for name in wanted:
         if not isinstance(name, str) or name not in arrays:
             raise ValueError(
@@ -428,19 +425,17 @@ def _counted(name: str, array: NDArray[Any]) -> Codes:
     return Codes(numbers.astype(np.uint16), 1.0, -1.0, "number")
 
 
-def _vectors(
-    values: NDArray[np.float64], seen: NDArray[np.bool_], scale: float, offset: float, unit: str
-) -> Codes:
+def _vectors(values: Float64, seen: Bool, scale: float, offset: float, unit: str) -> Codes:
     """Return vectors in codes from 1, those a rounding beyond their range at its end."""
     codes = np.floor((np.where(seen[..., None], values, 0.0) - offset) / scale + 0.5)
     pixels = np.where(seen[..., None], np.clip(codes, 1, MOST), 0).astype(np.uint16)
     return Codes(pixels, scale, offset, unit)
 
 
-def _fitted(values: NDArray[np.float64], scale: float | None) -> tuple[float, float]:
+def _fitted(values: Float64, scale: float | None) -> tuple[float, float]:
     """Return scale and offset that take finite values to codes in 1..65535."""
     if scale is not None:
-        return positive_number("scale", scale), 0.0
+        return check.positive_number("scale", scale), 0.0
     if not values.size:
         return 1.0, 0.0
     low, high = float(values.min()), float(values.max())
@@ -454,12 +449,7 @@ def _fitted(values: NDArray[np.float64], scale: float | None) -> tuple[float, fl
 
 
 def _rounded(
-    name: str,
-    values: NDArray[np.float64],
-    seen: NDArray[np.bool_],
-    scale: float,
-    offset: float,
-    least: int,
+    name: str, values: Float64, seen: Bool, scale: float, offset: float, least: int
 ) -> NDArray[np.uint16]:
     """Return the nearest codes, half up, and 0 where nothing is; raise if they do not fit."""
     shown = seen if values.ndim == 2 else seen[..., None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.validation import bounded_number, positive_number
 
 RADIUS_OF_SCENE = 0.15
@@ -42,5 +42,5 @@ class AmbientOcclusion:
 
     def __post_init__(self) -> None:
         if self.radius is not None:
-            object.__setattr__(self, "radius", positive_number("radius", self.radius))
-        object.__setattr__(self, "strength", bounded_number("strength", self.strength, 0.0, 1.0))
+            store(self, radius=positive_number("radius", self.radius))
+        store(self, strength=bounded_number("strength", self.strength, 0.0, 1.0))

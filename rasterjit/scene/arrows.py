@@ -8,20 +8,14 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Float32, Float64, Int32
 from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import sine_cosine
-from rasterjit.scene.validation import (
-    finite_array,
-    in_short,
-    one_of,
-    positive_number,
-    triple,
-    unmasked_array,
-)
 
 ArrowUnit: TypeAlias = Literal["length", "world"]
 ARROW_UNITS: tuple[ArrowUnit, ...] = get_args(ArrowUnit)
@@ -38,8 +32,6 @@ MOST_HEAD = 0.95
 
 LEAST_SHAFT = 2.0
 """Lengths of its head that an arrow has at least: shorter ones are thinner, in proportion."""
-
-Float64 = NDArray[np.float64]
 
 
 class Arrows(Mesh):
@@ -112,19 +104,19 @@ class Arrows(Mesh):
         nan_color: ColorLike = NAN_COLOR,
         material: Material | None = None,
     ) -> None:
-        feet = finite_array("positions", positions, (None, 3))
+        feet = check.finite_array("positions", positions, (None, 3))
         if not len(feet):
             raise ValueError("positions must have one row or more, got none")
-        ways = finite_array("vectors", vectors, (None, 3))
+        ways = check.finite_array("vectors", vectors, (None, 3))
         if len(ways) != len(feet):
             raise ValueError(
                 f"vectors must have one row per position ({len(feet)}), got {len(ways)}"
             )
-        scale = positive_number("scale", scale)
+        scale = check.positive_number("scale", scale)
         measures = _measures(
-            shaft_radius, head_radius, head_length, one_of("unit", unit, ARROW_UNITS)
+            shaft_radius, head_radius, head_length, check.one_of("unit", unit, ARROW_UNITS)
         )
-        self._sides = _side_count(sides)
+        self._sides = check.whole_number("sides", sides, FEWEST_SIDES, MOST_SIDES)
         self._count = len(feet)
         with np.errstate(over="ignore", under="ignore"):
             lengths, units = _lengths(ways, scale)
@@ -208,7 +200,7 @@ class Arrow(Arrows):
         color: ColorLike | None = None,
         material: Material | None = None,
     ) -> None:
-        foot, tip = np.array(triple("start", start)), np.array(triple("end", end))
+        foot, tip = np.array(check.triple("start", start)), np.array(check.triple("end", end))
         if (foot == tip).all():
             raise ValueError(f"end must be another point than start, got {tip.tolist()} twice")
         super().__init__(
@@ -221,23 +213,13 @@ class Arrow(Arrows):
         return "Arrow()"
 
 
-def _side_count(value: Any) -> int:
-    """Return how many sides a shaft has, or raise ``ValueError``."""
-    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not is_whole or not FEWEST_SIDES <= value <= MOST_SIDES:
-        raise ValueError(
-            f"sides must be a whole number in {FEWEST_SIDES}..{MOST_SIDES}, got {in_short(value)}"
-        )
-    return int(value)
-
-
 def _measures(
     shaft_radius: float, head_radius: float, head_length: float, unit: ArrowUnit
 ) -> tuple[float, float, float]:
     """Return both radii and the length of the head, or raise ``ValueError``."""
-    shaft = positive_number("shaft_radius", shaft_radius)
-    head = positive_number("head_radius", head_radius)
-    long = positive_number("head_length", head_length)
+    shaft = check.positive_number("shaft_radius", shaft_radius)
+    head = check.positive_number("head_radius", head_radius)
+    long = check.positive_number("head_length", head_length)
     if head < shaft:
         raise ValueError(
             f"head_radius must be at least shaft_radius, {shaft:g}, got {head_radius!r}"
@@ -315,7 +297,7 @@ def _across(units: Float64) -> Float64:
     return np.stack([x, y, z], axis=1) / np.where(long > 0.0, long, 1.0)[:, np.newaxis]
 
 
-def _faces(count: int, sides: int) -> NDArray[np.int32]:
+def _faces(count: int, sides: int) -> Int32:
     """Return the faces of arrows, (N 6 sides, 3), counter-clockwise from outside."""
     here = np.arange(sides)
     after = (here + 1) % sides
@@ -343,9 +325,9 @@ def _band(
     ]
 
 
-def _spread_colors(colors: Any, count: int, per_arrow: int) -> NDArray[np.float32]:
+def _spread_colors(colors: Any, count: int, per_arrow: int) -> Float32:
     """Return the colour of each face, (F, 4) linear, given one, or those of arrows."""
-    if isinstance(colors, str) or unmasked_array("colors", colors).ndim == 1:
+    if isinstance(colors, str) or check.unmasked_array("colors", colors).ndim == 1:
         return np.tile(linear_color("colors", colors), (count * per_arrow, 1))
     rows = linear_rows("colors", colors)
     if len(rows) != count:
@@ -355,7 +337,9 @@ def _spread_colors(colors: Any, count: int, per_arrow: int) -> NDArray[np.float3
 
 def _spread(scalars: ArrayLike, count: int, per_arrow: int) -> NDArray[Any]:
     """Return the scalar of each face, given those of arrows."""
-    values = unmasked_array("scalars", scalars)
+    values = check.unmasked_array("scalars", scalars)
     if values.shape != (count,):
-        raise ValueError(f"scalars must be one number per arrow ({count}), got {in_short(values)}")
+        raise ValueError(
+            f"scalars must be one number per arrow ({count}), got {check.in_short(values)}"
+        )
     return np.repeat(values, per_arrow)

@@ -72,6 +72,12 @@ def _check_attribute(owner: Guarded, name: str) -> None:
     raise AttributeError(_no_such(kind, name, owner._FIELDS, "what can be assigned is"))
 
 
+def store(owner: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass: what its checks made of the values that were given."""
+    for name, value in values.items():
+        object.__setattr__(owner, name, value)
+
+
 def says_replace(kind: AnyClass) -> AnyClass:
     """Have a frozen dataclass answer an assignment with how to make a changed copy instead."""
     changed: Any = kind

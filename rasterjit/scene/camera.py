@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.arrays import Float64
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.pixels import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
@@ -39,7 +40,6 @@ from rasterjit.scene.validation import (
 )
 from rasterjit.scene.vectors import length
 
-Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
 
 NEAR = 0.1
@@ -153,9 +153,9 @@ class PerspectiveCamera(Projecting):
         _freeze_placement(self)
         transforms.lens_matrix(self.fov_y, 1.0, usual_near(self.near, self.far), self.far)
         near = None if self.near is None else float(self.near)
-        _freeze(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
-        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
-        _freeze(self, pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6))
+        store(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
+        store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
+        store(self, pixel_aspect=bounded_number("pixel_aspect", self.pixel_aspect, 1e-6, 1e6))
 
     @property
     def frustum(self) -> tuple[Any, ...]:
@@ -238,8 +238,8 @@ class OrthographicCamera(Projecting):
             raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
         far = None if self.far is None else float(self.far)
-        _freeze(self, height=height, near=float(self.near), far=far)
-        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
+        store(self, height=height, near=float(self.near), far=far)
+        store(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -331,7 +331,7 @@ class MatrixCamera(Projecting):
         for matrix in (view, clip):
             matrix.flags.writeable = False
         size = None if self.size is None else picture_size("size", self.size)
-        _freeze(self, view_from_world=view, clip_from_view=clip, size=size)
+        store(self, view_from_world=view, clip_from_view=clip, size=size)
         if _are_dependent(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
         if mirrors(view):
@@ -581,19 +581,19 @@ def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
         # A subclass may keep more than fields, in slots.
         found = copy.copy(camera)
     if planes.is_far_open:
-        _freeze(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
+        store(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
         return found
     near = planes.near / (1 << near_steps)
-    _freeze(found, _steps=(near_steps, None))
+    store(found, _steps=(near_steps, None))
     if isinstance(camera, PerspectiveCamera):
-        _freeze(found, near=near)
+        store(found, near=near)
         return found
-    _freeze(found, is_near_open=False)
+    store(found, is_near_open=False)
     if near_steps and isinstance(found, MatrixCamera):
         clip = found.clip_from_view.copy()
         clip[2, 2:] = transforms.perspective_depth(near, planes.far)
         clip.flags.writeable = False
-        _freeze(found, clip_from_view=clip)
+        store(found, clip_from_view=clip)
     return found
 
 
@@ -627,19 +627,13 @@ def check_camera(name: str, camera: Any) -> Camera:
     return camera
 
 
-def _freeze(camera: Any, **fields: Any) -> None:
-    """Store the checked values of a frozen dataclass's fields."""
-    for name, value in fields.items():
-        object.__setattr__(camera, name, value)
-
-
 def _freeze_placement(camera: PerspectiveCamera | OrthographicCamera) -> None:
     """Check eye, target and up together; store them as tuples of float, and the view."""
     view_from_world = transforms.look_at(camera.eye, camera.target, camera.up)
     view_from_world.flags.writeable = False
-    _freeze(camera, _view_from_world=view_from_world)
+    store(camera, _view_from_world=view_from_world)
     for name in ("eye", "target", "up"):
-        _freeze(camera, **{name: triple(name, getattr(camera, name))})
+        store(camera, **{name: triple(name, getattr(camera, name))})
 
 
 def _solve_origin(rows: Float64) -> Float64:

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.validation import MaskedError, unmasked_array
+from rasterjit.scene.validation import ROWS, unmasked_array
 
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
@@ -143,6 +143,17 @@ def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
     return linear_rows(name, array[np.newaxis])[0]
 
 
+def rgba(name: str, value: ColorLike) -> RGBA:
+    """Return a colour as four numbers, linear, or raise as `linear_color` does."""
+    red, green, blue, alpha = linear_color(name, value).tolist()
+    return red, green, blue, alpha
+
+
+def rgb(name: str, value: ColorLike) -> RGB:
+    """Return a colour as three numbers, linear, or raise as `linear_color` does."""
+    return rgba(name, value)[:3]
+
+
 @functools.lru_cache(maxsize=256)
 def _linear_string(name: str, text: str) -> NDArray[np.float32]:
     """Return the colour that a string stands for; a program has few of them."""
@@ -194,14 +205,7 @@ def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
 
 def _color_array(name: str, value: Any) -> NDArray[Any]:
     """Return ``value`` as a ``uint8`` or real numeric array, or raise ``ValueError``."""
-    try:
-        array = unmasked_array(name, value)
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError(
-            f"{name} must be an array of numbers, got rows of unequal length"
-        ) from None
+    array = unmasked_array(name, value, *ROWS)
     if array.dtype.kind not in "uif":
         raise ValueError(f"{name} must hold numbers, got {value!r}: {_ADVICE}")
     return array

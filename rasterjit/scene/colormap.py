@@ -9,17 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.colormap_tables import TABLES
-from rasterjit.scene.validation import (
-    MaskedError,
-    finite_number,
-    in_short,
-    number_array,
-    read_only,
-    unmasked_array,
-)
+from rasterjit.scene.validation import MaskedError
 
 REVERSED = "_r"
 """What the name of a map ends with that is read from its other end."""
@@ -31,7 +26,7 @@ ColormapLike: TypeAlias = "str | ArrayLike | Colormap | Callable[..., Any]"
 """A name, rows of sRGB colours, a `Colormap`, or one of Matplotlib's."""
 
 
-class Colormap(Guarded):
+class Colormap(HoldsArrays, Guarded):
     """
     A table of colours, from that of the lowest value to that of the highest.
 
@@ -69,7 +64,7 @@ class Colormap(Guarded):
 
     def __init__(self, colors: ColormapLike) -> None:
         self._name = colors.strip() if isinstance(colors, str) else getattr(colors, "name", "")
-        self._codes = read_only(_codes_of(colors))
+        self._codes = check.read_only(_codes_of(colors))
 
     @property
     def name(self) -> str:
@@ -83,7 +78,7 @@ class Colormap(Guarded):
 
     @cached_property
     def _linear(self) -> NDArray[np.float32]:
-        return read_only(linear_rows("colors", self._codes))
+        return check.read_only(linear_rows("colors", self._codes))
 
     @property
     def colors(self) -> NDArray[np.float32]:
@@ -93,10 +88,6 @@ class Colormap(Guarded):
     def __len__(self) -> int:
         """Return the number of entries."""
         return len(self._codes)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its entries are read-only too."""
-        self._name, self._codes = state["_name"], read_only(state["_codes"])
 
     def __repr__(self) -> str:
         return f"Colormap({self._name!r})" if self._name else f"Colormap of {len(self)} entries"
@@ -111,10 +102,10 @@ class Colormap(Guarded):
         low, high : float
             The range, low <= high.
         """
-        low, high = finite_number("low", low), finite_number("high", high)
+        low, high = check.finite_number("low", low), check.finite_number("high", high)
         count, width = len(self), width_of(low, high)
         with np.errstate(over="ignore", invalid="ignore"):
-            places = (number_array("values", values) - low) / width * count
+            places = (check.number_array("values", values) - low) / width * count
         held = np.clip(np.nan_to_num(places, nan=0.0, posinf=count, neginf=0.0), 0, count - 1)
         return np.where(np.isnan(places), count, np.floor(held).astype(np.int64))
 
@@ -138,7 +129,7 @@ def _codes_of(colors: Any) -> NDArray[np.uint8]:
     if callable(colors) and isinstance(getattr(colors, "N", None), int):
         return np.array(colors(np.arange(colors.N), bytes=True), np.uint8)
     try:
-        array = unmasked_array("colormap", colors)
+        array = check.unmasked_array("colormap", colors)
     except MaskedError:
         raise
     except ValueError:
@@ -146,7 +137,7 @@ def _codes_of(colors: Any) -> NDArray[np.uint8]:
     if array.dtype.kind not in "uif":
         raise ValueError(
             f"colormap must be a name, one of {', '.join(COLORMAPS)}, or (N, 3) or (N, 4) numbers; "
-            f"got {in_short(colors)}"
+            f"got {check.in_short(colors)}"
         )
     if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
         raise ValueError(f"colormap must have shape (N, 3) or (N, 4), N >= 1, got {array.shape}")

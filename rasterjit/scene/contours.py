@@ -8,15 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGBA, ColorLike, linear_color
-from rasterjit.scene.validation import (
-    cut_short,
-    finite_array,
-    finite_number,
-    in_short,
-    positive_number,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGBA, ColorLike, rgba
 
 MOST_LEVELS = 4096
 """Most lines of one mesh that are asked for by their number."""
@@ -60,13 +54,12 @@ class Contours:
     color: Converted[ColorLike, RGBA] = Converted("black")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "levels", _levels(self.levels))
-        object.__setattr__(self, "width", positive_number("width", self.width))
-        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+        store(self, levels=_levels(self.levels), color=rgba("color", self.color))
+        store(self, width=check.positive_number("width", self.width))
 
     def values_in(self, low: float, high: float) -> NDArray[np.float64]:
         """Return the values of the lines, ascending, (N,), given the range."""
-        low, high = finite_number("low", low), finite_number("high", high)
+        low, high = check.finite_number("low", low), check.finite_number("high", high)
         if not isinstance(self.levels, int):
             return np.unique(np.array(self.levels, np.float64))
         inside = low + (high - low) * (np.arange(1, self.levels + 1) / (self.levels + 1))
@@ -86,9 +79,9 @@ def _levels(value: Any) -> int | tuple[float, ...]:
         return int(value)
     if isinstance(value, (bool, float, str)) or value is None:
         raise ValueError(
-            f"contours.levels must be a whole number or values, got {cut_short(value)}"
+            f"contours.levels must be a whole number or values, got {check.cut_short(value)}"
         )
-    values = finite_array("contours.levels", value, (None,))
+    values = check.finite_array("contours.levels", value, (None,))
     if not len(values):
-        raise ValueError(f"contours.levels must be one or more values, got {in_short(value)}")
+        raise ValueError(f"contours.levels must be one or more values, got {check.in_short(value)}")
     return tuple(values.tolist())

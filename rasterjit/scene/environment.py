@@ -10,20 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.color import RGB, ColorLike, linear_color
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import HoldsArrays
+from rasterjit.scene.assigning import says_replace, store
+from rasterjit.scene.color import RGB, ColorLike, linear_color, rgb
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
 from rasterjit.scene.texture import check_extent
-from rasterjit.scene.validation import (
-    MaskedError,
-    bounded_number,
-    finite_number,
-    read_only,
-    true_or_false,
-    unmasked_array,
-)
 from rasterjit.scene.warning import warn_caller
 
 MOST_ALLOWED = 0.001
@@ -32,7 +26,7 @@ MOST_ALLOWED = 0.001
 
 @says_replace
 @dataclass(frozen=True, eq=False)
-class Panorama:
+class Panorama(HoldsArrays):
     """
     A picture of everything around, equirectangular: columns are longitudes, rows latitudes.
 
@@ -67,11 +61,7 @@ class Panorama:
         def __init__(self, image: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "image", _linear_panorama(self.image))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its texels are read-only too."""
-        self.__dict__["image"] = read_only(state["image"])
+        store(self, image=_linear_panorama(self.image))
 
     @cached_property
     def brightest(self) -> float:
@@ -151,16 +141,15 @@ class Environment:
 
     def __post_init__(self) -> None:
         if not isinstance(self.sky, (Panorama, SkyGradient)):
-            object.__setattr__(self, "sky", Panorama(self.sky))
-        intensity = bounded_number("intensity", self.intensity, 0.0, BRIGHTEST)
+            store(self, sky=Panorama(self.sky))
+        intensity = check.bounded_number("intensity", self.intensity, 0.0, BRIGHTEST)
         if isinstance(self.sky, Panorama) and intensity * self.sky.brightest > BRIGHTEST:
             raise ValueError(
                 f"intensity must be at most {BRIGHTEST / self.sky.brightest:g} for a sky whose "
                 f"brightest light is {self.sky.brightest:g}, got {self.intensity!r}"
             )
-        object.__setattr__(self, "intensity", intensity)
-        object.__setattr__(self, "rotation", finite_number("rotation", self.rotation))
-        true_or_false("background", self.background)
+        store(self, intensity=intensity, rotation=check.finite_number("rotation", self.rotation))
+        check.true_or_false("background", self.background)
 
     @classmethod
     def constant(
@@ -214,7 +203,7 @@ class Environment:
             If a colour is not one, or as `Environment` says.
         """
         named = {"zenith": zenith, "horizon": horizon, "ground": ground}
-        colors = [tuple(linear_color(*item)[:3].tolist()) for item in named.items()]
+        colors = [rgb(*item) for item in named.items()]
         return cls(SkyGradient(*colors), intensity, 0.0, background)
 
     @classmethod
@@ -286,12 +275,7 @@ class Environment:
 
 def _linear_panorama(value: Any) -> NDArray[np.float32]:
     """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""
-    try:
-        image = unmasked_array("sky", value)
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError("sky must be an array of numbers, got rows of unequal length") from None
+    image = check.unmasked_array("sky", value, *check.ROWS)
     if image.dtype.kind != "f":
         raise ValueError(
             f"sky must hold floats, which are linear light, got {image.dtype}; "
@@ -301,7 +285,7 @@ def _linear_panorama(value: Any) -> NDArray[np.float32]:
         raise ValueError(f"sky must have shape (H, W, 3), got {image.shape}")
     height, width = image.shape[:2]
     check_extent("sky", width, height)
-    return read_only(np.array(_usable_light(image, "sky"), np.float32, order="C"))
+    return check.read_only(np.array(_usable_light(image, "sky"), np.float32, order="C"))
 
 
 def _usable_light(image: NDArray[Any], label: str) -> NDArray[Any]:

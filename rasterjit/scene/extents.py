@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float64 = NDArray[np.float64]
+from rasterjit.scene.arrays import Float64
+
 Chunks = Callable[[], Iterable[tuple[Float64, Float64 | None]]]
 """
 Returns points, some at a time: positions (N, 3), and half the size of what is drawn at each,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.validation import bounded_number
 
 STRONGEST = 1000.0
@@ -68,6 +68,5 @@ class EyeDome:
     radius: float = 1.4
 
     def __post_init__(self) -> None:
-        strength = bounded_number("strength", self.strength, 0.0, STRONGEST)
-        object.__setattr__(self, "strength", strength)
-        object.__setattr__(self, "radius", bounded_number("radius", self.radius, 1.0, WIDEST))
+        store(self, strength=bounded_number("strength", self.strength, 0.0, STRONGEST))
+        store(self, radius=bounded_number("radius", self.radius, 1.0, WIDEST))

@@ -8,18 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import HoldsArrays
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import Colormap, ColormapLike, read_colormap, width_of
 from rasterjit.scene.contours import Contours, ContoursLike, read_contours
-from rasterjit.scene.validation import (
-    MaskedError,
-    cut_short,
-    in_short,
-    number_array,
-    read_only,
-    unmasked_array,
-    with_nan,
-)
 
 _WIDEST = 1e200
 """Largest range: products with it are finite."""
@@ -47,7 +40,7 @@ class ColorScale(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class Field(HoldsArrays):
     """
     The scalars of a mesh, and how they are shown; `Mesh.field` has it.
 
@@ -70,12 +63,6 @@ class Field:
         low, high = self.range
         what = "faces" if self.of_faces else "vertices"
         return f"Field({len(self.values)} {what}, {low:g} to {high:g}, {self.colormap!r})"
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its arrays are read-only too."""
-        for name, value in state.items():
-            held = read_only(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, name, held)
 
     @property
     def has_nan(self) -> bool:
@@ -120,7 +107,7 @@ class Field:
     def of_rows(self, rows: NDArray[Any]) -> Field:
         """Return the field of some vertices, or of vertices again, shown as before."""
         held = {one.name: getattr(self, one.name) for one in fields(self)}
-        return Field(**held | {"values": read_only(self.values[rows])})
+        return Field(**held | {"values": check.read_only(self.values[rows])})
 
 
 def make_field(
@@ -151,11 +138,11 @@ def make_field(
     if contours is not None and len(values) != counts[0]:
         raise ValueError("contours must be None where scalars are those of faces, without slopes")
     return Field(
-        values=read_only(values),
+        values=check.read_only(values),
         of_faces=len(values) != counts[0],
         colormap=read_colormap(colormap),
         range=_range_of(values) if range is None else _range(range),
-        nan_color=read_only(linear_color("nan_color", nan_color)),
+        nan_color=check.read_only(linear_color("nan_color", nan_color)),
         contours=None if contours is None else read_contours(contours),
     )
 
@@ -168,18 +155,14 @@ def refuse_field(**given: Any) -> None:
         is_usual = value is None if default is None else isinstance(value, str) and value == default
         if not is_usual:
             raise ValueError(
-                f"{name} must be {default!r} where no scalars are given, got {cut_short(value)}"
+                f"{name} must be {default!r} where no scalars are given, "
+                f"got {check.cut_short(value)}"
             )
 
 
 def _scalar_array(scalars: ArrayLike, counts: tuple[int, int]) -> NDArray[np.float64]:
     """Return a copy of scalars, (V,) or (F,) float64, or raise ``ValueError``."""
-    try:
-        array = unmasked_array("scalars", with_nan(scalars))
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError(f"scalars must be an array of numbers, got {in_short(scalars)}") from None
+    array = check.unmasked_array("scalars", check.with_nan(scalars), "an array of numbers")
     if array.dtype.kind not in "buif":
         raise ValueError(f"scalars must hold numbers, got an array of dtype {array.dtype}")
     if array.ndim == 2 and array.shape[1] == 1:
@@ -205,11 +188,13 @@ def _range_of(values: NDArray[np.float64]) -> tuple[float, float]:
 def _range(value: Any) -> tuple[float, float]:
     """Return the range that is given, or raise ``ValueError``."""
     try:
-        ends = number_array("range", value)
+        ends = check.number_array("range", value)
     except ValueError:
         ends = np.empty(0)
     if ends.shape != (2,) or not np.isfinite(ends).all():
-        raise ValueError(f"range must be two finite numbers, low and high, got {cut_short(value)}")
+        raise ValueError(
+            f"range must be two finite numbers, low and high, got {check.cut_short(value)}"
+        )
     low, high = ends.tolist()
     if low > high:
         raise ValueError(

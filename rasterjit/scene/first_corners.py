@@ -9,10 +9,11 @@ vertices otherwise, a face begins with the corner whose coordinates are the leas
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from rasterjit.scene.arrays import Bool, Float64, Int32, UInt8
 
 
-def least_first(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def least_first(vertices: Float64, faces: Int32) -> Int32:
     """
     Rotate faces so that each begins with its least corner: by x, or where that is one by y, by z.
 
@@ -38,9 +39,7 @@ def least_first(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDAr
     return rotated
 
 
-def _are_less(
-    vertices: NDArray[np.float64], some: NDArray[np.int32], others: NDArray[np.int32]
-) -> NDArray[np.bool_]:
+def _are_less(vertices: Float64, some: Int32, others: Int32) -> Bool:
     """Tell of pairs of vertices, (F,), whether the first has the lesser coordinates."""
     own, other = vertices[some, 0], vertices[others, 0]
     less = own < other
@@ -54,7 +53,7 @@ def _are_less(
     return less
 
 
-def listed_places(listed: NDArray[np.int32], rotated: NDArray[np.int32]) -> NDArray[np.uint8]:
+def listed_places(listed: Int32, rotated: Int32) -> UInt8:
     """Return at which place of a face, as it is listed, its first corner is: 0, 1 or 2, (F,)."""
     first = rotated[:, :1] == listed
     return np.argmax(first, axis=1).astype(np.uint8)

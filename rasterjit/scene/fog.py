@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGB, ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGB, ColorLike, rgb
 from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
 FogMode: TypeAlias = Literal["linear", "exp", "exp2"]
@@ -74,7 +74,7 @@ class Fog:
 
     def __post_init__(self) -> None:
         one_of("mode", self.mode, FOG_MODES)
-        object.__setattr__(self, "color", tuple(linear_color("color", self.color)[:3].tolist()))
+        store(self, color=rgb("color", self.color))
         if self.mode == "linear":
             self._refuse("density", "height", "falloff")
             self._check_range()
@@ -103,29 +103,26 @@ class Fog:
             raise ValueError(
                 f"end must be at least {SHORTEST_RAMP:g} above start, {start!r}; got {end!r}"
             )
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "end", end)
+        store(self, start=start, end=end)
 
     def _check_density(self) -> None:
         """Store density, height and falloff as floats."""
         if self.density is None:
             raise ValueError(f"density must be given for mode {self.mode!r}, got None")
-        object.__setattr__(self, "density", bounded_number("density", self.density, 0.0, DENSEST))
+        store(self, density=bounded_number("density", self.density, 0.0, DENSEST))
         if self.height is None:
-            self._refuse_falloff()
+            if self.falloff is not None:
+                raise ValueError(
+                    f"falloff must be None for fog without height, got {self.falloff!r}"
+                )
             return
         if self.mode != "exp":
             raise ValueError(f"height must be None for mode 'exp2', got {self.height!r}")
         height = finite_number("height", self.height)
-        object.__setattr__(self, "height", bounded_number("height", height, -FARTHEST, FARTHEST))
+        store(self, height=bounded_number("height", height, -FARTHEST, FARTHEST))
         if self.falloff is None:
             raise ValueError("falloff must be given for fog with a height, got None")
         falloff = bounded_number("falloff", self.falloff, 0.0, DENSEST)
         if falloff == 0.0:
             raise ValueError("falloff must be above 0; fog of even density has no height")
-        object.__setattr__(self, "falloff", falloff)
-
-    def _refuse_falloff(self) -> None:
-        """Raise ``ValueError`` for a falloff without a height."""
-        if self.falloff is not None:
-            raise ValueError(f"falloff must be None for fog without height, got {self.falloff!r}")
+        store(self, falloff=falloff)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, cast, get
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rasterjit.scene import transforms
+from rasterjit.scene import extents, transforms
+from rasterjit.scene import validation as check
 from rasterjit.scene.camera import (
     Bounded,
     Camera,
@@ -19,24 +20,9 @@ from rasterjit.scene.camera import (
     OrthographicCamera,
     PerspectiveCamera,
 )
-from rasterjit.scene.extents import (
-    Chunks,
-    ScenePoints,
-    fit_parallel,
-    fit_perspective,
-    kept,
-    sphere_around,
-)
+from rasterjit.scene.extents import Chunks, ScenePoints
 from rasterjit.scene.hooks import call_above
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import (
-    MAX_WHOLE_SIZE,
-    finite_number,
-    one_of,
-    positive_number,
-    true_or_false,
-    vector,
-)
 from rasterjit.scene.vectors import dot, length
 
 if TYPE_CHECKING:
@@ -251,8 +237,8 @@ def orbit_direction(
     ValueError
         If an angle is not finite, or ``up`` is zero or not three finite numbers.
     """
-    sin_a, cos_a = transforms.sine_cosine(finite_number("azimuth", azimuth))
-    sin_e, cos_e = transforms.sine_cosine(finite_number("elevation", elevation))
+    sin_a, cos_a = transforms.sine_cosine(check.finite_number("azimuth", azimuth))
+    sin_e, cos_e = transforms.sine_cosine(check.finite_number("elevation", elevation))
     direction = sin_a * cos_e, sin_e, cos_a * cos_e
     if up is None:
         return direction
@@ -325,18 +311,18 @@ def fit_camera(
     tip of a cone or the end of a line; a parallel camera shows at least 1/32 of it.
     """
     # Arguments.
-    one_of("projection", projection, PROJECTIONS)
+    check.one_of("projection", projection, PROJECTIONS)
     towards = transforms.unit_vector("direction", direction)
     upward = _upright(up, towards)
     focal = transforms.focal_length(fov_y)
-    enlarged = finite_number("margin", margin)
+    enlarged = check.finite_number("margin", margin)
     if enlarged < 1.0:
         raise ValueError(f"margin must be at least 1, got {enlarged!r}")
-    magnified = positive_number("zoom", zoom)
-    wide = positive_number("aspect", aspect)
+    magnified = check.positive_number("zoom", zoom)
+    wide = check.positive_number("aspect", aspect)
     # What is to be seen, and from where.
     what = bounded(scene)
-    chunks = None if true_or_false("steady", steady) else _chunks_of(what)
+    chunks = None if check.true_or_false("steady", steady) else _chunks_of(what)
     center, radius, is_tiny = _sphere(what, chunks)
     is_parallel = projection == "orthographic"
     axes = transforms.look_at(towards, (0.0, 0.0, 0.0), upward)[:3, :3]
@@ -414,17 +400,17 @@ def _place_for_points(lens: _FittedLens, cloud: ScenePoints) -> _FittedPlace:
     """Return the place from which all points are in the picture, as large as they can be."""
     if lens.is_parallel:
         distance = _DISTANCE_IN_RADII * lens.margin
-        x, y = fit_parallel(cloud)
+        x, y = extents.fit_parallel(cloud)
         half = lens.margin * max(x.slope / lens.aspect, y.slope, _LEAST_EXTENT)
         widest = lens.margin * x.slope / half
     else:
         focal, half = lens.margin * lens.focal, math.nan
-        distance, (x, y) = fit_perspective(cloud, focal / lens.aspect, focal)
+        distance, (x, y) = extents.fit_perspective(cloud, focal / lens.aspect, focal)
         widest = focal * x.slope
     # The planes have room for what turns, unless the eye is near the sphere, or in it.
     near = max(distance - 1.0, 0.5 * (distance - cloud.nearest))
     target = 0.5 * (cloud.nearest + cloud.farthest)
-    narrow = min(widest, lens.aspect, float(MAX_WHOLE_SIZE))
+    narrow = min(widest, lens.aspect, float(check.MAX_WHOLE_SIZE))
     return _FittedPlace(
         x.offset, y.offset, distance, target, 2.0 * half, near, distance + 1.0, narrow
     )
@@ -445,7 +431,7 @@ def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
     ValueError
         If ``zoom`` is not above 0, or leaves no field of view or height that a camera can have.
     """
-    magnified = positive_number("zoom", zoom)
+    magnified = check.positive_number("zoom", zoom)
     if isinstance(camera, PerspectiveCamera):
         return replace(camera, fov_y=_zoomed_fov(camera.fov_y, magnified))
     if isinstance(camera, OrthographicCamera):
@@ -486,7 +472,7 @@ def _chunks_of(scene: Bounded) -> Chunks | None:
     """Return what yields the points of a scene; None of what has a sphere alone."""
     known = scene.scene if isinstance(scene, Ball) else scene
     chunks = getattr(known, "_world_chunks", None)
-    return None if chunks is None else kept(chunks)
+    return None if chunks is None else extents.kept(chunks)
 
 
 def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool]:
@@ -495,10 +481,10 @@ def _sphere(scene: Bounded, chunks: Chunks | None) -> tuple[Float64, float, bool
 
     Its radius is one that float64 can frame. The last value says whether the true one is smaller.
     """
-    center, size = scene.bounding_sphere() if chunks is None else sphere_around(chunks)
+    center, size = scene.bounding_sphere() if chunks is None else extents.sphere_around(chunks)
     # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
-    center = vector("scene's center", center) + 0.0
-    radius = finite_number("scene's radius", size)
+    center = check.vector("scene's center", center) + 0.0
+    radius = check.finite_number("scene's radius", size)
     if radius < 0.0:
         raise ValueError(f"scene's radius must not be negative, got {radius!r}")
     smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene import validation as check
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.lines import AXIS_COLORS, INK, Lines
@@ -15,15 +16,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, with_all_below
 from rasterjit.scene.points import Unit
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import (
-    VectorLike,
-    finite_number,
-    image_size,
-    in_short,
-    one_of,
-    positive_number,
-    vector,
-)
+from rasterjit.scene.validation import VectorLike
 
 GRID_GRAY = 0.3, 0.3, 0.3
 """Colour of grids, linear light."""
@@ -68,7 +61,7 @@ class Axes(Lines):
     """
 
     def __init__(self, size: float = 1.0, *, width: float = 3.0, unit: Unit = "pixel") -> None:
-        points = np.vstack([np.zeros(3), positive_number("size", size) * np.eye(3)])
+        points = np.vstack([np.zeros(3), check.positive_number("size", size) * np.eye(3)])
         segments = [(0, 1), (0, 2), (0, 3)]
         super().__init__(points, segments, colors=AXIS_COLORS, width=width, unit=unit)
 
@@ -105,7 +98,7 @@ class BoundingBox(Lines):
         elif isinstance(of, (Mesh, Scene)):
             low, high = of.bounds()
         else:
-            raise ValueError(f"of must be a Mesh, a Node or a Scene, got {in_short(of)}")
+            raise ValueError(f"of must be a Mesh, a Node or a Scene, got {check.in_short(of)}")
         super().__init__(
             np.where(BOX, high, low), strips=BOX_STRIPS, colors=_colors(color, 8), width=width,
             unit=unit,
@@ -148,12 +141,10 @@ class Grid(Lines):
         width: float = 1.0,
         unit: Unit = "pixel",
     ) -> None:
-        side, middle = positive_number("size", size), vector("center", center)
-        is_count = isinstance(cells, (int, np.integer)) and not isinstance(cells, bool)
-        if not is_count or not 1 <= cells <= MOST_CELLS:
-            raise ValueError(f"cells must be a whole number in 1..{MOST_CELLS}, got {cells!r}")
-        across, along = ("xyz".index(axis) for axis in one_of("plane", plane, PLANES))
-        steps = np.linspace(-0.5 * side, 0.5 * side, int(cells) + 1)
+        side, middle = check.positive_number("size", size), check.vector("center", center)
+        count = check.whole_number("cells", cells, 1, MOST_CELLS)
+        across, along = ("xyz".index(axis) for axis in check.one_of("plane", plane, PLANES))
+        steps = np.linspace(-0.5 * side, 0.5 * side, count + 1)
         points = np.zeros((2, len(steps), 2, 3))
         points[0, :, :, across] = points[1, :, :, along] = steps[:, np.newaxis]
         points[0, :, :, along] = points[1, :, :, across] = steps[[0, -1]]
@@ -198,11 +189,11 @@ class Frustum(Lines):
         unit: Unit = "pixel",
     ) -> None:
         if not isinstance(camera, Camera):
-            raise ValueError(f"camera must be a camera, got {in_short(camera)}")
-        first, last = finite_number("near", near), finite_number("far", far)
+            raise ValueError(f"camera must be a camera, got {check.in_short(camera)}")
+        first, last = check.finite_number("near", near), check.finite_number("far", far)
         if not 0.0 <= first < last:
             raise ValueError(f"near must be in 0..far, {far!r}, and below it, got {near!r}")
-        clip = np.asarray(camera.projection_matrix(image_size("size", size)))
+        clip = np.asarray(camera.projection_matrix(check.image_size("size", size)))
         corners = [
             _unprojected(clip, x, y, -distance)
             for distance in (first, last)

@@ -15,12 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.memory import (
-    DEFAULT_MAX_BYTES,
-    TEXEL_BYTES,
-    FileSizeError,
-    MemoryBudget,
-)
+from rasterjit.scene import memory
+from rasterjit.scene.arrays import Float32, UInt8
+from rasterjit.scene.memory import FileSizeError, MemoryBudget
 from rasterjit.scene.texture import Texture, check_extent, opened_picture
 from rasterjit.scene.validation import existing_file
 
@@ -37,8 +34,8 @@ LONGEST_COPY = 128
 
 
 def read_hdr_image(
-    path: str | os.PathLike[str], max_bytes: int = DEFAULT_MAX_BYTES
-) -> NDArray[np.float32]:
+    path: str | os.PathLike[str], max_bytes: int = memory.DEFAULT_MAX_BYTES
+) -> Float32:
     """
     Read a picture as linear light.
 
@@ -80,10 +77,10 @@ def _take_picture(file: Path, budget: MemoryBudget) -> None:
     except Exception:
         # Pillow raises what it likes; who reads the picture says what is wrong.
         return
-    budget.take("the picture", width * height * TEXEL_BYTES)
+    budget.take("the picture", width * height * memory.TEXEL_BYTES)
 
 
-def _read_exr(file: Path, budget: MemoryBudget) -> NDArray[np.float32]:
+def _read_exr(file: Path, budget: MemoryBudget) -> Float32:
     """Read the colours of the first part of an OpenEXR file."""
     try:
         import OpenEXR
@@ -116,15 +113,15 @@ def _exr_bytes(header: dict[str, Any]) -> int:
     """Return what a part of an OpenEXR file takes: its channels as floats, and light made of it."""
     (left, top), (right, bottom) = (np.asarray(at).tolist() for at in header["dataWindow"])
     texels = (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1)
-    return max(texels, 0) * (4 * len(header["channels"]) + TEXEL_BYTES)
+    return max(texels, 0) * (4 * len(header["channels"]) + memory.TEXEL_BYTES)
 
 
-def _read_radiance(file: Path, budget: MemoryBudget) -> NDArray[np.float32]:
+def _read_radiance(file: Path, budget: MemoryBudget) -> Float32:
     """Read a Radiance file, rows from the top."""
     content = file.read_bytes()
     try:
         width, height, start = _radiance_header(content)
-        budget.take("the picture", width * height * TEXEL_BYTES)
+        budget.take("the picture", width * height * memory.TEXEL_BYTES)
         rgbe = _unpacked(np.frombuffer(content, np.uint8), start, width, height)
     except FileSizeError:
         raise
@@ -152,7 +149,7 @@ def _radiance_header(content: bytes) -> tuple[int, int, int]:
     return width, height, stop + 1
 
 
-def _unpacked(content: NDArray[np.uint8], start: int, width: int, height: int) -> NDArray[Any]:
+def _unpacked(content: UInt8, start: int, width: int, height: int) -> NDArray[Any]:
     """Return mantissas and exponent of each texel, (H, W, 4) uint8."""
     mark = content[start : start + 4].tolist()
     is_packed = LEAST_PACKED <= width <= MOST_PACKED and mark[:2] == [2, 2] and mark[2] < 128
@@ -174,7 +171,7 @@ def _unpacked(content: NDArray[np.uint8], start: int, width: int, height: int) -
     return np.moveaxis(rows.reshape(height, 4, width), 1, 2)
 
 
-def _unpack_row(content: NDArray[np.uint8], at: int, row: NDArray[np.uint8]) -> int:
+def _unpack_row(content: UInt8, at: int, row: UInt8) -> int:
     """Fill a row, channel after channel, from runs and copies; return where the next begins."""
     filled, size = 0, len(row)
     while filled < size:

@@ -14,21 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rasterjit.scene.angles import (
-    ARC_STEPS,
-    ARC_TERMS,
-    ARCS,
-    COSINE_TERMS,
-    HALF_PI_HIGH,
-    HALF_PI_LOW,
-    SINE_TERMS,
-    polynomial,
-)
+from rasterjit.scene import angles
+from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.node import Node
 from rasterjit.scene.validation import finite_array, finite_number, in_short, one_of, read_only
@@ -49,7 +41,7 @@ _LEAST_SINE = 1e-8
 arc to the last bit."""
 
 
-class Channel(Guarded):
+class Channel(HoldsArrays, Guarded):
     """
     How one thing of one node moves.
 
@@ -124,12 +116,12 @@ class Channel(Guarded):
         return self._path
 
     @property
-    def times(self) -> NDArray[np.float64]:
+    def times(self) -> Float64:
         """(N,) float64, read-only: when the keys are, seconds."""
         return self._times
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Float64:
         """(N, W) or (N, 3, W) float64, read-only: of each key."""
         return self._values
 
@@ -138,7 +130,7 @@ class Channel(Guarded):
         """How values between keys are found."""
         return self._interpolation
 
-    def at(self, time: float) -> NDArray[np.float64]:
+    def at(self, time: float) -> Float64:
         """
         Return the value at a time.
 
@@ -169,22 +161,15 @@ class Channel(Guarded):
             return rotation_between(keys[number], keys[number + 1], t)
         return (1.0 - t) * keys[number] + t * keys[number + 1]
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its arrays are read-only too."""
-        for name, value in state.items():
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
-
     def _with_node(self, node: Node) -> Channel:
         """Return the same channel of another node."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, _node=node)
-        return other
+        return self._with(_node=node)
 
     def __repr__(self) -> str:
         return f"Channel({self._node.name!r}, {self._path!r}, {len(self._times)} keys)"
 
 
-class Animation(Guarded):
+class Animation(HoldsArrays, Guarded):
     """
     Channels that belong together, such as a walk.
 
@@ -249,22 +234,14 @@ class Animation(Guarded):
 
         Of nodes that were not copied it moves the same as before.
         """
-        other = object.__new__(type(self))
-        other.__dict__.update(
-            self.__dict__,
-            _channels=tuple(
-                one._with_node(copies.get(id(one.node), one.node)) for one in self._channels
-            ),
-        )
-        return other
+        moved = (one._with_node(copies.get(id(one.node), one.node)) for one in self._channels)
+        return self._with(_channels=tuple(moved))
 
     def __repr__(self) -> str:
         return f"Animation({self.name!r}, {len(self._channels)} channels, {self.duration:g} s)"
 
 
-def rotation_between(
-    first: NDArray[np.float64], second: NDArray[np.float64], t: float
-) -> NDArray[np.float64]:
+def rotation_between(first: Float64, second: Float64, t: float) -> Float64:
     """
     Return the rotation a share of the shorter arc from one to another, at even speed.
 
@@ -302,24 +279,24 @@ def rotation_between(
 def _arc(low: float, high: float) -> float:
     """Return the angle whose tangent is a quotient in 0..1, radians."""
     ratio = low / high
-    step = math.floor(ratio * ARC_STEPS + 0.5)
-    at = step / ARC_STEPS
+    step = math.floor(ratio * angles.ARC_STEPS + 0.5)
+    at = step / angles.ARC_STEPS
     beside = (ratio - at) / (1.0 + ratio * at)
-    return ARCS[step] + beside * polynomial(ARC_TERMS, beside * beside)
+    return angles.ARCS[step] + beside * angles.polynomial(angles.ARC_TERMS, beside * beside)
 
 
 def _sine(radians: float) -> float:
     """Return the sine of an angle in 0..pi/2."""
     if radians > math.pi / 4.0:
-        rest = (HALF_PI_HIGH - radians) + HALF_PI_LOW
-        return polynomial(COSINE_TERMS, rest * rest)
-    return radians * polynomial(SINE_TERMS, radians * radians)
+        rest = (angles.HALF_PI_HIGH - radians) + angles.HALF_PI_LOW
+        return angles.polynomial(angles.COSINE_TERMS, rest * rest)
+    return radians * angles.polynomial(angles.SINE_TERMS, radians * radians)
 
 
 def _hermite(
-    first: NDArray[np.float64], ahead: NDArray[np.float64], second: NDArray[np.float64],
-    behind: NDArray[np.float64], t: float,
-) -> NDArray[np.float64]:  # fmt: skip
+    first: Float64, ahead: Float64, second: Float64,
+    behind: Float64, t: float,
+) -> Float64:  # fmt: skip
     """Return a cubic Hermite spline between two values with their tangents, t in 0..1."""
     square = t * t
     cube = square * t
@@ -331,7 +308,7 @@ def _hermite(
     )
 
 
-def _unit(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(quaternion: Float64) -> Float64:
     """Return a quaternion, (4,), of unit length; no rotation for one that is 0 or overflows."""
     parts = quaternion.tolist()
     largest = max(map(abs, parts))

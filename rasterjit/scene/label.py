@@ -6,18 +6,10 @@ import os
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGBA, ColorLike, linear_color
-from rasterjit.scene.validation import (
-    VectorLike,
-    cut_short,
-    finite_array,
-    in_short,
-    one_of,
-    positive_number,
-    triple,
-    true_or_false,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGBA, ColorLike, rgba
+from rasterjit.scene.validation import VectorLike
 
 Anchor: TypeAlias = Literal[
     "center", "left", "right", "top", "bottom",
@@ -111,35 +103,29 @@ class Label:
     font: str | os.PathLike[str] | None = None
 
     def __post_init__(self) -> None:
-        changes: dict[str, Any] = {
-            "position": triple("position", self.position),
-            "text": _checked_text(self.text),
-            "size": _checked_size(self.size),
-            "anchor": one_of("anchor", self.anchor, ANCHORS),
-            "color": tuple(linear_color("color", self.color).tolist()),
-            "hidden": true_or_false("hidden", self.hidden),
-            "offset": _checked_offset(self.offset),
-            "font": _checked_font(self.font),
-        }
+        store(self, position=check.triple("position", self.position))
+        store(self, text=_checked_text(self.text), size=_checked_size(self.size))
+        store(self, anchor=check.one_of("anchor", self.anchor, ANCHORS))
+        store(self, color=rgba("color", self.color))
+        store(self, hidden=check.true_or_false("hidden", self.hidden))
+        store(self, offset=_checked_offset(self.offset), font=_checked_font(self.font))
         if self.background is not None:
-            changes["background"] = tuple(linear_color("background", self.background).tolist())
-        for name, value in changes.items():
-            object.__setattr__(self, name, value)
+            store(self, background=rgba("background", self.background))
 
 
 def check_label(value: Any) -> Label | None:
     """Return a label or None, or raise ``ValueError``."""
     if value is not None and not isinstance(value, Label):
-        raise ValueError(f"label must be a Label or None, got {in_short(value)}")
+        raise ValueError(f"label must be a Label or None, got {check.in_short(value)}")
     return value
 
 
 def _checked_text(value: Any) -> str:
     """Return a text, or raise ``ValueError``."""
     if not isinstance(value, str):
-        raise ValueError(f"text must be a string, got {in_short(value)}")
+        raise ValueError(f"text must be a string, got {check.in_short(value)}")
     if not value.strip():
-        raise ValueError(f"text must have a character that is seen, got {cut_short(value)}")
+        raise ValueError(f"text must have a character that is seen, got {check.cut_short(value)}")
     if len(value) > MOST_CHARACTERS:
         raise ValueError(f"text must have at most {MOST_CHARACTERS} characters, got {len(value)}")
     return value
@@ -147,7 +133,7 @@ def _checked_text(value: Any) -> str:
 
 def _checked_size(value: Any) -> float:
     """Return a size in pixels, or raise ``ValueError``."""
-    size = positive_number("size", value)
+    size = check.positive_number("size", value)
     if size > LARGEST_TEXT:
         raise ValueError(f"size must be at most {LARGEST_TEXT:g} pixels, got {value!r}")
     return size
@@ -158,13 +144,15 @@ def _checked_font(value: Any) -> str | None:
     if value is None:
         return None
     if not isinstance(value, str | os.PathLike) or not str(value).strip():
-        raise ValueError(f"font must be the name of a font or of its file, got {in_short(value)}")
+        raise ValueError(
+            f"font must be the name of a font or of its file, got {check.in_short(value)}"
+        )
     return os.fspath(value)
 
 
 def _checked_offset(value: Any) -> tuple[float, float]:
     """Return an offset in pixels, or raise ``ValueError``."""
-    right, down = finite_array("offset", value, (2,)).tolist()
+    right, down = check.finite_array("offset", value, (2,)).tolist()
     if max(abs(right), abs(down)) > FARTHEST_OFFSET:
         raise ValueError(
             f"offset must be at most {FARTHEST_OFFSET:g} pixels each way, got {(right, down)}"

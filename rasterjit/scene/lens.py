@@ -15,17 +15,14 @@ from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rasterjit.forks import cached_property
+from rasterjit.scene import validation as check
 from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.validation import (
-    bounded_number,
-    number_array,
-)
+from rasterjit.scene.arrays import Bool, Float64
+from rasterjit.scene.assigning import says_replace, store
 
-Float64 = NDArray[np.float64]
 Coefficients = tuple[float, ...]
 
 NODES = 4096
@@ -105,10 +102,10 @@ class PinholeDistortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            number = bounded_number(field.name, getattr(self, field.name), -LARGEST, LARGEST)
+            number = check.bounded_number(field.name, getattr(self, field.name), -LARGEST, LARGEST)
             if field.name.startswith("tau"):
-                number = bounded_number(field.name, number, -1.5, 1.5)
-            object.__setattr__(self, field.name, number)
+                number = check.bounded_number(field.name, number, -1.5, 1.5)
+            store(self, **{field.name: number})
 
     def distort(self, points: ArrayLike) -> Float64:
         """
@@ -182,7 +179,7 @@ class PinholeDistortion:
 
     def _refined(
         self, u: Float64, v: Float64, x: Float64, y: Float64, steps: int
-    ) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+    ) -> tuple[Float64, Float64, Bool]:
         """Return points that are seen nearer to places than given ones, and which are there."""
         for _ in range(steps):
             at_u, at_v, (xx, xy, yx, yy) = self._bent(x, y)
@@ -317,12 +314,13 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            number = bounded_number(name, getattr(self, name), -LARGEST, LARGEST)
-            object.__setattr__(self, name, number)
-        field = bounded_number("field", self.field, 0.0, 360.0)
+            store(
+                self, **{name: check.bounded_number(name, getattr(self, name), -LARGEST, LARGEST)}
+            )
+        field = check.bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")
-        object.__setattr__(self, "field", field)
+        store(self, field=field)
 
     def distort(self, points: ArrayLike) -> Float64:
         """
@@ -604,7 +602,7 @@ def _points(name: str, values: ArrayLike) -> list[Float64]:
 
 def _columns(name: str, values: ArrayLike, count: int) -> list[Float64]:
     """Return the columns of an array, each (...,) float64, or raise ``ValueError``."""
-    found = number_array(name, values)
+    found = check.number_array(name, values)
     if found.ndim == 0 or found.shape[-1] != count:
         raise ValueError(f"{name} must have shape (..., {count}), got {found.shape}")
     return [found[..., k] for k in range(count)]

@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGB, ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGB, ColorLike, rgb
 from rasterjit.scene.validation import VectorLike, bounded_number, one_of, positive_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -87,12 +87,12 @@ class Shadow:
         size = bounded_number("size", self.size, LEAST_MAP, LARGEST_MAP)
         if size != int(size) or isinstance(self.size, bool):
             raise ValueError(f"size must be a whole number of texels, got {self.size!r}")
-        _store(self, "size", int(size))
-        _store(self, "bias", bounded_number("bias", self.bias, 0.0, LARGEST_BIAS))
+        store(self, size=int(size))
+        store(self, bias=bounded_number("bias", self.bias, 0.0, LARGEST_BIAS))
         if self.filter == "soft":
             if self.light_size is None:
                 raise ValueError("light_size must be above 0 where filter is 'soft', got None")
-            _store(self, "light_size", positive_number("light_size", self.light_size))
+            store(self, light_size=positive_number("light_size", self.light_size))
         elif self.light_size is not None:
             raise ValueError(
                 f"light_size must be None where filter is {self.filter!r}, got {self.light_size!r}"
@@ -156,7 +156,7 @@ class DirectionalLight:
     shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
-        _store(self, "direction", unit_vector("direction", self.direction))
+        store(self, direction=unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
         _check_shadow(self)
         if self.shadow is not None and self.shadow.light_size is not None:
@@ -202,7 +202,7 @@ class PointLight:
     shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
-        _store(self, "position", triple("position", self.position))
+        store(self, position=triple("position", self.position))
         _check_color_and_intensity(self)
         _check_range(self)
         _check_shadow(self)
@@ -256,8 +256,8 @@ class SpotLight:
     shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
-        _store(self, "position", triple("position", self.position))
-        _store(self, "direction", unit_vector("direction", self.direction))
+        store(self, position=triple("position", self.position))
+        store(self, direction=unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
         inner = bounded_number("inner_angle", self.inner_angle, 0.0, WIDEST_CONE)
         outer = bounded_number("outer_angle", self.outer_angle, 0.0, WIDEST_CONE)
@@ -268,8 +268,7 @@ class SpotLight:
                 "inner_angle must be at most outer_angle, got inner_angle "
                 f"{self.inner_angle!r} and outer_angle {self.outer_angle!r}"
             )
-        _store(self, "inner_angle", inner)
-        _store(self, "outer_angle", outer)
+        store(self, inner_angle=inner, outer_angle=outer)
         _check_range(self)
         _check_shadow(self)
 
@@ -287,14 +286,14 @@ Light: TypeAlias = AmbientLight | DirectionalLight | PointLight | SpotLight
 
 def _check_color_and_intensity(light: Any) -> None:
     """Store the light's colour as linear RGB and its intensity as a float at least 0."""
-    _store(light, "color", tuple(linear_color("color", light.color)[:3].tolist()))
-    _store(light, "intensity", bounded_number("intensity", light.intensity, 0.0, BRIGHTEST))
+    store(light, color=rgb("color", light.color))
+    store(light, intensity=bounded_number("intensity", light.intensity, 0.0, BRIGHTEST))
 
 
 def _check_range(light: Any) -> None:
     """Store the light's range as a float above 0, or ``None``."""
     if light.range is not None:
-        _store(light, "range", positive_number("range", light.range))
+        store(light, range=positive_number("range", light.range))
 
 
 def _check_shadow(light: Any) -> None:
@@ -313,8 +312,3 @@ def unit_vector(name: str, value: ArrayLike) -> Vector:
     x, y, z = x / largest, y / largest, z / largest
     length = math.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length)
-
-
-def _store(light: Any, field: str, value: Any) -> None:
-    """Set a field of a frozen dataclass while it is being made."""
-    object.__setattr__(light, field, value)

@@ -9,21 +9,14 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Float32, Float64, Int32, Int64
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.colormap import ColormapLike
 from rasterjit.scene.field import NAN_COLOR
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, OnInvalid, Primitive, index_rows
 from rasterjit.scene.points import UNITS, Unit, color_rows, sizes_of
-from rasterjit.scene.validation import (
-    bounded_number,
-    finite_array,
-    in_short,
-    items,
-    one_of,
-    read_only,
-    unmasked_array,
-)
 
 INK = 0.0, 0.0, 0.0
 """Colour of lines that are given none."""
@@ -138,8 +131,8 @@ class Lines(Mesh):
             raise ValueError("strips must be None where segments are given")
         if material is None and colors is None and scalars is None:
             material = self._PLAIN
-        self._unit: Unit = one_of("unit", unit, UNITS)
-        self._caps: Cap = one_of("caps", caps, CAPS)
+        self._unit: Unit = check.one_of("unit", unit, UNITS)
+        self._caps: Cap = check.one_of("caps", caps, CAPS)
         _refuse_arrays(points)
         self._pairs = segments if strips is None else _Strips(strips)
         super().__init__(
@@ -147,9 +140,9 @@ class Lines(Mesh):
             colormap=colormap, range=range, nan_color=nan_color, on_invalid=on_invalid,
             material=Material("unlit") if material is None else material,
         )  # fmt: skip
-        self._widths = read_only(sizes_of("width", width, len(self), unit))
-        self._dashes = read_only(_dash_array(dashes, unit))
-        self._links: NDArray[np.int32] | None = None
+        self._widths = check.read_only(sizes_of("width", width, len(self), unit))
+        self._dashes = check.read_only(_dash_array(dashes, unit))
+        self._links: Int32 | None = None
 
     @staticmethod
     def from_poses(
@@ -189,7 +182,7 @@ class Lines(Mesh):
         >>> rj.Lines.from_poses(poses)
         Lines(11 segments)
         """
-        matrices = finite_array("poses", poses, (None, 4, 4))
+        matrices = check.finite_array("poses", poses, (None, 4, 4))
         count = len(matrices)
         if count < 2:
             raise ValueError(f"poses must be two or more, got {count}")
@@ -197,7 +190,7 @@ class Lines(Mesh):
         if axes is None:
             size = 0.05 * float((way.max(axis=0) - way.min(axis=0)).max())
         else:
-            size = bounded_number("axes", axes, 0.0, np.inf)
+            size = check.bounded_number("axes", axes, 0.0, np.inf)
         numbers = np.arange(count)
         points, segments = [way], [np.stack([numbers[:-1], numbers[1:]], axis=1)]
         colors = [np.tile(linear_color("color", color), (count - 1, 1))]
@@ -230,12 +223,12 @@ class Lines(Mesh):
             )
 
     @property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Float64:
         """(V, 3) float64, read-only: model-space positions, which are the ``vertices``."""
         return self._vertices
 
     @property
-    def colors(self) -> NDArray[np.float32] | None:
+    def colors(self) -> Float32 | None:
         """
         (V, 4) or (S, 4) float32, linear RGBA, read-only: as they were given, or ``None``.
 
@@ -244,12 +237,12 @@ class Lines(Mesh):
         return self._face_colors if self._vertex_colors is None else self._vertex_colors
 
     @property
-    def attributes(self) -> Mapping[str, NDArray[np.float32]]:
+    def attributes(self) -> Mapping[str, Float32]:
         """Values of one's own by name, (V, D) of points or (S, D) of segments; read-only."""
         return MappingProxyType({**self._vertex_attributes, **self._face_attributes})
 
     @property
-    def segments(self) -> NDArray[np.int32]:
+    def segments(self) -> Int32:
         """(S, 2) int32, read-only: numbers of the points at the ends of each segment."""
         return self.faces[:, :2]
 
@@ -259,12 +252,12 @@ class Lines(Mesh):
         return self._unit
 
     @property
-    def widths(self) -> NDArray[np.float64]:
+    def widths(self) -> Float64:
         """(S,) float64, or (1,) where all are the same; read-only."""
         return self._widths
 
     @property
-    def dashes(self) -> NDArray[np.float64]:
+    def dashes(self) -> Float64:
         """(D,) float64, read-only: lengths of dash, gap, dash, gap ...; (0,) where solid."""
         return self._dashes
 
@@ -279,7 +272,7 @@ class Lines(Mesh):
         return self._depth_place
 
     @property
-    def links(self) -> NDArray[np.int32]:
+    def links(self) -> Int32:
         """
         (S, 2) int32: the segments that each is joined to, the one before and the one behind it.
 
@@ -295,7 +288,7 @@ class Lines(Mesh):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({len(self)} segments)"
 
-    def _face_array(self, faces: Any) -> NDArray[np.int32]:
+    def _face_array(self, faces: Any) -> Int32:
         """Return a face for each segment, with its second point twice."""
         count, pairs = len(self._vertices), self.__dict__.pop("_pairs")
         if isinstance(pairs, _Strips):
@@ -314,14 +307,14 @@ class Lines(Mesh):
         if rows is colors:
             super()._store_colors(colors)
         else:
-            self._face_colors = read_only(np.asarray(rows, np.float32))
+            self._face_colors = check.read_only(np.asarray(rows, np.float32))
 
     def split_creases(self, angle: float = 40.0) -> Lines:
         """Return the lines themselves, which have no faces that meet."""
         return self
 
 
-def _links_of(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+def _links_of(faces: Int32) -> Int32:
     """Return the segments that each is joined to, (S, 2) int32."""
     count, numbers = len(faces), np.arange(len(faces), dtype=np.int32)
     is_first = np.append(True, faces[1:, 0] != faces[:-1, 1])
@@ -351,7 +344,7 @@ class _Strips:
         self.strips = strips
 
 
-def _segments_of(strips: Sequence[ArrayLike], count: int) -> NDArray[np.int32]:
+def _segments_of(strips: Sequence[ArrayLike], count: int) -> Int32:
     """Return the segments of strips, (S, 2) int32, or raise ``ValueError``."""
     found = [
         _strip_array(f"strips[{number}]", strip, strips, count)
@@ -367,23 +360,25 @@ def _each_strip(strips: Sequence[ArrayLike]) -> list[ArrayLike]:
     try:
         if isinstance(strips, (str, bytes, Mapping)):
             raise TypeError
-        return list(items("strips", strips))
+        return list(check.items("strips", strips))
     except (TypeError, ValueError):
         raise ValueError(
-            f"strips must be a sequence of sequences of point numbers, got {in_short(strips)}"
+            f"strips must be a sequence of sequences of point numbers, got {check.in_short(strips)}"
         ) from None
 
 
-def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> NDArray[np.int32]:
+def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> Int32:
     """Return the numbers of the points of a strip, (N,) int32, or raise ``ValueError``."""
     try:
-        shape = unmasked_array(name, strip).shape
+        shape = check.unmasked_array(name, strip).shape
     except ValueError:
-        raise ValueError(f"{name} must be point numbers, (N,), got {in_short(strip)}") from None
+        raise ValueError(
+            f"{name} must be point numbers, (N,), got {check.in_short(strip)}"
+        ) from None
     if shape == ():
         raise ValueError(
             "strips must be a sequence of sequences of point numbers, as [[0, 1, 2]], got "
-            f"{in_short(strips)}"
+            f"{check.in_short(strips)}"
         )
     if len(shape) == 2 and shape[1] == 3:
         raise ValueError(
@@ -397,9 +392,7 @@ def _strip_array(name: str, strip: ArrayLike, strips: Any, count: int) -> NDArra
     return index_rows((name, "points"), np.reshape(strip, (-1, 1)), count, 1)[:, 0]
 
 
-def strip_segments(
-    corners: NDArray[np.integer[Any]], counts: NDArray[np.int64]
-) -> tuple[NDArray[Any], NDArray[np.int64]]:
+def strip_segments(corners: NDArray[np.integer[Any]], counts: Int64) -> tuple[NDArray[Any], Int64]:
     """
     Return the segments of strips that stand one behind the other.
 
@@ -424,12 +417,12 @@ def strip_segments(
     return np.column_stack([corners[begins], corners[begins + 1]]), strips[begins]
 
 
-def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> NDArray[np.float64]:
+def _dash_array(dashes: Sequence[float] | None, unit: Unit) -> Float64:
     """Return dashes and gaps, (D,) float64, (0,) without, or raise ``ValueError``."""
     if dashes is None:
         return np.empty(0)
-    if unmasked_array("dashes", dashes).ndim != 1 or len(dashes) == 0 or len(dashes) % 2:
+    if check.unmasked_array("dashes", dashes).ndim != 1 or len(dashes) == 0 or len(dashes) % 2:
         raise ValueError(
-            f"dashes must be an even number of lengths, dash, gap ..., got {in_short(dashes)}"
+            f"dashes must be an even number of lengths, dash, gap ..., got {check.in_short(dashes)}"
         )
     return sizes_of("dashes", dashes, len(dashes), unit)

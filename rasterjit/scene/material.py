@@ -9,21 +9,11 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGB, RGBA, ColorLike, linear_color
+from rasterjit.scene import validation as check
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGB, RGBA, ColorLike, rgb, rgba
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import Texture
-from rasterjit.scene.validation import (
-    bounded_number,
-    finite_number,
-    in_short,
-    is_infinite,
-    one_of,
-    positive_number,
-    true_or_false,
-    unmasked_array,
-    vector,
-)
 
 Shading: TypeAlias = Literal["unlit", "flat", "gouraud", "phong", "pbr"]
 SHADINGS: tuple[Shading, ...] = get_args(Shading)
@@ -264,29 +254,27 @@ class Material:
     )
 
     def __post_init__(self) -> None:
-        one_of("shading", self.shading, SHADINGS)
-        specular = bounded_number("specular", self.specular, 0.0, MOST_SPECULAR)
-        shininess = bounded_number("shininess", self.shininess, *SHININESS_RANGE)
+        check.one_of("shading", self.shading, SHADINGS)
+        specular = check.bounded_number("specular", self.specular, 0.0, MOST_SPECULAR)
+        shininess = check.bounded_number("shininess", self.shininess, *SHININESS_RANGE)
         for name in TEXTURE_FIELDS:
             texture = getattr(self, name)
             if texture is not None and not isinstance(texture, Texture):
-                raise ValueError(f"{name} must be a Texture or None, got {in_short(texture)}")
-        one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
-        true_or_false("double_sided", self.double_sided)
+                raise ValueError(f"{name} must be a Texture or None, got {check.in_short(texture)}")
+        check.one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
+        check.true_or_false("double_sided", self.double_sided)
         for name, (low, high) in NUMBERS.items():
             value = getattr(self, name)
             if type(value) is not float or not low <= value <= high:
-                object.__setattr__(self, name, bounded_number(name, value, low, high))
+                object.__setattr__(self, name, check.bounded_number(name, value, low, high))
         if self.base_color is not None:
-            base_color = tuple(linear_color("base_color", self.base_color).tolist())
-            object.__setattr__(self, "base_color", base_color)
+            store(self, base_color=rgba("base_color", self.base_color))
         if self.emissive is None:
             dark = self.emissive_texture is None
-            object.__setattr__(self, "emissive", "black" if dark else "white")
-        object.__setattr__(self, "emissive", _bright("emissive", self.emissive, BRIGHTEST))
+            store(self, emissive="black" if dark else "white")
+        store(self, emissive=_bright("emissive", self.emissive, BRIGHTEST))
         self._check_layers()
-        object.__setattr__(self, "specular", specular)
-        object.__setattr__(self, "shininess", shininess)
+        store(self, specular=specular, shininess=shininess)
 
     def _check_layers(self) -> None:
         """Check and store the colours of layers and what is beyond plain bounds."""
@@ -294,20 +282,18 @@ class Material:
         if sheen is None:
             sheen = BLACK if self.sheen_color_texture is None else WHITE[:3]
         else:
-            sheen = _rgb("sheen_color", sheen)
+            sheen = rgb("sheen_color", sheen)
         tint = WHITE[:3] if tint is None else _bright("specular_color", tint, BRIGHTEST_TINT)
-        inside = WHITE[:3] if inside is None else _rgb("attenuation_color", inside)
-        object.__setattr__(self, "sheen_color", sheen)
-        object.__setattr__(self, "specular_color", tint)
-        object.__setattr__(self, "attenuation_color", inside)
+        inside = WHITE[:3] if inside is None else rgb("attenuation_color", inside)
+        store(self, sheen_color=sheen, specular_color=tint, attenuation_color=inside)
         if self.ior is not IOR:
-            ior = finite_number("ior", self.ior)
+            ior = check.finite_number("ior", self.ior)
             if ior != 0.0 and not 1.0 <= ior <= LARGEST_IOR:
                 raise ValueError(f"ior must be 0 or in 1..{LARGEST_IOR:g}, got {self.ior!r}")
-            object.__setattr__(self, "ior", ior)
-        if not is_infinite(self.attenuation_distance):
-            distance = positive_number("attenuation_distance", self.attenuation_distance)
-            object.__setattr__(self, "attenuation_distance", distance)
+            store(self, ior=ior)
+        if not check.is_infinite(self.attenuation_distance):
+            distance = check.positive_number("attenuation_distance", self.attenuation_distance)
+            store(self, attenuation_distance=distance)
 
     @property
     def emits(self) -> bool:
@@ -369,7 +355,7 @@ class Material:
             return self.base_color
         return (
             WHITE
-            if true_or_false("has_colors", has_colors) or self.base_color_texture is not None
+            if check.true_or_false("has_colors", has_colors) or self.base_color_texture is not None
             else LIGHT_GREY
         )
 
@@ -427,15 +413,10 @@ def with_textures(material: Material, textures: Mapping[str, Texture | None]) ->
 
 def _bright(name: str, value: ColorLike, most: float) -> tuple[float, float, float]:
     """Return a colour as linear RGB, whose parts may be above 1 up to ``most``, or raise."""
-    if not isinstance(value, str) and unmasked_array(name, value).dtype != np.uint8:
+    if not isinstance(value, str) and check.unmasked_array(name, value).dtype != np.uint8:
         red, green, blue = (
-            bounded_number(name, part, 0.0, most) for part in vector(name, value).tolist()
+            check.bounded_number(name, part, 0.0, most)
+            for part in check.vector(name, value).tolist()
         )
         return red, green, blue
-    return _rgb(name, value)
-
-
-def _rgb(name: str, value: ColorLike) -> tuple[float, float, float]:
-    """Return a colour as linear RGB, or raise."""
-    red, green, blue, _ = linear_color(name, value).tolist()
-    return red, green, blue
+    return rgb(name, value)

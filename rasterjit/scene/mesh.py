@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Bool, Float32, Float64, HoldsArrays, Int32
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import ColorLike, linear_rows
 from rasterjit.scene.colormap import ColormapLike
@@ -38,18 +40,6 @@ from rasterjit.scene.normals import (
 from rasterjit.scene.preview import Previewed
 from rasterjit.scene.skin import MorphTargets, Posable, skin_arrays
 from rasterjit.scene.texture import UV_NAMES, UVSet
-from rasterjit.scene.validation import (
-    MaskedError,
-    cut_short,
-    finite_array,
-    finite_number,
-    in_short,
-    one_of,
-    question,
-    read_only,
-    unmasked_array,
-    word,
-)
 from rasterjit.scene.warning import MADE_NORMALS, warn_caller
 
 if TYPE_CHECKING:
@@ -70,7 +60,7 @@ ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
 """What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
 
-class Mesh(Guarded, Previewed):
+class Mesh(HoldsArrays, Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -165,20 +155,20 @@ class Mesh(Guarded, Previewed):
     _PLAIN: ClassVar[Material | None] = None
     """Material of those that are told nothing, whose colour gives way to that of scalars."""
     # Most meshes have none of them, and take no room for that.
-    _joints: NDArray[np.int32] | None = None
-    _joint_weights: NDArray[np.float64] | None = None
+    _joints: Int32 | None = None
+    _joint_weights: Float64 | None = None
     _morph_targets: MorphTargets | None = None
-    _normal_groups: NDArray[np.int32] | None = None
+    _normal_groups: Int32 | None = None
     """(V,): which vertices have one normal, in place of given ones; of what can be posed."""
     _rest: Mesh | None = None
     """Of a posed mesh: what it is when nothing poses it."""
-    _drawn_faces: NDArray[np.int32] | None = None
+    _drawn_faces: Int32 | None = None
     """Its faces as they are drawn, once they are known."""
     _uses_all: bool | None = None
     """Of what was posed: whether all vertices are finite and belong to a face; None: not known."""
     _is_in_world: bool = False
     """Whether a skin has put it into world space."""
-    _skinned: tuple[Mesh, NDArray[np.float64]] | None = None
+    _skinned: tuple[Mesh, Float64] | None = None
     """Of such a mesh: what it was made of, and the matrices, (J, 4, 4), of its joints."""
 
     _repaired_normals: int = 0
@@ -211,14 +201,14 @@ class Mesh(Guarded, Previewed):
         on_invalid: OnInvalid = "raise",
     ) -> None:
         # Geometry.
-        one_of("on_invalid", on_invalid, ON_INVALID)
-        self._vertices = read_only(_vertex_array(self._PLACES[0], vertices))
-        self._faces = read_only(self._face_array(faces))
+        check.one_of("on_invalid", on_invalid, ON_INVALID)
+        self._vertices = check.read_only(_vertex_array(self._PLACES[0], vertices))
+        self._faces = check.read_only(self._face_array(faces))
         self._invalid_vertices = _count_invalid(self._PLACES, self._vertices, on_invalid)
-        self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._bounds: tuple[Float64, Float64] | None = None
         # Colours, given or by scalars.
-        self._vertex_colors: NDArray[np.float32] | None = None
-        self._face_colors: NDArray[np.float32] | None = None
+        self._vertex_colors: Float32 | None = None
+        self._face_colors: Float32 | None = None
         if colors is not None:
             self._store_colors(colors)
         self._field: Field | None = None
@@ -230,51 +220,51 @@ class Mesh(Guarded, Previewed):
             counts = self._scalar_counts()
             self._field = make_field(scalars, counts, colormap, range, nan_color, contours)
             if self._field.of_faces:
-                self._face_colors = read_only(self._field.colors())
+                self._face_colors = check.read_only(self._field.colors())
         else:
             refuse_field(colormap=colormap, range=range, nan_color=nan_color, contours=contours)
         # Normals, texture coordinates and tangents.
-        self._normals: NDArray[np.float32] | None = None
+        self._normals: Float32 | None = None
         if normals is not None:
             self._store_normals(_normal_array(normals, len(self._vertices)))
-        self._uv: NDArray[np.float32] | None = None
+        self._uv: Float32 | None = None
         if uv is not None:
-            self._uv = read_only(_uv_array("uv", uv, len(self._vertices)))
-        self._uv1: NDArray[np.float32] | None = None
+            self._uv = check.read_only(_uv_array("uv", uv, len(self._vertices)))
+        self._uv1: Float32 | None = None
         if uv1 is not None:
-            self._uv1 = read_only(_uv_array("uv1", uv1, len(self._vertices)))
-        self._tangents: NDArray[np.float32] | None = None
+            self._uv1 = check.read_only(_uv_array("uv1", uv1, len(self._vertices)))
+        self._tangents: Float32 | None = None
         if tangents is not None:
-            self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
+            self._tangents = check.read_only(_tangent_array(tangents, len(self._vertices)))
         # Attributes of one's own, joints and morph targets.
-        self._vertex_attributes: dict[str, NDArray[np.float32]] = {}
-        self._face_attributes: dict[str, NDArray[np.float32]] = {}
+        self._vertex_attributes: dict[str, Float32] = {}
+        self._face_attributes: dict[str, Float32] = {}
         if attributes is not None:
             self._store_attributes(attributes)
         if joints is not None or weights is not None or morph_targets is not None:
             self._store_posable(joints, weights, morph_targets)
         # How it is shaded.
         self.material = Material() if material is None else material
-        self._vertex_normals: NDArray[np.float32] | None = self.normals
+        self._vertex_normals: Float32 | None = self.normals
         self._is_closed: bool | None = None
 
     @property
-    def vertices(self) -> NDArray[np.float64]:
+    def vertices(self) -> Float64:
         """(V, 3) float64, C order, read-only: model-space positions."""
         return self._vertices
 
     @property
-    def faces(self) -> NDArray[np.int32]:
+    def faces(self) -> Int32:
         """(F, 3) int32, C order, read-only: vertex numbers."""
         return self._faces
 
     @property
-    def vertex_colors(self) -> NDArray[np.float32] | None:
+    def vertex_colors(self) -> Float32 | None:
         """(V, 4) float32, read-only: linear RGBA, or None."""
         return self._vertex_colors
 
     @property
-    def face_colors(self) -> NDArray[np.float32] | None:
+    def face_colors(self) -> Float32 | None:
         """(F, 4) float32, read-only: linear RGBA, or None."""
         return self._face_colors
 
@@ -289,47 +279,47 @@ class Mesh(Guarded, Previewed):
         return None if self._field is None or self._field.of_faces else self._field
 
     @property
-    def normals(self) -> NDArray[np.float32] | None:
+    def normals(self) -> Float32 | None:
         """(V, 3) float32, read-only: the given normals, of unit or zero length, or None."""
         return self._normals
 
     @property
-    def uv(self) -> NDArray[np.float32] | None:
+    def uv(self) -> Float32 | None:
         """(V, 2) float32, read-only: texture coordinates, or None."""
         return self._uv
 
     @property
-    def uv1(self) -> NDArray[np.float32] | None:
+    def uv1(self) -> Float32 | None:
         """(V, 2) float32, read-only: another set of texture coordinates, or None."""
         return self._uv1
 
     @property
-    def uv_sets(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+    def uv_sets(self) -> tuple[Float32 | None, Float32 | None]:
         """``uv`` and ``uv1``, as ``uv_set`` of a `Texture` numbers them."""
         return self._uv, self._uv1
 
     @property
-    def tangents(self) -> NDArray[np.float32] | None:
+    def tangents(self) -> Float32 | None:
         """(V, 4) float32, read-only: given tangents, of unit or zero length, and sides, or None."""
         return self._tangents
 
     @property
-    def vertex_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+    def vertex_attributes(self) -> Mapping[str, Float32]:
         """Values of one's own of the vertices, by name: (V, D) float32, read-only."""
         return MappingProxyType(self._vertex_attributes)
 
     @property
-    def face_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+    def face_attributes(self) -> Mapping[str, Float32]:
         """Values of one's own of the faces, by name: (F, D) float32, read-only."""
         return MappingProxyType(self._face_attributes)
 
     @property
-    def joints(self) -> NDArray[np.int32] | None:
+    def joints(self) -> Int32 | None:
         """(V, K) int32, read-only: which joints of a skin each vertex follows, or None."""
         return self._joints
 
     @property
-    def weights(self) -> NDArray[np.float64] | None:
+    def weights(self) -> Float64 | None:
         """(V, K) float64, read-only: how much it follows each, or None."""
         return self._joint_weights
 
@@ -356,7 +346,7 @@ class Mesh(Guarded, Previewed):
     def _check_material(name: str, value: Any) -> None:
         """Raise ``ValueError`` if a mesh of this kind cannot have a material."""
         if not isinstance(value, Material):
-            raise ValueError(f"{name} must be a Material, got {in_short(value)}")
+            raise ValueError(f"{name} must be a Material, got {check.in_short(value)}")
 
     @property
     def variants(self) -> Mapping[str, Material]:
@@ -372,11 +362,11 @@ class Mesh(Guarded, Previewed):
     def variants(self, value: Mapping[str, Material]) -> None:
         if not isinstance(value, Mapping):
             raise ValueError(
-                f"variants must be a mapping of names to materials, got {in_short(value)}"
+                f"variants must be a mapping of names to materials, got {check.in_short(value)}"
             )
         for name, material in value.items():
             if not isinstance(name, str) or not name:
-                raise ValueError(f"variants must have texts as names, got {in_short(name)}")
+                raise ValueError(f"variants must have texts as names, got {check.in_short(name)}")
             self._check_material(f"variants[{name!r}]", material)
         self._variants = tuple(value.items())
 
@@ -394,7 +384,7 @@ class Mesh(Guarded, Previewed):
         name : str or None
             None for the mesh's own.
         """
-        chosen = None if name is None else dict(self._variants).get(word("name", name))
+        chosen = None if name is None else dict(self._variants).get(check.word("name", name))
         default = self.default_material
         self._default_material = None if chosen is None else default
         self._material = default if chosen is None else chosen
@@ -406,23 +396,20 @@ class Mesh(Guarded, Previewed):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
-        for name, value in state.items():
-            if isinstance(value, dict):
-                value = {own: read_only(values) for own, values in value.items()}
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+        super().__setstate__(state)
         if self._joints is not None or self._morph_targets is not None:
             Posable.was_made = True
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
-    def _face_array(self, faces: Any) -> NDArray[np.int32]:
+    def _face_array(self, faces: Any) -> Int32:
         """Return the faces, (F, 3) int32, checked."""
         return face_array(faces, len(self._vertices))
 
     def _store_colors(self, colors: ArrayLike) -> None:
         """Store colours by vertex or by face, as their number of rows tells."""
-        rgba = read_only(np.array(linear_rows("colors", colors)))
+        rgba = check.read_only(np.array(linear_rows("colors", colors)))
         if len(rgba) == len(self.vertices):
             self._vertex_colors = rgba
         elif len(rgba) == len(self.faces):
@@ -437,12 +424,12 @@ class Mesh(Guarded, Previewed):
         """Store attributes by vertex or by face, as their numbers of rows tell."""
         if not isinstance(attributes, Mapping):
             raise ValueError(
-                f"attributes must be a mapping of names to arrays, got {in_short(attributes)}"
+                f"attributes must be a mapping of names to arrays, got {check.in_short(attributes)}"
             )
         for name, given in attributes.items():
             if not isinstance(name, str) or not name:
-                raise ValueError(f"attributes must have texts as names, got {in_short(name)}")
-            values = read_only(value_rows(f"attributes[{name!r}]", given))
+                raise ValueError(f"attributes must have texts as names, got {check.in_short(name)}")
+            values = check.read_only(value_rows(f"attributes[{name!r}]", given))
             if len(values) == len(self.vertices):
                 self._vertex_attributes[name] = values
             elif len(values) == len(self.faces):
@@ -453,17 +440,15 @@ class Mesh(Guarded, Previewed):
                     f"per face ({len(self.faces)}), got {len(values)}"
                 )
 
-    def _store_normals(self, normals: NDArray[np.float32]) -> None:
+    def _store_normals(self, normals: Float32) -> None:
         """Store unit normals, those of length 0 as the faces say, and warn of them; or none."""
         is_given = bool(normals.any())
         if self.primitive == "triangles" and not normals.any(axis=1).all():
             normals = self._with_repaired(normals, self, repr(self))
         if is_given or self.primitive != "triangles":
-            self._normals = read_only(normals)
+            self._normals = check.read_only(normals)
 
-    def _with_repaired(
-        self, normals: NDArray[np.float32], rest: Mesh, label: str
-    ) -> NDArray[np.float32]:
+    def _with_repaired(self, normals: Float32, rest: Mesh, label: str) -> Float32:
         """Return normals, those of length 0 made, and warn of them once for each mesh at rest."""
         scale = self._scale()
         normals, count = repaired_normals(normals, self.vertices, self.faces, scale)
@@ -481,7 +466,9 @@ class Mesh(Guarded, Previewed):
             self._joints, self._joint_weights = skin_arrays(joints, weights, len(self.vertices))
         if targets is not None:
             if not isinstance(targets, MorphTargets):
-                raise ValueError(f"morph_targets must be a MorphTargets, got {in_short(targets)}")
+                raise ValueError(
+                    f"morph_targets must be a MorphTargets, got {check.in_short(targets)}"
+                )
             if targets.vertex_count != len(self.vertices):
                 raise ValueError(
                     f"morph_targets must be for {len(self.vertices)} vertices, got targets for "
@@ -490,7 +477,7 @@ class Mesh(Guarded, Previewed):
             self._morph_targets = targets
         Posable.was_made = True
 
-    def used_vertices(self) -> NDArray[np.bool_]:
+    def used_vertices(self) -> Bool:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.faces.ravel()] = True
@@ -498,7 +485,7 @@ class Mesh(Guarded, Previewed):
             used &= np.isfinite(self.vertices).all(axis=1)
         return used
 
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bounds(self) -> tuple[Float64, Float64]:
         """
         Return the smallest axis-parallel box around the mesh.
 
@@ -523,13 +510,13 @@ class Mesh(Guarded, Previewed):
             )
         return self._bounds[0].copy(), self._bounds[1].copy()
 
-    def _faces_to_draw(self) -> NDArray[np.int32]:
+    def _faces_to_draw(self) -> Int32:
         """Return the faces, triangles from their least corners on, whatever poses them; cached."""
         if self.primitive != "triangles":
             return self.faces
         rest = self if self._rest is None else self._rest
         if rest._drawn_faces is None:
-            rest._drawn_faces = read_only(least_first(rest.vertices, rest.faces))
+            rest._drawn_faces = check.read_only(least_first(rest.vertices, rest.faces))
         return rest._drawn_faces
 
     def is_closed(self) -> bool:
@@ -545,7 +532,7 @@ class Mesh(Guarded, Previewed):
             self._is_closed = _all_edges_meet(self.vertices[self.faces])
         return self._is_closed
 
-    def vertex_normals(self) -> NDArray[np.float32]:
+    def vertex_normals(self) -> Float32:
         """
         Return the given normals, or averages over the faces around each vertex by area.
 
@@ -560,9 +547,9 @@ class Mesh(Guarded, Previewed):
             If the averages round off the sharp edges of a mesh that has many, as a box.
         """
         if self._vertex_normals is None and self.primitive != "triangles":
-            self._vertex_normals = read_only(np.zeros((len(self.vertices), 3), np.float32))
+            self._vertex_normals = check.read_only(np.zeros((len(self.vertices), 3), np.float32))
         if self._vertex_normals is None:
-            self._vertex_normals = read_only(self._made_normals())
+            self._vertex_normals = check.read_only(self._made_normals())
             # What is posed was told of, or is not creased, as it was made.
             if self._rest is None and is_creased(self.vertices, self.faces, self._scale()):
                 warn_caller(
@@ -577,13 +564,13 @@ class Mesh(Guarded, Previewed):
         """Whether its normals follow from its faces in each pose."""
         return self._normals is None or self._normal_groups is not None
 
-    def _made_normals(self) -> NDArray[np.float32]:
+    def _made_normals(self) -> Float32:
         """Return the normals that follow from the faces, (V, 3)."""
         return smooth_normals(self.vertices, self.faces, self._scale(), self._normal_groups)
 
     def vertex_tangents(
         self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
-    ) -> NDArray[np.float32]:
+    ) -> Float32:
         """
         Return the given tangents, or those that texture coordinates say.
 
@@ -607,8 +594,8 @@ class Mesh(Guarded, Previewed):
             If the mesh has neither.
         """
         if transform is not None:
-            transform = tuple(finite_array("transform", transform, (6,)).tolist())
-        uv = self.uv_sets[one_of("uv_set", uv_set, (0, 1))]
+            transform = tuple(check.finite_array("transform", transform, (6,)).tolist())
+        uv = self.uv_sets[check.one_of("uv_set", uv_set, (0, 1))]
         if self.tangents is not None:
             return np.repeat(self.tangents[:, np.newaxis], GROUPS, axis=1)
         if uv is None:
@@ -642,7 +629,7 @@ class Mesh(Guarded, Previewed):
         ValueError
             If the angle lies outside 0..180 or is not finite.
         """
-        angle = finite_number("angle", angle)
+        angle = check.finite_number("angle", angle)
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
         carried = self.vertex_colors, *self.uv_sets, self.tangents, self.vertex_field
@@ -652,27 +639,27 @@ class Mesh(Guarded, Previewed):
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
-        result._vertices = read_only(self.vertices[split.sources])
-        result._faces = read_only(np.array(split.faces))
+        result._vertices = check.read_only(self.vertices[split.sources])
+        result._faces = check.read_only(np.array(split.faces))
         result._vertex_colors = None
         if self.vertex_colors is not None:
-            result._vertex_colors = read_only(self.vertex_colors[split.sources])
+            result._vertex_colors = check.read_only(self.vertex_colors[split.sources])
         result._face_colors = self.face_colors
         result._field = self.field
         if self.vertex_field is not None:
             result._field = self.vertex_field.of_rows(split.sources)
         result._uv, result._uv1 = (
-            None if uv is None else read_only(uv[split.sources]) for uv in self.uv_sets
+            None if uv is None else check.read_only(uv[split.sources]) for uv in self.uv_sets
         )
         result._tangents = None
         if self.tangents is not None:
-            result._tangents = read_only(self.tangents[split.sources])
+            result._tangents = check.read_only(self.tangents[split.sources])
         result._vertex_attributes = {
-            name: read_only(values[split.sources])
+            name: check.read_only(values[split.sources])
             for name, values in self._vertex_attributes.items()
         }
         result._face_attributes = self._face_attributes
-        result._normals = result._vertex_normals = read_only(split.normals)
+        result._normals = result._vertex_normals = check.read_only(split.normals)
         result._material = self.material
         result._variants, result._default_material = self._variants, self._default_material
         result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
@@ -680,14 +667,14 @@ class Mesh(Guarded, Previewed):
         result._is_closed = self._is_closed
         if can_be_posed:
             result._take_posable(self, split.sources)
-            result._normal_groups = read_only(normal_groups(result.vertices, split.normals))
+            result._normal_groups = check.read_only(normal_groups(result.vertices, split.normals))
         return result
 
     def _take_posable(self, other: Mesh, sources: NDArray[np.integer]) -> None:
         """Take what poses move from the vertices, (V,) numbers, of another mesh."""
         if other._joints is not None and other._joint_weights is not None:
-            self._joints = read_only(other._joints[sources])
-            self._joint_weights = read_only(other._joint_weights[sources])
+            self._joints = check.read_only(other._joints[sources])
+            self._joint_weights = check.read_only(other._joint_weights[sources])
         if other._morph_targets is not None:
             self._morph_targets = other._morph_targets.of_vertices(sources)
 
@@ -708,7 +695,7 @@ class Mesh(Guarded, Previewed):
         """
         return call_above("to_trimesh", self)
 
-    def shown_vertex_colors(self) -> NDArray[np.float32] | None:
+    def shown_vertex_colors(self) -> Float32 | None:
         """Return colours of the vertices, (V, 4) linear RGBA, or of their scalars, or None."""
         return self.vertex_colors if self.vertex_field is None else self.vertex_field.colors()
 
@@ -746,7 +733,7 @@ class Mesh(Guarded, Previewed):
         if contours is not None and self.primitive != "triangles":
             raise ValueError(
                 f"contours must be None for {self.primitive}, which have no slopes; "
-                f"got {cut_short(contours)}"
+                f"got {check.cut_short(contours)}"
             )
         counts = self._scalar_counts()
         if isinstance(scalars, str):
@@ -758,7 +745,7 @@ class Mesh(Guarded, Previewed):
             result._material = replace(result._material, base_color=None)
         result._field = make_field(scalars, counts, colormap, range, nan_color, contours)
         if result._field.of_faces:
-            result._face_colors = read_only(result._field.colors())
+            result._face_colors = check.read_only(result._field.colors())
         return result
 
     def _scalar_counts(self) -> tuple[int, int]:
@@ -771,7 +758,7 @@ class Mesh(Guarded, Previewed):
         every = (*self._vertex_attributes.items(), *self._face_attributes.items())
         return tuple(dict.fromkeys(name for name, values in every if values.shape[1] == 1))
 
-    def _attribute_of_one_column(self, name: str) -> tuple[NDArray[np.float32], bool]:
+    def _attribute_of_one_column(self, name: str) -> tuple[Float32, bool]:
         """Return an attribute, (V, 1) or (F, 1), and whether it is one of faces, or raise."""
         for of_faces, held in enumerate((self._vertex_attributes, self._face_attributes)):
             if name in held and held[name].shape[1] == 1:
@@ -780,7 +767,7 @@ class Mesh(Guarded, Previewed):
         known = f"it has {', '.join(map(repr, names))}" if names else "it has none"
         raise ValueError(
             f"scalars must be numbers, or the name of an attribute of one column: {known}; got "
-            f"{in_short(name)}{question(name, names)}"
+            f"{check.in_short(name)}{check.question(name, names)}"
         )
 
     def without_colors(self) -> Mesh:
@@ -797,7 +784,7 @@ class Mesh(Guarded, Previewed):
             return 1.0
 
 
-def _all_edges_meet(corners: NDArray[np.float64]) -> bool:
+def _all_edges_meet(corners: Float64) -> bool:
     """Tell whether each edge of faces, corners (F, 3, 3), belongs to an even number of them."""
     if not np.isfinite(corners).all():
         return False
@@ -812,15 +799,8 @@ def _all_edges_meet(corners: NDArray[np.float64]) -> bool:
 
 def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:
     """Return ``value`` as an array of the given dtype kinds and shape, or raise ``ValueError``."""
-    try:
-        # The base class also for subclasses such as trimesh's tracked arrays.
-        array = unmasked_array(name, value)
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError(
-            f"{name} must be an array of numbers, got rows of unequal length"
-        ) from None
+    # The base class also for subclasses such as trimesh's tracked arrays.
+    array = check.unmasked_array(name, value, *check.ROWS)
     rows, columns = shape
     wanted = f"({'n' if rows is None else rows}, {columns})"
     if array.size == 0:
@@ -832,14 +812,9 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
     return array
 
 
-def value_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
+def value_rows(name: str, value: ArrayLike) -> Float32:
     """Return a copy of values, (N, D) float32, C order, finite, or raise ``ValueError``."""
-    try:
-        array = unmasked_array(name, value)
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError(f"{name} must be an array of numbers, got {in_short(value)}") from None
+    array = check.unmasked_array(name, value, "an array of numbers")
     if array.dtype.kind not in "uif":
         raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
     if array.ndim != 2 or array.size == 0:
@@ -854,21 +829,19 @@ def value_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
     return np.array(array, dtype=np.float32, order="C")
 
 
-def _vertex_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def _vertex_array(name: str, value: ArrayLike) -> Float64:
     """Return vertices as (V, 3) float64, a copy in C order, or raise ``ValueError``."""
     numbers = _numbers(name, value, "uif", (None, 3))
     with np.errstate(over="ignore"):  # Beyond float64 is infinite, and counted as such.
         return np.array(numbers, dtype=np.float64, order="C")
 
 
-def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
+def face_array(value: ArrayLike, vertex_count: int) -> Int32:
     """Return a copy of faces, (F, 3) int32, C order, that all point at vertices, or raise."""
     return index_rows(("faces", "vertices"), value, vertex_count, 3)
 
 
-def index_rows(
-    names: tuple[str, str], value: ArrayLike, count: int, columns: int
-) -> NDArray[np.int32]:
+def index_rows(names: tuple[str, str], value: ArrayLike, count: int, columns: int) -> Int32:
     """
     Return a copy of rows of indices, (N, columns) int32, C order, or raise ``ValueError``.
 
@@ -904,7 +877,7 @@ def index_rows(
     return np.array(array, dtype=np.int32, order="C")
 
 
-def _count_invalid(names: tuple[str, str], vertices: NDArray[np.float64], on_invalid: str) -> int:
+def _count_invalid(names: tuple[str, str], vertices: Float64, on_invalid: str) -> int:
     """Count the vertices that are not finite; raise ``ValueError`` where they may not be."""
     if np.isfinite(vertices.min()) and np.isfinite(vertices.max()):
         return 0
@@ -929,7 +902,7 @@ def _vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray
     return array
 
 
-def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> Float32:
     """Return texture coordinates as (V, 2) float32, or raise ``ValueError``."""
     array = _vertex_rows(name, value, (vertex_count, 2))
     largest = max(-float(array.min()), float(array.max()))
@@ -938,7 +911,7 @@ def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> NDArray[np.floa
     return np.array(array, dtype=np.float32, order="C")
 
 
-def _normal_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+def _normal_array(value: ArrayLike, vertex_count: int) -> Float32:
     """Return normals as (V, 3) float32 of unit or zero length, or raise ``ValueError``."""
     array = _vertex_rows("normals", value, (vertex_count, 3))
     normals = np.empty((vertex_count, 3), dtype=np.float32)
@@ -948,7 +921,7 @@ def _normal_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     return normals
 
 
-def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+def _tangent_array(value: ArrayLike, vertex_count: int) -> Float32:
     """Return tangents as (V, 4) float32: of unit or zero length, and a side; or raise."""
     array = _vertex_rows("tangents", value, (vertex_count, 4)).astype(np.float64)
     tangents = np.empty((vertex_count, 4), dtype=np.float32)
@@ -966,15 +939,11 @@ def with_field_of(mesh: Mesh, other: Mesh) -> Mesh:
 def with_face_scalars(mesh: Mesh, scalars: ArrayLike) -> Mesh:
     """Give a new mesh a scalar for each face, (F,), be there as many vertices or not; return it."""
     mesh._field = make_field(scalars, (-1, len(mesh.faces)), "viridis", None, NAN_COLOR, None)
-    mesh._face_colors = read_only(mesh._field.colors())
+    mesh._face_colors = check.read_only(mesh._field.colors())
     return mesh
 
 
-def with_face_values(
-    mesh: Mesh,
-    colors: NDArray[np.float32] | None,
-    attributes: Mapping[str, NDArray[np.float32]],
-) -> Mesh:
+def with_face_values(mesh: Mesh, colors: Float32 | None, attributes: Mapping[str, Float32]) -> Mesh:
     """
     Give a new mesh what belongs to its faces, be there as many vertices or not; return it.
 
@@ -986,5 +955,5 @@ def with_face_values(
         Both as a checked mesh has them.
     """
     mesh._face_colors = colors
-    mesh._face_attributes = {name: read_only(values) for name, values in attributes.items()}
+    mesh._face_attributes = {name: check.read_only(values) for name, values in attributes.items()}
     return mesh

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rasterjit.scene.arrays import Float64, HoldsArrays
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.label import Label, check_label
 from rasterjit.scene.mesh import Mesh
@@ -26,7 +27,7 @@ LAST_ROW_ROUNDING = 1e-9
 _IDENTITY = read_only(np.eye(4))
 
 
-class Node(Placed, Guarded):
+class Node(HoldsArrays, Placed, Guarded):
     """
     A place in a scene: a mesh that stands there, or none, and further nodes that move with it.
 
@@ -87,8 +88,8 @@ class Node(Placed, Guarded):
 
     name: str
     _mesh: Any
-    _transform: NDArray[np.float64]
-    _world_from_model: NDArray[np.float64]
+    _transform: Float64
+    _world_from_model: Float64
     _parent: Node | None
     _label: Label | None
     _children: list[Node]
@@ -96,7 +97,7 @@ class Node(Placed, Guarded):
     """The scene that it is in, as all above and below it, which it does not keep."""
     # Most nodes have none of them, and take no room for that.
     _skin: Skin | None = None
-    _weights: NDArray[np.float64] | None = None
+    _weights: Float64 | None = None
     _trs: TRS | None = None
     """What ``_transform`` was made of, where that is known."""
     _posed: Any = None
@@ -176,7 +177,7 @@ class Node(Placed, Guarded):
         self._skin = check_skin(value, self._mesh)
 
     @property
-    def weights(self) -> NDArray[np.float64] | None:
+    def weights(self) -> Float64 | None:
         """
         How strong the morph targets of the mesh are, (T,) float64; ``None``: as the mesh says.
 
@@ -226,7 +227,7 @@ class Node(Placed, Guarded):
         self._trs = trs
 
     @property
-    def transform(self) -> NDArray[np.float64]:
+    def transform(self) -> Float64:
         """
         ``parent_from_node``, (4, 4) float64: where it stands below its parent.
 
@@ -239,7 +240,7 @@ class Node(Placed, Guarded):
         self._place(_affine("transform", value), self._parent)
 
     @property
-    def world_matrix(self) -> NDArray[np.float64]:
+    def world_matrix(self) -> Float64:
         """
         ``world_from_model``, (4, 4) float64, read-only: the product from the topmost node on.
 
@@ -248,7 +249,7 @@ class Node(Placed, Guarded):
         return self._world_from_model
 
     @property
-    def world_from_model(self) -> NDArray[np.float64]:
+    def world_from_model(self) -> Float64:
         """
         ``world_matrix`` by the name it has in products; assigning moves the node there.
 
@@ -307,7 +308,7 @@ class Node(Placed, Guarded):
         if joined is not None:
             joined._take(self, is_new)
 
-    def _place(self, transform: NDArray[np.float64], parent: Node | None) -> None:
+    def _place(self, transform: Float64, parent: Node | None) -> None:
         """Move with all below to a transform below a parent; if it cannot be, nothing moves."""
         if self._trs is not None and transform is not self._transform:
             self._trs = None
@@ -332,15 +333,7 @@ class Node(Placed, Guarded):
             state.pop(name, None)
         return state
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its matrices are read-only too."""
-        self.__dict__.update(state)
-        self._world_from_model = read_only(self._world_from_model)
-        self._transform = read_only(self._transform)
-        if self._weights is not None:
-            self._weights = read_only(self._weights)
-
-    def _link(self, parent: Node, transform: NDArray[np.float64], trs: TRS | None = None) -> None:
+    def _link(self, parent: Node, transform: Float64, trs: TRS | None = None) -> None:
         """Hang a copied node, which stands at its place, below the copy of its parent."""
         self._parent, self._transform = parent, read_only(transform)
         parent._children.append(self)
@@ -358,7 +351,7 @@ def meshes_of(nodes: Sequence[Node]) -> list[Mesh]:
     return [node._mesh for node in nodes]
 
 
-def matrices_of(nodes: Sequence[Node]) -> list[NDArray[np.float64]]:
+def matrices_of(nodes: Sequence[Node]) -> list[Float64]:
     """Return ``world_from_model``, (4, 4) float64, of each node."""
     return [node._world_from_model for node in nodes]
 
@@ -409,9 +402,7 @@ def with_all_below(node: Node) -> Iterator[Node]:
         waiting += reversed(node._children)
 
 
-def _placed(
-    node: Node, transform: NDArray[np.float64], world_from_parent: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def _placed(node: Node, transform: Float64, world_from_parent: Float64 | None) -> Float64:
     """Return ``world_from_model`` of a node that stands at a transform below a parent, or none."""
     if world_from_parent is None or transform is _IDENTITY:
         # No product, which would lose the signs of zeros.
@@ -424,7 +415,7 @@ def _placed(
         ) from None
 
 
-def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> NDArray[np.float64]:
+def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> Float64:
     """Return the transform that takes a node below a parent to a place in the world."""
     transform = _affine("world_from_model", value)
     if parent is None:
@@ -455,7 +446,7 @@ def _checked_mesh(value: Any) -> Mesh:
     return value
 
 
-def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def _affine(name: str, value: ArrayLike) -> Float64:
     """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
     matrix = finite_array(name, value, (4, 4)).copy()
     x, y, z, w = last_row = matrix[3].tolist()

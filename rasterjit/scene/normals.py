@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.arrays import Bool, Float32, Float64, Int32, Int64
 from rasterjit.scene.first_corners import least_first
 from rasterjit.scene.transforms import sine_cosine
 
@@ -79,17 +80,17 @@ class CreasedCorners:
         Unit normals of the new vertices; zero where no face with an area touches one.
     """
 
-    faces: NDArray[np.int32]
-    sources: NDArray[np.int64]
-    normals: NDArray[np.float32]
+    faces: Int32
+    sources: Int64
+    normals: Float32
 
 
-def dot_rows(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def dot_rows(a: Float64, b: Float64) -> Float64:
     """Return the dot products of (..., 3) vectors, summed in one order on every CPU."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_rows(vectors: Float64) -> Float64:
     """
     Scale every row to unit length.
 
@@ -110,9 +111,7 @@ def unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.divide(scaled, length, out=scaled, where=usable)
 
 
-def area_vectors(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float
-) -> NDArray[np.float64]:
+def area_vectors(vertices: Float64, faces: Int32, scale: float) -> Float64:
     """
     Cross two edges of every face: a vector along its normal, twice its area long.
 
@@ -142,7 +141,7 @@ def area_vectors(
     return cross
 
 
-def safe_scale(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+def safe_scale(low: Float64, high: Float64) -> float:
     """Return the power of two that brings a box's farthest corner to length about one."""
     largest = float(max(np.abs(low).max(), np.abs(high).max()))
     # 2^±1000 stays clear of overflow and of subnormal numbers.
@@ -150,11 +149,8 @@ def safe_scale(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
 
 
 def smooth_normals(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    scale: float,
-    groups: NDArray[np.int32] | None = None,
-) -> NDArray[np.float32]:
+    vertices: Float64, faces: Int32, scale: float, groups: Int32 | None = None
+) -> Float32:
     """
     Average the normals of the faces around every vertex, weighted by area.
 
@@ -193,11 +189,8 @@ def smooth_normals(
 
 
 def repaired_normals(
-    normals: NDArray[np.float32],
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    scale: float,
-) -> tuple[NDArray[np.float32], int]:
+    normals: Float32, vertices: Float64, faces: Int32, scale: float
+) -> tuple[Float32, int]:
     """
     Give vertices whose normal has length 0 that of the faces around them.
 
@@ -223,12 +216,7 @@ def repaired_normals(
 
 
 def _take_one_side(
-    sums: NDArray[np.float64],
-    is_asked: NDArray[np.bool_],
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    groups: NDArray[np.int32],
-    scale: float,
+    sums: Float64, is_asked: Bool, vertices: Float64, faces: Int32, groups: Int32, scale: float
 ) -> None:
     """
     Replace sums of faces that cancel by those of one side: that of the first face.
@@ -264,7 +252,7 @@ def _take_one_side(
         np.add.at(sums[:, axis], owners[is_same], vectors[is_same, axis])
 
 
-def normal_groups(vertices: NDArray[np.float64], normals: NDArray[np.float32]) -> NDArray[np.int32]:
+def normal_groups(vertices: Float64, normals: Float32) -> Int32:
     """Return a number for each vertex, (V,) int32: one for those of one position and normal."""
     places, _ = merge_positions(vertices)
     directions, _ = merge_positions(normals.astype(np.float64))
@@ -272,7 +260,7 @@ def normal_groups(vertices: NDArray[np.float64], normals: NDArray[np.float32]) -
     return groups.reshape(-1).astype(np.int32)
 
 
-def is_creased(vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float) -> bool:
+def is_creased(vertices: Float64, faces: Int32, scale: float) -> bool:
     """
     Tell whether smooth normals round off the edges of what is made of flat or smooth pieces.
 
@@ -301,9 +289,7 @@ def is_creased(vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: f
     return True
 
 
-def _count_edges(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float, most: int
-) -> tuple[int, int, int]:
+def _count_edges(vertices: Float64, faces: Int32, scale: float, most: int) -> tuple[int, int, int]:
     """Count the edges that two faces share at about ``most`` vertices: all, creases, between."""
     picked = np.ones(len(vertices), bool)
     if len(vertices) > most:
@@ -332,9 +318,7 @@ def _count_edges(
     return len(cosines), int(creases), int(between)
 
 
-def _add_at_corners(
-    sums: NDArray[np.float64], corners: NDArray[np.integer], vectors: NDArray[np.float64]
-) -> None:
+def _add_at_corners(sums: Float64, corners: NDArray[np.integer], vectors: Float64) -> None:
     """Add every face's vector to the sums (3, n) at its three corners, in face order."""
     index = corners.ravel()
     for axis in range(3):
@@ -342,11 +326,7 @@ def _add_at_corners(
 
 
 def crease_normals(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    scale: float,
-    angle: float,
-    merge: bool,
+    vertices: Float64, faces: Int32, scale: float, angle: float, merge: bool
 ) -> CreasedCorners:
     """
     Give every corner the mean normal of the faces around its position that are nearly coplanar.
@@ -397,9 +377,7 @@ def crease_normals(
     return _split_vertices(base, sources, normals, corners, corner_normals)
 
 
-def merge_positions(
-    vertices: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def merge_positions(vertices: Float64) -> tuple[Int64, Int64]:
     """
     Number the distinct positions in order of first appearance.
 
@@ -446,21 +424,14 @@ def _hash_rows(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return key
 
 
-def _groups_agree(
-    bits: NDArray[np.uint64], order: NDArray[np.int64], new: NDArray[np.bool_]
-) -> bool:
+def _groups_agree(bits: NDArray[np.uint64], order: Int64, new: Bool) -> bool:
     """Tell whether neighbours in one hash group are the same position."""
     rows = np.take(bits, order, axis=0)
     differ = rows[1:] != rows[:-1]
     return not ((differ[:, 0] | differ[:, 1] | differ[:, 2]) & ~new[1:]).any()
 
 
-def _creased_positions(
-    positions: NDArray[np.int64],
-    directions: NDArray[np.float64],
-    means: NDArray[np.float64],
-    angle: float,
-) -> NDArray[np.bool_]:
+def _creased_positions(positions: Int64, directions: Float64, means: Float64, angle: float) -> Bool:
     """
     Mark the positions where some face lies further than half the angle from the mean.
 
@@ -481,13 +452,13 @@ def _creased_positions(
 
 
 def _corner_normals(
-    corners: NDArray[np.int64],
-    position_of_corner: NDArray[np.int64],
-    areas: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    means: NDArray[np.float64],
+    corners: Int64,
+    position_of_corner: Int64,
+    areas: Float64,
+    directions: Float64,
+    means: Float64,
     angle: float,
-) -> NDArray[np.float32]:
+) -> Float32:
     """
     Average, for each listed corner, the faces at its position within the angle of its own.
 
@@ -525,10 +496,10 @@ def _corner_normals(
 
 def _split_vertices(
     base: NDArray[np.integer],
-    sources: NDArray[np.int64],
-    normals: NDArray[np.float32],
-    corners: NDArray[np.int64],
-    corner_normals: NDArray[np.float32],
+    sources: Int64,
+    normals: Float32,
+    corners: Int64,
+    corner_normals: Float32,
 ) -> CreasedCorners:
     """Give each distinct (vertex, normal) pair among the corners a vertex of its own."""
     faces = base.astype(np.int32).ravel()
@@ -554,12 +525,12 @@ def _split_vertices(
 
 
 def vertex_tangents(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    uv: NDArray[np.float32],
+    vertices: Float64,
+    faces: Int32,
+    uv: Float32,
     scale: float,
     transform: tuple[float, ...] | None = None,
-) -> NDArray[np.float32]:
+) -> Float32:
     """
     Return the tangents of every vertex, one for each group of faces.
 
@@ -604,12 +575,8 @@ def _determinant(transform: tuple[float, ...]) -> float:
 
 
 def _face_tangents(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    uv: NDArray[np.float32],
-    scale: float,
-    transform: tuple[float, ...] | None,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    vertices: Float64, faces: Int32, uv: Float32, scale: float, transform: tuple[float, ...] | None
+) -> tuple[Float64, Bool]:
     """Return each face's tangent (F, 3), as long as twice its area, and whether it is mirrored."""
     a, b, c = (vertices[corner] * scale for corner in faces.T)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -627,17 +594,13 @@ def _face_tangents(
     return unit_rows(tangents) * np.nan_to_num(sizes)[:, np.newaxis], is_mirrored
 
 
-def _steps(
-    faces: NDArray[np.int32], u: NDArray[np.float64], v: NDArray[np.float64], corner: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _steps(faces: Int32, u: Float64, v: Float64, corner: int) -> tuple[Float64, Float64]:
     """Return how far u and v move from the first corner of each face to another."""
     first, other = faces[:, 0], faces[:, corner]
     return u[other] - u[first], v[other] - v[first]
 
 
-def _moved(
-    step: tuple[NDArray[np.float64], NDArray[np.float64]], transform: tuple[float, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moved(step: tuple[Float64, Float64], transform: tuple[float, ...]) -> tuple[Float64, Float64]:
     """Return steps as a transform of the coordinates makes them."""
     u, v = step
     return transform[0] * u + transform[1] * v, transform[3] * u + transform[4] * v

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-import numpy as np
-
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGBA, ColorLike, linear_color
-from rasterjit.scene.validation import bounded_number
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGBA, ColorLike, rgba
+from rasterjit.scene.validation import bounded_number, whole_number
 
 EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
 EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
@@ -55,19 +53,9 @@ class Outline:
     crease_angle: float = 40.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
-        object.__setattr__(self, "width", _whole_width(self.width))
-        object.__setattr__(self, "edges", _known_edges(self.edges))
-        angle = bounded_number("crease_angle", self.crease_angle, 0.0, 180.0)
-        object.__setattr__(self, "crease_angle", angle)
-
-
-def _whole_width(value: int) -> int:
-    """Return a width in whole pixels, or raise ``ValueError``."""
-    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not is_whole or not 1 <= value <= WIDEST:
-        raise ValueError(f"width must be a whole number in 1..{WIDEST}, got {value!r}")
-    return int(value)
+        store(self, color=rgba("color", self.color), edges=_known_edges(self.edges))
+        store(self, width=whole_number("width", self.width, 1, WIDEST))
+        store(self, crease_angle=bounded_number("crease_angle", self.crease_angle, 0.0, 180.0))
 
 
 def _known_edges(value: Sequence[str]) -> tuple[str, ...]:

@@ -11,16 +11,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
+from rasterjit.scene.arrays import Float64
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import number_array, picture_size
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import Camera
-
-Float64 = NDArray[np.float64]
 
 
 class ProjectedPoints(NamedTuple):

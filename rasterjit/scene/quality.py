@@ -6,12 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.validation import (
-    bounded_number,
-    one_of,
-    true_or_false,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.assigning import says_replace, store
 
 SubpixelBits: TypeAlias = Literal[0, 4, 8, 12]
 Samples: TypeAlias = Literal[1, 2, 4, 8, 16, "area", 64, 256]
@@ -158,10 +154,11 @@ class Quality:
     visible_alpha: float = 0.0
 
     def __post_init__(self) -> None:
-        alpha = bounded_number("visible_alpha", self.visible_alpha, 0.0, 1.0)
-        object.__setattr__(self, "visible_alpha", alpha)
+        store(
+            self, visible_alpha=check.bounded_number("visible_alpha", self.visible_alpha, 0.0, 1.0)
+        )
         for name in LEVELS:
-            object.__setattr__(self, name, _level(name, getattr(self, name)))
+            store(self, **{name: _level(name, getattr(self, name))})
         if self.samples != 1 and self.subpixel_bits == 0:
             raise ValueError(
                 f"samples must be 1 where subpixel_bits is 0, got {self.samples!r}: vertices on "
@@ -216,14 +213,14 @@ def _level(name: str, value: Any) -> Any:
     if value is None and name in _OPTIONAL:
         return None
     if name == "shadow_size":
-        size = bounded_number(name, value, LEAST_SHADOW, LARGEST_SHADOW)
+        size = check.bounded_number(name, value, LEAST_SHADOW, LARGEST_SHADOW)
         if size != int(size) or isinstance(value, bool):
             raise ValueError(f"{name} must be a whole number of texels, got {value!r}")
         return int(size)
     levels = LEVELS[name]
     if name == "renormalize":
-        return true_or_false(name, value)
-    level = one_of(name, value, levels)
+        return check.true_or_false(name, value)
+    level = check.one_of(name, value, levels)
     # One of the levels itself: 8.0 and numpy's 8 are 8.
     return levels[levels.index(level)]
 
@@ -240,7 +237,7 @@ def parse_setting(text: str) -> dict[str, Any]:
     name, equals, wanted = text.partition("=")
     if name == "visible_alpha":
         try:
-            return {name: bounded_number(name, float(wanted), 0.0, 1.0)}
+            return {name: check.bounded_number(name, float(wanted), 0.0, 1.0)}
         except ValueError:
             raise ValueError(f"{name} must be a number in 0..1; got {wanted!r}") from None
     if not equals or name not in LEVELS:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
@@ -36,14 +37,6 @@ from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances, unit_vector
 from rasterjit.scene.trs import TRS, matrix_of
-from rasterjit.scene.validation import (
-    finite_number,
-    in_short,
-    index_below,
-    question,
-    word,
-    words,
-)
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -319,7 +312,7 @@ class Scene(Guarded, Previewed):
             If it is not in the scene.
         """
         if not isinstance(node, Node):
-            raise ValueError(f"node must be a Node, got {in_short(node)}")
+            raise ValueError(f"node must be a Node, got {check.in_short(node)}")
         if not self._holds(node):
             raise ValueError(f"node must be in the scene, got {node!r}")
         self._refuse_shared("node", node)
@@ -346,7 +339,7 @@ class Scene(Guarded, Previewed):
         ValueError
             If no node has it, or several do.
         """
-        word("name", name)
+        check.word("name", name)
         every = self.every_node()
         found = [node for node in every if node.name == name]
         if len(found) == 1:
@@ -453,7 +446,7 @@ class Scene(Guarded, Previewed):
         >>> view = rj.PreviousView(before)
         >>> frame = rj.render(now, size=(64, 48), outputs="motion", previous=view)
         """
-        when = finite_number("time", time)
+        when = check.finite_number("time", time)
         chosen = self._chosen_animations(animation)
         moved: dict[int, dict[str, Any]] = {}
         for one in chosen:
@@ -464,11 +457,13 @@ class Scene(Guarded, Previewed):
     def _chosen_animations(self, animation: Any) -> list[Animation]:
         """Return the animations that are asked for, or raise ``ValueError``."""
         if not isinstance(self.animations, list | tuple):
-            raise ValueError(f"scene.animations must be a list, got {in_short(self.animations)}")
+            raise ValueError(
+                f"scene.animations must be a list, got {check.in_short(self.animations)}"
+            )
         for number, one in enumerate(self.animations):
             if not isinstance(one, Animation):
                 raise ValueError(
-                    f"scene.animations[{number}] must be an Animation, got {in_short(one)}"
+                    f"scene.animations[{number}] must be an Animation, got {check.in_short(one)}"
                 )
         if not self.animations:
             raise ValueError("animation must be one of the scene's, which has none")
@@ -487,14 +482,15 @@ class Scene(Guarded, Previewed):
             if not found:
                 listed = ", ".join(map(repr, names))
                 raise ValueError(
-                    f"animation must be one of {listed}, got {which!r}{question(which, names)}"
+                    f"animation must be one of {listed}, "
+                    f"got {which!r}{check.question(which, names)}"
                 )
             return found
         if isinstance(which, Animation):
             if not any(one is which for one in self.animations):
                 raise ValueError(f"animation must be one of the scene's, got {which!r}")
             return [which]
-        return [self.animations[index_below("animation", which, len(names))]]
+        return [self.animations[check.index_below("animation", which, len(names))]]
 
     def _own_animations(self) -> list[Animation]:
         """Return the animations without what they move of nodes that are not in the scene."""
@@ -602,7 +598,8 @@ class Scene(Guarded, Previewed):
             listed = ", ".join(map(repr, names))
             known = f"one of {listed}, or None" if names else "None, as the scene has no variants"
             raise ValueError(
-                f"variant must be {known}; got {in_short(value)}{question(value, names)}"
+                f"variant must be {known}; "
+                f"got {check.in_short(value)}{check.question(value, names)}"
             )
         for mesh in {id(node.mesh): node.mesh for node in self.nodes}.values():
             if mesh is not None:
@@ -611,7 +608,7 @@ class Scene(Guarded, Previewed):
 
     def name_variants(self, names: Iterable[str]) -> None:
         """List names among ``variants``, before those that only meshes have."""
-        self._variants = words("names", names)
+        self._variants = check.words("names", names)
 
     def _know_label(self, node: Node) -> None:
         """List a node that has got a label, and no longer one that has lost its."""
@@ -629,7 +626,7 @@ class Scene(Guarded, Previewed):
     def _adopt(self, parent: Any) -> None:
         """Raise ``ValueError`` unless a node is in the scene; know it if it is only in the list."""
         if not isinstance(parent, Node):
-            raise ValueError(f"parent must be a Node or None, got {in_short(parent)}")
+            raise ValueError(f"parent must be a Node or None, got {check.in_short(parent)}")
         if not self._holds(parent):
             raise ValueError(f"parent must be a node of the scene, got {parent!r}")
         self._refuse_shared("parent", parent)

@@ -8,14 +8,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGBA, ColorLike, linear_color
-from rasterjit.scene.validation import (
-    VectorLike,
-    in_short,
-    triple,
-    true_or_false,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGBA, ColorLike, rgba
+from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.vectors import length
 
 MOST_PLANES = 16
@@ -93,30 +89,28 @@ class SectionPlane:
     line_width: int = 2
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", triple("point", self.point))
-        direction = triple("normal", self.normal)
+        store(self, point=check.triple("point", self.point))
+        direction = check.triple("normal", self.normal)
         largest = max(map(abs, direction))
         if largest == 0.0:
             raise ValueError(f"normal must not be zero, got {direction}")
         # So that squares neither overflow nor vanish.
         x, y, z = (part / largest for part in direction)
         size = length((x, y, z))
-        object.__setattr__(self, "normal", (x / size, y / size, z / size))
+        store(self, normal=(x / size, y / size, z / size))
         for name in ("cap", "lines"):
-            object.__setattr__(self, name, true_or_false(name, getattr(self, name)))
+            store(self, **{name: check.true_or_false(name, getattr(self, name))})
         if self.cap_color is not None:
-            color = tuple(linear_color("cap_color", self.cap_color).tolist())
-            object.__setattr__(self, "cap_color", color)
-        color = tuple(linear_color("line_color", self.line_color).tolist())
-        object.__setattr__(self, "line_color", color)
+            store(self, cap_color=rgba("cap_color", self.cap_color))
+        store(self, line_color=rgba("line_color", self.line_color))
         width = self.line_width
         is_whole = isinstance(width, (int, np.integer)) and not isinstance(width, bool)
         if not (is_whole and 1 <= width <= WIDEST_LINE):
             raise ValueError(
                 f"line_width must be a whole number of pixels in 1..{WIDEST_LINE}, got "
-                f"{in_short(width)}"
+                f"{check.in_short(width)}"
             )
-        object.__setattr__(self, "line_width", int(width))
+        store(self, line_width=int(width))
 
 
 Section: TypeAlias = SectionPlane | Sequence[SectionPlane]
@@ -128,10 +122,14 @@ def check_section(name: str, value: Any) -> SectionPlane | tuple[SectionPlane, .
     if value is None or isinstance(value, SectionPlane):
         return value
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise ValueError(f"{name} must be a SectionPlane, several or None, got {in_short(value)}")
+        raise ValueError(
+            f"{name} must be a SectionPlane, several or None, got {check.in_short(value)}"
+        )
     for number, plane in enumerate(value):
         if not isinstance(plane, SectionPlane):
-            raise ValueError(f"{name}[{number}] must be a SectionPlane, got {in_short(plane)}")
+            raise ValueError(
+                f"{name}[{number}] must be a SectionPlane, got {check.in_short(plane)}"
+            )
     if len(value) > MOST_PLANES:
         raise ValueError(f"{name} must have at most {MOST_PLANES} planes, got {len(value)}")
     return tuple(value) or None

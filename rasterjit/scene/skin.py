@@ -20,17 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Float32, Float64, HoldsArrays, Int32
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.transforms import inverse, product_of_each
-from rasterjit.scene.validation import (
-    finite_array,
-    in_short,
-    index_below,
-    number_array,
-    read_only,
-    unmasked_array,
-    words,
-)
 
 WEIGHT_ROUNDING = 1e-5
 """How far the weights of a vertex may be from 1 in all: what files round them by."""
@@ -51,10 +44,10 @@ class Posable:
 class Placed:
     """Something that stands somewhere in the world, such as a node."""
 
-    _world_from_model: NDArray[np.float64]
+    _world_from_model: Float64
 
 
-class Skin(Guarded):
+class Skin(HoldsArrays, Guarded):
     """
     The joints that a mesh follows.
 
@@ -108,8 +101,8 @@ class Skin(Guarded):
         if inverse_binds is None:
             self._inverse_binds = _inverses(self._joints)
         else:
-            self._inverse_binds = read_only(_checked_binds(inverse_binds, len(self._joints)))
-        self._known: tuple[list[NDArray[np.float64]], NDArray[np.float64]] | None = None
+            self._inverse_binds = check.read_only(_checked_binds(inverse_binds, len(self._joints)))
+        self._known: tuple[list[Float64], Float64] | None = None
 
     @property
     def joints(self) -> tuple[Any, ...]:
@@ -117,11 +110,11 @@ class Skin(Guarded):
         return self._joints
 
     @property
-    def inverse_binds(self) -> NDArray[np.float64]:
+    def inverse_binds(self) -> Float64:
         """(J, 4, 4) float64, read-only: ``joint_from_model`` of each joint."""
         return self._inverse_binds
 
-    def joint_matrices(self) -> NDArray[np.float64]:
+    def joint_matrices(self) -> Float64:
         """
         Return what each joint does to the mesh now, ``world_from_model``.
 
@@ -135,7 +128,7 @@ class Skin(Guarded):
         if known is not None and all(map(operator.is_, known[0], places)):
             return known[1]
         with np.errstate(over="ignore", invalid="ignore"):
-            matrices = read_only(product_of_each(np.array(places), self._inverse_binds))
+            matrices = check.read_only(product_of_each(np.array(places), self._inverse_binds))
         self._known = places, matrices
         return matrices
 
@@ -143,22 +136,15 @@ class Skin(Guarded):
         """Return what is copied or pickled."""
         return {**self.__dict__, "_known": None}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its arrays are read-only too."""
-        self.__dict__.update(state)
-        self._inverse_binds = read_only(self._inverse_binds)
-
     def _with_joints(self, joints: Sequence[Any]) -> Skin:
         """Return the same skin of other joints, as many."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__getstate__(), _joints=tuple(joints))
-        return other
+        return self._with(_joints=tuple(joints), _known=None)
 
     def __repr__(self) -> str:
         return f"Skin({len(self._joints)} joints{f', {self.name!r}' if self.name else ''})"
 
 
-class MorphTargets(Guarded):
+class MorphTargets(HoldsArrays, Guarded):
     """
     Shapes that a mesh can be drawn towards, each by a weight.
 
@@ -205,27 +191,28 @@ class MorphTargets(Guarded):
         self._tangents = self._checked("tangents", tangents)
         if self._shape is None:
             raise ValueError("positions, normals or tangents must be given, got none of them")
-        self._weights: NDArray[np.float64] | None = None
+        self._weights: Float64 | None = None
         if weights is not None:
             self._weights = morph_weights(weights, self._shape[0])
-        self._names: tuple[str, ...] = words("names", names)
+        self._names: tuple[str, ...] = check.words("names", names)
         if len(self._names) not in (0, self._shape[0]):
             raise ValueError(
-                f"names must have one for each of {self._shape[0]} targets, got {in_short(names)}"
+                f"names must have one for each of {self._shape[0]} targets, "
+                f"got {check.in_short(names)}"
             )
 
     def _checked(self, name: str, value: ArrayLike | None) -> NDArray[Any] | None:
         """Return an array of all targets, of a shape with the others, or raise ``ValueError``."""
         if value is None:
             return None
-        given = unmasked_array(name, value)
+        given = check.unmasked_array(name, value)
         shape = (None, None, 3) if self._shape is None else (*self._shape, 3)
-        array = finite_array(name, value, shape)
+        array = check.finite_array(name, value, shape)
         if 0 in array.shape:
             raise ValueError(f"{name} must have a target and a vertex, got {array.shape}")
         self._shape = array.shape[0], array.shape[1]
         is_single = given.dtype == np.float32 or name != "positions"
-        return read_only(np.array(array, np.float32 if is_single else np.float64, order="C"))
+        return check.read_only(np.array(array, np.float32 if is_single else np.float64, order="C"))
 
     @property
     def positions(self) -> NDArray[Any] | None:
@@ -233,17 +220,17 @@ class MorphTargets(Guarded):
         return self._positions
 
     @property
-    def normals(self) -> NDArray[np.float32] | None:
+    def normals(self) -> Float32 | None:
         """(T, V, 3) float32, read-only, or None."""
         return self._normals
 
     @property
-    def tangents(self) -> NDArray[np.float32] | None:
+    def tangents(self) -> Float32 | None:
         """(T, V, 3) float32, read-only, or None."""
         return self._tangents
 
     @property
-    def weights(self) -> NDArray[np.float64] | None:
+    def weights(self) -> Float64 | None:
         """(T,) float64, read-only: how strong they are where a node says nothing; None: 0."""
         return self._weights
 
@@ -262,45 +249,33 @@ class MorphTargets(Guarded):
         assert self._shape is not None
         return self._shape[0]
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its arrays are read-only too."""
-        for name, value in state.items():
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
-
     def of_vertices(self, rows: NDArray[np.integer]) -> MorphTargets:
         """Return the targets of some vertices, (W,) numbers, in their order."""
-        numbers = unmasked_array("rows", rows)
+        numbers = check.unmasked_array("rows", rows)
         if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
-            raise ValueError(f"rows must be (W,) numbers of vertices, got {in_short(rows)}")
+            raise ValueError(f"rows must be (W,) numbers of vertices, got {check.in_short(rows)}")
         numbers = numbers.astype(np.int64, copy=False)
-        index_below("rows", max(numbers.tolist(), default=0), self.vertex_count)
-        index_below("rows", min(numbers.tolist(), default=0), self.vertex_count)
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, _shape=(len(self), len(numbers)))
-        for name in ("_positions", "_normals", "_tangents"):
-            held = self.__dict__[name]
-            other.__dict__[name] = None if held is None else read_only(held[:, numbers])
-        return other
+        check.index_below("rows", max(numbers.tolist(), default=0), self.vertex_count)
+        check.index_below("rows", min(numbers.tolist(), default=0), self.vertex_count)
+        held = ((name, self.__dict__[name]) for name in ("_positions", "_normals", "_tangents"))
+        kept = {name: check.read_only(one[:, numbers]) for name, one in held if one is not None}
+        return self._with(_shape=(len(self), len(numbers)), **kept)
 
     def named(self, weights: ArrayLike | None, names: Sequence[str]) -> MorphTargets:
         """Return the same targets with other weights and names."""
-        other = object.__new__(type(self))
         checked = None if weights is None else morph_weights(weights, len(self))
-        other.__dict__.update(self.__dict__, _weights=checked, _names=words("names", names))
-        return other
+        return self._with(_weights=checked, _names=check.words("names", names))
 
     def __repr__(self) -> str:
         return f"MorphTargets({len(self)} targets, {self.vertex_count} vertices)"
 
 
-def morph_weights(value: ArrayLike, count: int) -> NDArray[np.float64]:
+def morph_weights(value: ArrayLike, count: int) -> Float64:
     """Return weights of morph targets, (T,) float64, read-only, or raise ``ValueError``."""
-    return read_only(np.array(finite_array("weights", value, (count,))))
+    return check.read_only(np.array(check.finite_array("weights", value, (count,))))
 
 
-def skin_arrays(
-    joints: Any, weights: Any, vertex_count: int
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+def skin_arrays(joints: Any, weights: Any, vertex_count: int) -> tuple[Int32, Float64]:
     """
     Return which joints each vertex follows, (V, K) int32, and how much, (V, K) float64.
 
@@ -315,10 +290,10 @@ def skin_arrays(
     if joints is None or weights is None:
         given, lacking = ("joints", "weights") if weights is None else ("weights", "joints")
         raise ValueError(f"{lacking} must be given where {given} are, got None")
-    shares = number_array("weights", weights)
+    shares = check.number_array("weights", weights)
     if shares.ndim != 2 or len(shares) != vertex_count or not shares.shape[1]:
         raise ValueError(f"weights must have shape ({vertex_count}, K), got {shares.shape}")
-    numbers = number_array("joints", joints)
+    numbers = check.number_array("joints", joints)
     if numbers.shape != shares.shape:
         raise ValueError(
             f"joints must have the shape of weights, {shares.shape}, got {numbers.shape}"
@@ -336,10 +311,10 @@ def skin_arrays(
     if not is_whole.all():
         wrong = numbers[~is_whole][0]
         raise ValueError(f"joints must be whole numbers from 0, got {float(wrong)!r}")
-    return read_only(numbers.astype(np.int32)), read_only(unit_sums(shares))
+    return check.read_only(numbers.astype(np.int32)), check.read_only(unit_sums(shares))
 
 
-def unit_sums(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_sums(weights: Float64) -> Float64:
     """Return weights (V, K) with the rows scaled whose sum is not 1 by more than rounding."""
     sums = sum_rows(weights)
     is_off = np.abs(sums - 1.0) > WEIGHT_ROUNDING
@@ -353,7 +328,7 @@ def unit_sums(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(is_off[:, np.newaxis], weights / sums[:, np.newaxis], weights)
 
 
-def sum_rows(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def sum_rows(values: Float64) -> Float64:
     """Return the sum of each row, in the order of the columns: the same bits on every CPU."""
     total = np.zeros(len(values))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -367,7 +342,7 @@ def check_skin(value: Any, mesh: Any) -> Skin | None:
     if value is None:
         return None
     if not isinstance(value, Skin):
-        raise ValueError(f"skin must be a Skin or None, got {in_short(value)}")
+        raise ValueError(f"skin must be a Skin or None, got {check.in_short(value)}")
     if mesh is not None:
         if mesh.joints is None:
             raise ValueError(
@@ -383,33 +358,33 @@ def check_skin(value: Any, mesh: Any) -> Skin | None:
     return value
 
 
-def check_morph_weights(value: Any, mesh: Any) -> NDArray[np.float64] | None:
+def check_morph_weights(value: Any, mesh: Any) -> Float64 | None:
     """Return weights that fit the targets of a mesh, or None, or raise ``ValueError``."""
     if value is None:
         return None
     if mesh is not None and mesh.morph_targets is None:
         raise ValueError(
-            f"weights must be None for a mesh without morph targets, got {in_short(value)}"
+            f"weights must be None for a mesh without morph targets, got {check.in_short(value)}"
         )
-    count = unmasked_array("weights", value).size if mesh is None else len(mesh.morph_targets)
+    count = check.unmasked_array("weights", value).size if mesh is None else len(mesh.morph_targets)
     return morph_weights(value, count)
 
 
 def _checked_joints(joints: Any) -> tuple[Any, ...]:
     """Return joints, or raise ``ValueError``."""
     if isinstance(joints, (str, bytes)) or not isinstance(joints, Sequence):
-        raise ValueError(f"joints must be a sequence of nodes, got {in_short(joints)}")
+        raise ValueError(f"joints must be a sequence of nodes, got {check.in_short(joints)}")
     if not joints:
         raise ValueError("joints must have a node, got none")
     for number, joint in enumerate(joints):
         if not isinstance(joint, Placed):
-            raise ValueError(f"joints[{number}] must be a Node, got {in_short(joint)}")
+            raise ValueError(f"joints[{number}] must be a Node, got {check.in_short(joint)}")
     return tuple(joints)
 
 
-def _checked_binds(value: ArrayLike, count: int) -> NDArray[np.float64]:
+def _checked_binds(value: ArrayLike, count: int) -> Float64:
     """Return inverse bind matrices, (J, 4, 4), with exact last rows, or raise ``ValueError``."""
-    binds = np.array(finite_array("inverse_binds", value, (count, 4, 4)))
+    binds = np.array(check.finite_array("inverse_binds", value, (count, 4, 4)))
     is_off = (np.abs(binds[:, 3] - (0.0, 0.0, 0.0, 1.0)) > AFFINE_ROUNDING).any(axis=1)
     if is_off.any():
         number = int(is_off.argmax())
@@ -426,7 +401,7 @@ def _checked_binds(value: ArrayLike, count: int) -> NDArray[np.float64]:
     return binds
 
 
-def is_singular(matrix: NDArray[np.float64]) -> bool:
+def is_singular(matrix: Float64) -> bool:
     """Tell whether an affine matrix, (4, 4), flattens everything."""
     axes = matrix[:3, :3]
     largest = np.abs(axes).max(axis=1, keepdims=True)
@@ -437,7 +412,7 @@ def is_singular(matrix: NDArray[np.float64]) -> bool:
     return abs(determinant) < _LEAST_DETERMINANT
 
 
-def _inverses(joints: Sequence[Any]) -> NDArray[np.float64]:
+def _inverses(joints: Sequence[Any]) -> Float64:
     """Return the inverses of where joints stand, or raise ``ValueError``."""
     found = []
     for number, joint in enumerate(joints):
@@ -448,4 +423,4 @@ def _inverses(joints: Sequence[Any]) -> NDArray[np.float64]:
                 f"joints[{number}] must have a world_matrix with an inverse where inverse_binds is "
                 f"None: {error}"
             ) from None
-    return read_only(np.array(found))
+    return check.read_only(np.array(found))

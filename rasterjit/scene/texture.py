@@ -15,22 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.forks import cached_property
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import HoldsArrays
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
 from rasterjit.scene.picture_codes import picture_codes
 from rasterjit.scene.transforms import sine_cosine
-from rasterjit.scene.validation import (
-    MaskedError,
-    bounded_number,
-    existing_file,
-    finite_array,
-    finite_number,
-    in_short,
-    one_of,
-    read_only,
-    unmasked_array,
-)
 from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
@@ -169,7 +160,7 @@ class Pyramid:
 
 @says_replace
 @dataclass(frozen=True, eq=False)
-class Texture:
+class Texture(HoldsArrays):
     """
     A picture to be laid over a mesh by its texture coordinates.
 
@@ -259,33 +250,31 @@ class Texture:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
         if not isinstance(wrap, (tuple, list)) or len(wrap) != 2:
             raise ValueError(f"wrap must be a name or a pair of names, got {self.wrap!r}")
-        wrap = (one_of("wrap", wrap[0], WRAPS), one_of("wrap", wrap[1], WRAPS))
+        wrap = (check.one_of("wrap", wrap[0], WRAPS), check.one_of("wrap", wrap[1], WRAPS))
         self._set_filter(self.filter, self.anisotropy)
-        one_of("color_space", self.color_space, COLOR_SPACES)
-        one_of("uv_set", self.uv_set, UV_SETS)
-        object.__setattr__(self, "wrap", wrap)
+        check.one_of("color_space", self.color_space, COLOR_SPACES)
+        check.one_of("uv_set", self.uv_set, UV_SETS)
+        store(self, wrap=wrap)
         self._set_transform(self.offset, self.rotation, self.scale)
         # From here on the image is a part of the pyramid's texels, which copies share.
         image = self.__dict__.pop("image")
-        object.__setattr__(self, "pyramid", Pyramid(_linear_image(image, self.color_space)))
+        store(self, pyramid=Pyramid(_linear_image(image, self.color_space)))
 
     def _set_filter(self, filter: Any, anisotropy: Any) -> None:
         """Check and keep filter and anisotropy."""
-        one_of("filter", filter, FILTERS)
-        one_of("anisotropy", anisotropy, ANISOTROPIES)
+        check.one_of("filter", filter, FILTERS)
+        check.one_of("anisotropy", anisotropy, ANISOTROPIES)
         if anisotropy > 1 and filter != "trilinear":
             raise ValueError(
                 f"anisotropy must be 1 unless filter is 'trilinear', got {anisotropy} with "
                 f"{filter!r}"
             )
-        object.__setattr__(self, "filter", filter)
-        object.__setattr__(self, "anisotropy", anisotropy)
+        store(self, filter=filter, anisotropy=anisotropy)
 
     def _set_transform(self, offset: Any, rotation: Any, scale: Any) -> None:
         """Check and keep offset, rotation and scale."""
-        object.__setattr__(self, "offset", _pair("offset", offset))
-        object.__setattr__(self, "rotation", finite_number("rotation", rotation))
-        object.__setattr__(self, "scale", _pair("scale", scale))
+        store(self, offset=_pair("offset", offset), scale=_pair("scale", scale))
+        store(self, rotation=check.finite_number("rotation", rotation))
 
     def __getattr__(self, name: str) -> Any:
         """Return the image, which lies where the texels of all levels do."""
@@ -302,7 +291,7 @@ class Texture:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its texels are read-only too."""
         state = dict(state)
-        self.__dict__["pyramid"] = Pyramid(read_only(state.pop("image")))
+        self.__dict__["pyramid"] = Pyramid(check.read_only(state.pop("image")))
         self.__dict__.update(state)
 
     @classmethod
@@ -339,7 +328,7 @@ class Texture:
             takes; the message names it.
         """
         return cls(
-            read_picture("path", existing_file("path", path)), wrap=wrap, filter=filter,
+            read_picture("path", check.existing_file("path", path)), wrap=wrap, filter=filter,
             color_space=color_space, anisotropy=anisotropy, offset=offset, rotation=rotation,
             scale=scale, uv_set=uv_set,
         )  # fmt: skip
@@ -355,7 +344,7 @@ class Texture:
 
         Takes offset, rotation and scale as `Texture` does, in place of its own.
         """
-        other = self._sharing()
+        other = self._with()
         other._set_transform(offset, rotation, scale)
         return other
 
@@ -365,7 +354,7 @@ class Texture:
 
         Takes filter and anisotropy as `Texture` does, in place of its own.
         """
-        other = self._sharing()
+        other = self._with()
         other._set_filter(filter, anisotropy)
         return other
 
@@ -375,14 +364,8 @@ class Texture:
 
         Takes the number of the set as `Texture` does, in place of its own.
         """
-        other = self._sharing()
-        object.__setattr__(other, "uv_set", one_of("uv_set", uv_set, UV_SETS))
-        return other
-
-    def _sharing(self) -> Texture:
-        """Return a copy that shares texels and mip levels."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
+        other = self._with()
+        store(other, uv_set=check.one_of("uv_set", uv_set, UV_SETS))
         return other
 
     @property
@@ -516,10 +499,10 @@ def turned_over(
 
 def _pair(name: str, value: Any) -> tuple[float, float]:
     """Return two numbers that move a texture no farther than it is meant to, or raise."""
-    u, v = finite_array(name, value, (2,)).tolist()
+    u, v = check.finite_array(name, value, (2,)).tolist()
     return (
-        bounded_number(name, u, -FARTHEST_MOVE, FARTHEST_MOVE),
-        bounded_number(name, v, -FARTHEST_MOVE, FARTHEST_MOVE),
+        check.bounded_number(name, u, -FARTHEST_MOVE, FARTHEST_MOVE),
+        check.bounded_number(name, v, -FARTHEST_MOVE, FARTHEST_MOVE),
     )
 
 
@@ -528,15 +511,10 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     # An array of a type that says what its numbers are.
     wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
     if isinstance(value, (str, os.PathLike)):
-        raise ValueError(f"{wanted}, got {in_short(value)}; Texture.from_file reads pictures")
-    try:
-        image = unmasked_array("image", value)
-    except MaskedError:
-        raise
-    except ValueError:
-        raise ValueError("image must be an array of numbers, got rows of unequal length") from None
+        raise ValueError(f"{wanted}, got {check.in_short(value)}; Texture.from_file reads pictures")
+    image = check.unmasked_array("image", value, *check.ROWS)
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
-        got = in_short(value) if image.dtype == object else f"one of {image.dtype}"
+        got = check.in_short(value) if image.dtype == object else f"one of {image.dtype}"
         raise ValueError(f"{wanted}, got {got}")
     # Its shape: grey or colours, with or without alpha.
     shape = image.shape
@@ -569,7 +547,7 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
             linear[:, :, :3] = decoded(image[:, :, :colors])
         if colors < channels:
             np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
-    return read_only(linear)
+    return check.read_only(linear)
 
 
 def _are_codes(colors: NDArray[Any]) -> bool:

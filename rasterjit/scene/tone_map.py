@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.validation import bounded_number, one_of
 
 Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
@@ -67,12 +67,11 @@ class ToneMap:
 
     def __post_init__(self) -> None:
         one_of("curve", self.curve, CURVES)
-        exposure = bounded_number("exposure", self.exposure, -MOST_STOPS, MOST_STOPS)
-        object.__setattr__(self, "exposure", exposure)
+        store(self, exposure=bounded_number("exposure", self.exposure, -MOST_STOPS, MOST_STOPS))
         if not (isinstance(self.white, float) and self.white == math.inf):
             if self.curve != "reinhard":
                 raise ValueError(f"white must be inf for curve {self.curve!r}, got {self.white!r}")
-            object.__setattr__(self, "white", bounded_number("white", self.white, *WHITES))
+            store(self, white=bounded_number("white", self.white, *WHITES))
 
     @property
     def is_neutral(self) -> bool:

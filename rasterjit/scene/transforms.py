@@ -21,20 +21,11 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.validation import (
-    finite_array,
-    finite_number,
-    image_size,
-    number_array,
-    one_of,
-    positive_number,
-    triple,
-    unmasked_array,
-    vector,
-)
+from rasterjit.scene import validation as check
+from rasterjit.scene.arrays import Float64
 from rasterjit.scene.vectors import cross, dot
 
-Matrix = NDArray[np.float64]
+Matrix = Float64
 _Triple = tuple[float, float, float]
 
 ViewportConvention: TypeAlias = Literal["edges", "centers"]
@@ -101,7 +92,7 @@ def sine_cosine(degrees: float) -> tuple[float, float]:
     128-bit fixed point. The sine is the angle times the series of sin(x)/x, so it keeps its
     relative precision for tiny angles.
     """
-    turn = math.remainder(finite_number("degrees", degrees), 360.0)
+    turn = math.remainder(check.finite_number("degrees", degrees), 360.0)
     quarter = round(turn / 90.0)
     numerator, denominator = (turn - 90.0 * quarter).as_integer_ratio()
     radians = numerator * _PI // (180 * denominator)
@@ -144,7 +135,7 @@ def arc_tangent(y: float, x: float) -> float:
     ``tan(a/2) = t / (1 + sqrt(1 + t^2))``, and the Taylor series of the arc tangent, of which 28
     terms reach 2^-128, is summed in fixed point with 128 bits behind the leading one.
     """
-    rise, run = Fraction(finite_number("y", y)), Fraction(finite_number("x", x))
+    rise, run = Fraction(check.finite_number("y", y)), Fraction(check.finite_number("x", x))
     low, high = sorted((abs(rise), abs(run)))
     if low == 0:
         degrees = Fraction(90 if rise else 0)
@@ -189,7 +180,7 @@ def focal_length(fov_y: float) -> float:
     ValueError
         If ``fov_y`` is not a finite number between 0 and 180 (or is below 1e-300).
     """
-    angle = finite_number("fov_y", fov_y)
+    angle = check.finite_number("fov_y", fov_y)
     if not _SMALLEST_FOV <= angle < 180.0:
         raise ValueError(f"fov_y must be above 0 and below 180 degrees, got {angle!r}")
     return _focal_length(angle)
@@ -203,7 +194,7 @@ def _focal_length(angle: float) -> float:
     return (1.0 + cosine) / sine if cosine >= 0.0 else sine / (1.0 - cosine)
 
 
-def unit_vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def unit_vector(name: str, value: ArrayLike) -> Float64:
     """
     Return ``value`` scaled to length one.
 
@@ -224,12 +215,12 @@ def unit_vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``value`` is zero, not finite or not three numbers.
     """
-    return np.array(_unit_triple(name, triple(name, value)))
+    return np.array(_unit_triple(name, check.triple(name, value)))
 
 
 def _unit_triple(name: str, components: _Triple) -> _Triple:
     """Return three floats scaled to length one, or raise ``ValueError`` as `unit_vector` does."""
-    x, y, z = triple(name, components)
+    x, y, z = check.triple(name, components)
     if not (x or y or z):
         raise ValueError(f"{name} must not be the zero vector")
     return unit_numbers(x, y, z)
@@ -257,7 +248,7 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    side = cross(_unit_triple("a", triple("a", a)), _unit_triple("b", triple("b", b)))
+    side = cross(_unit_triple("a", check.triple("a", a)), _unit_triple("b", check.triple("b", b)))
     return math.sqrt(dot(side, side)) <= _PARALLEL_SINE
 
 
@@ -281,7 +272,7 @@ def translate(offset: ArrayLike) -> Matrix:
         If ``offset`` is not three finite numbers.
     """
     matrix = np.eye(4)
-    matrix[:3, 3] = vector("offset", offset)
+    matrix[:3, 3] = check.vector("offset", offset)
     return matrix
 
 
@@ -299,11 +290,11 @@ def scale(factor: float | ArrayLike) -> Matrix:
     ValueError
         If a factor is not finite, or is zero (the matrix would be singular).
     """
-    given = unmasked_array("factor", factor)
+    given = check.unmasked_array("factor", factor)
     if given.ndim == 0:
-        factors = np.full(3, finite_number("factor", factor))
+        factors = np.full(3, check.finite_number("factor", factor))
     else:
-        factors = vector("factor", given)
+        factors = check.vector("factor", given)
     if not factors.all():
         raise ValueError(f"factor must not be 0, got {factor!r}")
     return np.diag([*factors.tolist(), 1.0])
@@ -327,7 +318,7 @@ def rotate(axis: ArrayLike, degrees: float) -> Matrix:
     ValueError
         If ``axis`` is zero or not finite, or ``degrees`` is not finite.
     """
-    x, y, z = _unit_triple("axis", triple("axis", axis))
+    x, y, z = _unit_triple("axis", check.triple("axis", axis))
     sine, cosine = sine_cosine(degrees)
     rest = 1.0 - cosine
     matrix = np.eye(4)
@@ -381,7 +372,7 @@ def shear(
     given = {"xy": xy, "xz": xz, "yx": yx, "yz": yz, "zx": zx, "zy": zy}
     matrix = np.eye(4)
     for name, amount in given.items():
-        matrix["xyz".index(name[0]), "xyz".index(name[1])] = finite_number(name, amount)
+        matrix["xyz".index(name[0]), "xyz".index(name[1])] = check.finite_number(name, amount)
     return matrix
 
 
@@ -400,7 +391,7 @@ def compose(*matrices: ArrayLike) -> Matrix:
         If one is not a finite 4x4 matrix, or the product overflows.
     """
     rows = [
-        finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist()
+        check.finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist()
         for number, matrix in enumerate(matrices)
     ]
     return np.array(product_of(_IDENTITY, *rows))
@@ -416,7 +407,7 @@ def product_of(first: list[list[float]], *others: list[list[float]]) -> list[lis
     return product
 
 
-def product_of_each(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def product_of_each(first: Float64, second: Float64) -> Float64:
     """
     Return the product of two matrices each, the same bits as `product_of`.
 
@@ -465,12 +456,12 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
         If ``target`` equals ``eye``, or ``up`` is zero or within 1e-10 radian of the line of
         sight, or an entry is not finite.
     """
-    eye_x, eye_y, eye_z = origin = triple("eye", eye)
-    x, y, z = triple("target", target)
+    eye_x, eye_y, eye_z = origin = check.triple("eye", eye)
+    x, y, z = check.triple("target", target)
     if origin == (x, y, z):
         raise ValueError(f"target must differ from eye, both are {origin}")
     back = _unit_triple("eye - target", (eye_x - x, eye_y - y, eye_z - z))
-    upward = _unit_triple("up", triple("up", up))
+    upward = _unit_triple("up", check.triple("up", up))
     if are_parallel(upward, back):
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
     side = _unit_triple("up", cross(upward, back))
@@ -511,7 +502,7 @@ def perspective(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
 def lens_matrix(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
     """Return what `perspective` does; a ``far`` that it refuses as too far is infinite."""
     focal = focal_length(fov_y)
-    ratio = positive_number("aspect", aspect)
+    ratio = check.positive_number("aspect", aspect)
     z_scale, z_offset = _depth_row(near, far)
     return np.array(
         [
@@ -554,9 +545,9 @@ def rounded_up(least: float) -> str:
 
 def _depth_row(near: float, far: float) -> tuple[float, float]:
     """Return what `perspective_depth` does; a ``far`` that it refuses as too far is infinite."""
-    n = positive_number("near", near)
+    n = check.positive_number("near", near)
     is_infinite = isinstance(far, (float, np.floating)) and far == math.inf
-    f = math.inf if is_infinite else finite_number("far", far)
+    f = math.inf if is_infinite else check.finite_number("far", far)
     if f <= n:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
     if f == math.inf or n < LEAST_NEAR * f:
@@ -582,7 +573,7 @@ def perspective_focal(d: float) -> Matrix:
         If ``d`` is not finite and above 0.
     """
     matrix = np.eye(4)
-    matrix[3] = [0.0, 0.0, -1.0 / positive_number("d", d), 0.0]
+    matrix[3] = [0.0, 0.0, -1.0 / check.positive_number("d", d), 0.0]
     return matrix
 
 
@@ -605,9 +596,9 @@ def orthographic(
         If ``right`` equals ``left``, ``top`` equals ``bottom``, ``far`` is not above ``near``, or
         a number is not finite, here or in the matrix.
     """
-    x0, x1 = finite_number("left", left), finite_number("right", right)
-    y0, y1 = finite_number("bottom", bottom), finite_number("top", top)
-    n, f = finite_number("near", near), finite_number("far", far)
+    x0, x1 = check.finite_number("left", left), check.finite_number("right", right)
+    y0, y1 = check.finite_number("bottom", bottom), check.finite_number("top", top)
+    n, f = check.finite_number("near", near), check.finite_number("far", far)
     if x0 == x1:
         raise ValueError(f"right must differ from left, both are {x0!r}")
     if y0 == y1:
@@ -641,14 +632,14 @@ def viewport(width: int, height: int, convention: ViewportConvention = "edges") 
     ValueError
         If a side is not a whole number in 1..16384, or the convention is unknown.
     """
-    w, h = image_size("width, height", (width, height))
-    inset = 0 if one_of("convention", convention, VIEWPORT_CONVENTIONS) == "edges" else 1
+    w, h = check.image_size("width, height", (width, height))
+    inset = 0 if check.one_of("convention", convention, VIEWPORT_CONVENTIONS) == "edges" else 1
     matrix = np.diag([(w - inset) / 2.0, (inset - h) / 2.0, 1.0, 1.0])
     matrix[:2, 3] = w / 2.0, h / 2.0
     return matrix
 
 
-def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
+def normal_matrix(matrix: ArrayLike) -> Float64:
     """
     Return the 3x3 matrix that carries normals: the inverse transpose, up to a positive factor.
 
@@ -670,7 +661,7 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix.
     """
-    return np.array(normal_rows(finite_array("matrix", matrix, (4, 4)).tolist()))
+    return np.array(normal_rows(check.finite_array("matrix", matrix, (4, 4)).tolist()))
 
 
 def normal_rows(matrix: list[list[float]]) -> list[list[float]]:
@@ -696,7 +687,7 @@ def normal_rows(matrix: list[list[float]]) -> list[list[float]]:
     return [[sign * x + 0.0 for x in row] for row in zip(*columns, strict=True)]
 
 
-def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+def normal_matrices(matrices: Float64) -> Float64:
     """
     Return the `normal_matrix` of each of many matrices, the same bits.
 
@@ -743,7 +734,7 @@ def inverse(matrix: ArrayLike) -> Matrix:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix, or has no finite inverse.
     """
-    rows = finite_array("matrix", matrix, (4, 4)).tolist()
+    rows = check.finite_array("matrix", matrix, (4, 4)).tolist()
     # Powers of two are exact: rows whose largest entry is in [0.5, 1).
     exponents = [min(-math.frexp(max(map(abs, row)))[1], _MOST_EXPONENT) for row in rows]
     work = [
@@ -767,7 +758,7 @@ def inverse(matrix: ArrayLike) -> Matrix:
     return found
 
 
-def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+def apply(matrix: ArrayLike, points: ArrayLike) -> Float64:
     """
     Transform points and divide by w.
 
@@ -786,16 +777,16 @@ def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix, or ``points`` has another shape.
     """
-    positions = unmasked_array("points", points)
+    positions = check.unmasked_array("points", points)
     single = positions.ndim == 1
     positions = positions[None] if single else positions
-    homogeneous = transform_points(finite_array("matrix", matrix, (4, 4)), positions)
+    homogeneous = transform_points(check.finite_array("matrix", matrix, (4, 4)), positions)
     with np.errstate(all="ignore"):
         result = homogeneous[:, :3] / homogeneous[:, 3:]
     return result[0] if single else result
 
 
-def transform_points(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+def transform_points(matrix: ArrayLike, points: ArrayLike) -> Float64:
     """
     Multiply points by a matrix, without the divide: row k is ``matrix`` times (x, y, z, 1).
 
@@ -821,12 +812,12 @@ def transform_points(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64
     Each entry is ((m0 x + m1 y) + m2 z) + m3 with every operation rounded once, so the result
     depends on neither the block size nor the CPU.
     """
-    rows = number_array("matrix", matrix)
+    rows = check.number_array("matrix", matrix)
     if rows.shape != (4, 4):
         raise ValueError(f"matrix must have shape (4, 4), got {rows.shape}")
-    source = unmasked_array("points", points)
+    source = check.unmasked_array("points", points)
     if source.dtype.kind not in "buif":
-        source = number_array("points", points)
+        source = check.number_array("points", points)
     if source.ndim != 2 or source.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {source.shape}")
     count = len(source)
@@ -839,9 +830,7 @@ def transform_points(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64
     return result
 
 
-def transform_instances(
-    matrices: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def transform_instances(matrices: Float64, points: Float64) -> Float64:
     """
     Multiply points by each of many affine matrices; the bits of `transform_points`.
 

@@ -30,6 +30,9 @@ MATRIX_SIZE = 16
 _NO_ARRAY = (TypeError, ValueError, OverflowError, MemoryError)
 """What NumPy raises about what it can make no array of."""
 
+ROWS = "an array of numbers", "rows of unequal length"
+"""What an argument of rows must be, and what it is if NumPy makes no array of it."""
+
 LONGEST_VALUE = 80
 """Characters of a value that a message shows."""
 
@@ -75,9 +78,13 @@ def _as_given(value: Any, number: float) -> int | float:
     return value if type(value) is int else number
 
 
-def unmasked_array(name: str, value: Any) -> NDArray[Any]:
+def unmasked_array(
+    name: str, value: Any, wanted: str = "an array", got: str | None = None
+) -> NDArray[Any]:
     """
     Return ``value`` as a NumPy array, of no subclass.
+
+    Errors say what it should be, ``wanted``, and what was given instead: the value, or ``got``.
 
     Raises
     ------
@@ -97,7 +104,8 @@ def unmasked_array(name: str, value: Any) -> NDArray[Any]:
     except _NO_ARRAY:
         if isinstance(value, np.ndarray):
             raise
-        raise ValueError(f"{name} must be an array, got {in_short(value)}") from None
+        shown = in_short(value) if got is None else got
+        raise ValueError(f"{name} must be {wanted}, got {shown}") from None
 
 
 def with_nan(value: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.validation import bounded_number
 
 
@@ -43,7 +43,7 @@ class Vignette:
 
     def __post_init__(self) -> None:
         for name in ("strength", "start"):
-            object.__setattr__(self, name, bounded_number(name, getattr(self, name), 0.0, 1.0))
+            store(self, **{name: bounded_number(name, getattr(self, name), 0.0, 1.0)})
 
     @property
     def is_neutral(self) -> bool:

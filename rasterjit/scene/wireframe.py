@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from rasterjit.scene.assigning import Converted, says_replace
-from rasterjit.scene.color import RGBA, ColorLike, linear_color
+from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.color import RGBA, ColorLike, rgba
 from rasterjit.scene.validation import one_of
 
 WireframeMode: TypeAlias = Literal["overlay", "only"]
@@ -44,4 +44,4 @@ class Wireframe:
 
     def __post_init__(self) -> None:
         one_of("mode", self.mode, WIREFRAME_MODES)
-        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+        store(self, color=rgba("color", self.color))
