@@ -39,16 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.lines import (
-    FRACTION_BITS,
-    HALF,
-    SHORT_STEPS,
-    color_gain,
-    draw_line,
-    entry_color,
-    gain_per_step,
-    seen_run,
-)
+from rasterjit.pipeline import lines
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import int32, int64, uint32
@@ -65,16 +56,16 @@ VECTOR = 16
 LANE_BITS = 24
 """Fraction bits of a channel in a chunk: with its 8 whole bits it fills ``uint32``."""
 
-LANE_ROUNDING = (1 << (FRACTION_BITS - LANE_BITS)) - 1
+LANE_ROUNDING = (1 << (lines.FRACTION_BITS - LANE_BITS)) - 1
 """Added before the surplus bits are cut off: rounds up."""
 
 MINOR_BITS = 23
 """Fraction bits of the minor coordinate in a chunk: it moves up to 128 pixels either way."""
 
-MINOR_ROUNDING = (1 << (FRACTION_BITS - MINOR_BITS)) - 1
+MINOR_ROUNDING = (1 << (lines.FRACTION_BITS - MINOR_BITS)) - 1
 """Added before the surplus bits are cut off: rounds up."""
 
-FRACTION_MASK = (1 << FRACTION_BITS) - 1
+FRACTION_MASK = (1 << lines.FRACTION_BITS) - 1
 """Keeps the fraction of a running number."""
 
 
@@ -164,13 +155,13 @@ def record_ends(records, line, top):
 @helper
 def is_short(ends):
     """Return whether a line has at most ``SHORT_STEPS`` steps."""
-    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= SHORT_STEPS
+    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= lines.SHORT_STEPS
 
 
 @helper
 def lane(value):
     """Return a running number with ``LANE_BITS`` fraction bits, rounded up, modulo 2**32."""
-    return np.uint32(((value + LANE_ROUNDING) >> (FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF)
+    return np.uint32(((value + LANE_ROUNDING) >> (lines.FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF)
 
 
 @helper
@@ -182,7 +173,7 @@ def lanes(color):
 @helper
 def minor_lane(value):
     """Return a running number with ``MINOR_BITS`` fraction bits, rounded up."""
-    return np.int32((value + MINOR_ROUNDING) >> (FRACTION_BITS - MINOR_BITS))
+    return np.int32((value + MINOR_ROUNDING) >> (lines.FRACTION_BITS - MINOR_BITS))
 
 
 @helper
@@ -235,14 +226,14 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
 
     ``colors`` and ``places`` are room for the pixels of one chunk.
     """
-    (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
-    reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
-    minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
-    gain = color_gain(start_color, end_color, steps, reciprocal)
+    (first, last, steps), strides, (minor_start, minor_end) = lines.seen_run(ends, width, height)
+    reciprocal = (1 << lines.FRACTION_BITS) // max(steps, 1)
+    minor_gain = lines.gain_per_step(minor_start, minor_end, steps, reciprocal)
+    gain = lines.color_gain(start_color, end_color, steps, reciprocal)
     gain_lanes = lanes(gain)
     # Enter the line at its first visible step; what the minor coordinate gains is told apart
-    minor = HALF + first * minor_gain
-    color = color_at(entry_color(start_color, end_color, 0, steps), gain, first)
+    minor = lines.HALF + first * minor_gain
+    color = color_at(lines.entry_color(start_color, end_color, 0, steps), gain, first)
     major_index, major_stride, minor_stride = strides
     for chunk in range(first, last + 1, CHUNK):
         count = min(last + 1 - chunk, CHUNK)
@@ -253,7 +244,7 @@ def draw_short_line(pixels, colors, places, width, height, ends, start_color, en
         fill_chunk(
             colors, places, filled, lanes(color), gain_lanes, fraction, lane_gain, steps_apart
         )
-        start = major_index + (minor_start + (minor >> FRACTION_BITS)) * minor_stride
+        start = major_index + (minor_start + (minor >> lines.FRACTION_BITS)) * minor_stride
         for k in range(count):
             pixels[np.uintp(start + np.int64(places[k]))] = colors[k]
         major_index += CHUNK * major_stride
@@ -328,5 +319,5 @@ def draw_long_lines(
         if is_short(ends):
             return number
         start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
-        draw_line(pixels, width, height, ends, start, end)
+        lines.draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

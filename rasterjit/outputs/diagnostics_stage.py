@@ -54,30 +54,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry.barycentric import seen_from_sample
-from rasterjit.pipeline.geometry.setup import (
-    CLIPPED,
-    FRUSTUM,
-    INVALID,
-    TILE_BITS,
-    TILE_SIZE,
-    corners_of,
-    edge,
-    whole_size,
-)
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.nearest import (
-    EMPTY,
-    NOTHING,
-    SCRATCH,
-    Drawing,
-    begin_tile,
-    clear_tile,
-    draw_some,
-    plan_listed,
-    tile_window,
-)
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.nearest import Drawing
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored, uint8
 
@@ -112,13 +94,13 @@ def take_samples(face, box, origin, tile, empty, frame, ties):
     for y in range(box[1], box[3] + 1):
         for x in range(box[0], box[2] + 1):
             row, column = y - origin[1], x - origin[0]
-            if numbers[row, column] == NOTHING:
+            if numbers[row, column] == nearest.NOTHING:
                 continue
             count += np.int32(1)
             if face_id[y, x] != face and frame_depth[y, x] == depths[row, column]:
                 ties[row, column] = 1
             depths[row, column] = empty
-            numbers[row, column] = NOTHING
+            numbers[row, column] = nearest.NOTHING
     return count
 
 
@@ -136,7 +118,7 @@ def count_and_clear(ties):
 @kernel
 def count_samples(
     tiles: int32[::1], starts: int64[::1], viewport: Viewport,
-    frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH, drawing: Drawing,
+    frame: (stored[:, ::1], int32[:, ::1]), scratch: nearest.SCRATCH, drawing: Drawing,
     ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
 ):  # fmt: skip
     """
@@ -159,18 +141,18 @@ def count_samples(
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
-    columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
+    depths, numbers, empty = scratch[0], scratch[1], scratch[nearest.EMPTY][0]
+    columns = (np.int64(viewport.width) + setup.TILE_SIZE - 1) >> setup.TILE_BITS
     whole = scratch[2]
-    clear_tile(depths, numbers, empty)
+    nearest.clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
-        window = tile_window(tile, columns, viewport)
+        window = nearest.tile_window(tile, columns, viewport)
         origin = window[0], window[1]
-        begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
+        nearest.begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
         for k in range(starts[tile], starts[tile + 1]):
-            plan_listed(drawing, k, 1)
-            draw_some(drawing, drawing.tile, 0, 1)
+            nearest.plan_listed(drawing, k, 1)
+            nearest.draw_some(drawing, drawing.tile, 0, 1)
             # The box of a wide triangle may begin left of the tile.
             left, top = max(np.int64(whole[LEFT, 0]), origin[0]), np.int64(whole[TOP, 0])
             box = left, top, np.int64(whole[RIGHT, 0]), np.int64(whole[BOTTOM, 0])
@@ -185,14 +167,14 @@ def greatest(ax, ay, bx, by, width, height):
     """Return the greatest value of an edge function over the image."""
     px = np.int64(0) if by > ay else width
     py = height if bx > ax else np.int64(0)
-    return edge(ax, ay, bx, by, px, py)
+    return setup.edge(ax, ay, bx, by, px, py)
 
 
 @helper
 def fate_of(corners, screen, viewport, turn, samples):
     """Return what became of one triangle that was set up, seen or not."""
     ax, ay, bx, by, cx, cy = corners_on_screen(corners, screen.xy)
-    area = edge(ax, ay, bx, by, cx, cy)
+    area = setup.edge(ax, ay, bx, by, cx, cy)
     if area == 0:
         return DEGENERATE
     if (area > 0 and turn > 0) or (area < 0 and turn < 0):
@@ -242,21 +224,21 @@ def find_fates(
     for face in range(face_count):
         while face >= objects.face_starts[owner + 1]:
             owner += 1
-        corners = corners_of(own, face)
+        corners = setup.corners_of(own, face)
         code0, code1, code2 = codes[corners[0]], codes[corners[1]], codes[corners[2]]
         any_code = code0 | code1 | code2
         turn = objects.culled_turns[owner]
-        if any_code & INVALID:
+        if any_code & setup.INVALID:
             fate = DROPPED
-        elif code0 & code1 & code2 & FRUSTUM:
+        elif code0 & code1 & code2 & setup.FRUSTUM:
             fate = OUTSIDE
-        elif not any_code & CLIPPED:
+        elif not any_code & setup.CLIPPED:
             fate = fate_of(corners, screen, viewport, turn, samples[face])
         else:
             is_left = piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face
             fate = DEGENERATE if is_left else OUTSIDE
             while piece < faces.pieces.shape[0] and faces.piece_faces[piece] == face:
-                corners = corners_of(faces.pieces, piece)
+                corners = setup.corners_of(faces.pieces, piece)
                 covered = samples[face_count + piece]
                 fate = max(fate, fate_of(corners, screen, viewport, turn, covered))
                 piece += 1
@@ -280,7 +262,7 @@ def segment_error(a, b, column, row, geometry):
     by at most 16 units of rounding of them.
     """
     clip = geometry.clip_positions
-    width, height = whole_size(geometry.viewport)
+    width, height = setup.whole_size(geometry.viewport)
     (u0, u1, _), (v0, v1, _) = seen_from_sample(
         a, b, b, column, row, clip, geometry.viewport
     )  # fmt: skip
@@ -355,8 +337,8 @@ def largest_error(
             face = face_id[row, column]
             if face < 0:
                 continue
-            a, b, c = corners_of(geometry.faces, face)
-            if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+            a, b, c = setup.corners_of(geometry.faces, face)
+            if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & setup.CLIPPED:
                 found = max(found, clipped_error(a, b, c, column, row, geometry))
             else:
                 found = max(found, UNCLIPPED)

@@ -18,12 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import (
-    find_object,
-    interpolate,
-    sample_weights,
-    share_along,
-)
+from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.jit import helper, kernel
@@ -52,9 +47,9 @@ def point_of(weights, a, b, c, positions):
     """Return the point of a face in model space."""
     p = positions
     return (
-        interpolate(weights, p[a, 0], p[b, 0], p[c, 0]),
-        interpolate(weights, p[a, 1], p[b, 1], p[c, 1]),
-        interpolate(weights, p[a, 2], p[b, 2], p[c, 2]),
+        barycentric.interpolate(weights, p[a, 0], p[b, 0], p[c, 0]),
+        barycentric.interpolate(weights, p[a, 1], p[b, 1], p[c, 1]),
+        barycentric.interpolate(weights, p[a, 2], p[b, 2], p[c, 2]),
     )
 
 
@@ -100,7 +95,7 @@ def plane_at(corners, owner, positions, matrices, x, y):
     if corners[1] == corners[2]:
         dx, dy = u1 * w0 - u0 * w1, v1 * w0 - v0 * w1
         first, second = u0 * dx + v0 * dy, u1 * dx + v1 * dy
-        t = share_along(first, second, w0, w1)
+        t = barycentric.share_along(first, second, w0, w1)
         return ((1.0 - t) * d0 + t * d1) / ((1.0 - t) * w0 + t * w1), 0.0, False
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     turn = b0 * w0 + b1 * w1 + b2 * w2
@@ -167,7 +162,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
             is_known, last = other == last, other
             if other < 0 or other == face or is_known:
                 continue
-            there = find_object(other, face_starts, owner)
+            there = barycentric.find_object(other, face_starts, owner)
             hiding = corners_of(faces, other)
             beside, _, covers = plane_at(hiding, there, positions, matrices, x, y)
             if covers and is_nearer(beside, depth):
@@ -176,7 +171,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     other = np.int64(face_id[row, column])
     if other < 0:
         return True
-    there = find_object(other, face_starts, owner)
+    there = barycentric.find_object(other, face_starts, owner)
     hiding = corners_of(faces, other)
     if there == owner and share_vertex(corners, hiding, positions):
         return True
@@ -219,9 +214,9 @@ def fill_motion(
             motion[row, column, 1] = np.nan
             if face < 0:
                 continue
-            owner = find_object(face, face_starts, owner)
+            owner = barycentric.find_object(face, face_starts, owner)
             a, b, c = corners_of(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
+            weights = barycentric.sample_weights(a, b, c, column, row, geometry)
             i, j, k = corners_of(before[2], face)
             x, y, deep = place_on_screen(point_of(weights, a, b, c, now[0]), owner, now[1])
             point = point_of(weights, i, j, k, before[0])
@@ -260,9 +255,9 @@ def fill_visible(
             visible[row, column] = 0
             if face < 0:
                 continue
-            owner = find_object(face, face_starts, owner)
+            owner = barycentric.find_object(face, face_starts, owner)
             a, b, c = corners_of(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
+            weights = barycentric.sample_weights(a, b, c, column, row, geometry)
             corners = corners_of(before[2], face)
             point = point_of(weights, corners[0], corners[1], corners[2], before[0])
             x, y, deep = place_on_screen(point, owner, before[1])

@@ -47,6 +47,27 @@ def part(rows: Any, number: Any, start: Any, stop: Any) -> Any:
     return rows[number, start:stop]
 
 
+@helper
+def three_parts(rows, first, start, stop):
+    """Return parts of three rows that follow each other."""
+    return (
+        part(rows, first, start, stop), part(rows, first + 1, start, stop),
+        part(rows, first + 2, start, stop),
+    )  # fmt: skip
+
+
+@helper
+def six_parts(rows, first, start, stop):
+    """Return parts of six rows that follow each other."""
+    return (*three_parts(rows, first, start, stop), *three_parts(rows, first + 3, start, stop))
+
+
+@helper
+def nine_parts(rows, first, start, stop):
+    """Return parts of nine rows that follow each other."""
+    return (*six_parts(rows, first, start, stop), *three_parts(rows, first + 6, start, stop))
+
+
 @intrinsic
 def copy_texels(texels: Any, first: Any, numbers: Any, colors: Any, n: Any) -> None:
     """Copy ``CHANNELS`` texels, in `HALVES` from a first one, to places ``n`` ... of four rows."""

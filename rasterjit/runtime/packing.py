@@ -13,36 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rasterjit.runtime.argument_plan import (
-    ARRAY,
-    ARRAY_TYPE,
-    AXES,
-    DATA,
-    DEPTH,
-    DESCR,
-    END,
-    EXPECTED,
-    FIRST,
-    FLAGS,
-    FLOAT64,
-    HEADER,
-    INSTRUCTION,
-    INT,
-    ITEMS,
-    KIND,
-    LENGTH,
-    NDIM,
-    OP,
-    ORDER_AND_NUMBER,
-    PATH,
-    READ_INT,
-    RECORD,
-    SHAPE,
-    STRIDED,
-    STRIDES,
-    WANTED_FLAGS,
-    plan_of,
-)
+from rasterjit.runtime import argument_plan
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
 from rasterjit.runtime.jit import helper, pack_with, raw_kernel
 from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, pack_slowly
@@ -59,12 +30,13 @@ def copy_words(source, count, target):
 @helper
 def is_array(thing, header, at):
     """Tell whether an array, behind its header, is of the expected type, axes and layout."""
-    word = load_int64(load_int64(thing + DESCR) + header + KIND)
-    flags = load_int64(at + WANTED_FLAGS)
+    word = load_int64(load_int64(thing + argument_plan.DESCR) + header + argument_plan.KIND)
+    flags = load_int64(at + argument_plan.WANTED_FLAGS)
     return (
-        (word & np.int64(np.uint64(ORDER_AND_NUMBER))) == load_int64(at + EXPECTED)
-        and np.int64(load_int32(thing + NDIM)) == load_int64(at + AXES)
-        and (np.int64(load_int32(thing + FLAGS)) & flags) == flags
+        (word & np.int64(np.uint64(argument_plan.ORDER_AND_NUMBER)))
+        == load_int64(at + argument_plan.EXPECTED)
+        and np.int64(load_int32(thing + argument_plan.NDIM)) == load_int64(at + argument_plan.AXES)
+        and (np.int64(load_int32(thing + argument_plan.FLAGS)) & flags) == flags
     )
 
 
@@ -88,44 +60,49 @@ def pack(arguments, plan, state):
     int
         0, or the number, from 1 on, of the first instruction that found something unexpected.
     """
-    array_type, read_int = load_int64(plan + ARRAY_TYPE), load_int64(plan + READ_INT)
-    header, items = load_int64(plan + HEADER), load_int64(plan + ITEMS)
-    at, out, number = plan + FIRST, state, np.int64(1)
-    if load_int64(arguments + header) != load_int64(plan + LENGTH):
+    array_type, read_int = (
+        load_int64(plan + argument_plan.ARRAY_TYPE),
+        load_int64(plan + argument_plan.READ_INT),
+    )
+    header, items = load_int64(plan + argument_plan.HEADER), load_int64(plan + argument_plan.ITEMS)
+    at, out, number = plan + argument_plan.FIRST, state, np.int64(1)
+    if load_int64(arguments + header) != load_int64(plan + argument_plan.LENGTH):
         return number
-    op = load_int64(at + OP)
-    while op != END:
+    op = load_int64(at + argument_plan.OP)
+    while op != argument_plan.END:
         thing = arguments
-        for k in range(load_int64(at + DEPTH)):
-            thing = load_int64(thing + items + WORD * load_int64(at + PATH + WORD * k))
+        for k in range(load_int64(at + argument_plan.DEPTH)):
+            thing = load_int64(
+                thing + items + WORD * load_int64(at + argument_plan.PATH + WORD * k)
+            )
         body = thing + header
-        kind, expected = load_int64(body - WORD), load_int64(at + EXPECTED)
-        if op == ARRAY:
+        kind, expected = load_int64(body - WORD), load_int64(at + argument_plan.EXPECTED)
+        if op == argument_plan.ARRAY:
             if kind != array_type or not is_array(body, header, at):
                 return number
-            axes = load_int64(at + AXES)
-            store_int64(out, load_int64(body + DATA))
-            out = copy_words(load_int64(body + SHAPE), axes, out + WORD)
-            if load_int64(at + STRIDED):
-                out = copy_words(load_int64(body + STRIDES), axes, out)
-        elif op == INT:
-            if kind != expected and kind != load_int64(at + AXES):
+            axes = load_int64(at + argument_plan.AXES)
+            store_int64(out, load_int64(body + argument_plan.DATA))
+            out = copy_words(load_int64(body + argument_plan.SHAPE), axes, out + WORD)
+            if load_int64(at + argument_plan.STRIDED):
+                out = copy_words(load_int64(body + argument_plan.STRIDES), axes, out)
+        elif op == argument_plan.INT:
+            if kind != expected and kind != load_int64(at + argument_plan.AXES):
                 return number
             store_int64(out, call_at(read_int, thing, 0, 0))
             out += WORD
-        elif op == RECORD:
-            if kind != expected or load_int64(body) != load_int64(at + AXES):
+        elif op == argument_plan.RECORD:
+            if kind != expected or load_int64(body) != load_int64(at + argument_plan.AXES):
                 return number
         else:
-            if kind != expected and kind != load_int64(at + AXES):
+            if kind != expected and kind != load_int64(at + argument_plan.AXES):
                 return number
-            if op == FLOAT64:
+            if op == argument_plan.FLOAT64:
                 store_int64(out, load_int64(body))
             else:
                 store_int64(out, np.int64(load_int32(body)))
             out += WORD
-        at, number = at + INSTRUCTION, number + 1
-        op = load_int64(at + OP)
+        at, number = at + argument_plan.INSTRUCTION, number + 1
+        op = load_int64(at + argument_plan.OP)
     return np.int64(0)
 
 
@@ -137,7 +114,7 @@ def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
     parts = ArrayType("float32", 3, False), inner, number("int64"), number("int64")
     kind = RecordType(tuple, parts)
-    plan = plan_of(kind)
+    plan = argument_plan.plan_of(kind)
     block = (ctypes.c_int64 * 16)()
     if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
         return False

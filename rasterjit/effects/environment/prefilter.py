@@ -23,14 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.effects.environment import prefilter_stage
-from rasterjit.effects.environment.stage import (
-    IRRADIANCE_TERMS,
-    ROUGH_LEVELS,
-    EnvironmentRecord,
-    Irradiance,
-    Reflections,
-)
+from rasterjit.effects.environment import prefilter_stage, stage
+from rasterjit.effects.environment.stage import EnvironmentRecord, Irradiance, Reflections
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.environment import Environment, Panorama, SkyGradient
 from rasterjit.scene.transforms import sine_cosine
@@ -75,7 +69,7 @@ BRIGHT, LEAST_FLUX = 4.0, 0.004
 light. What is smaller stays in the harmonics, which are off by a sixteenth of its light."""
 
 NO_LIGHT = Irradiance(
-    np.zeros((IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),
+    np.zeros((stage.IRRADIANCE_TERMS, 3), np.float32), np.zeros((0, 3), np.float32),
     np.zeros((0, 6), np.float32),
 )  # fmt: skip
 """Of an environment that is only seen."""
@@ -173,7 +167,7 @@ def _gradient_irradiance(sky: SkyGradient) -> Irradiance:
     """
     zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
     up, down = zenith - horizon, ground - horizon
-    terms = np.zeros((IRRADIANCE_TERMS, 3))
+    terms = np.zeros((stage.IRRADIANCE_TERMS, 3))
     terms[0] = horizon + (up + down) / 4.0
     terms[2] = (up - down) / 3.0
     terms[7] = (up + down) * (5.0 / 128.0)
@@ -288,7 +282,7 @@ def _project(
     fourth = _legendre_sum(top, FOURTH) - _legendre_sum(bottom, FOURTH)
     sixth = _legendre_sum(top, SIXTH) - _legendre_sum(bottom, SIXTH)
     y, s, area = _latitudes(height)
-    terms, bands = np.empty((IRRADIANCE_TERMS, 3)), np.empty((2, 3))
+    terms, bands = np.empty((stage.IRRADIANCE_TERMS, 3)), np.empty((2, 3))
     for k in range(3):
         prefilter_stage.project_rows(writable(channels[k]), cosines, sines, sums)
         # What each texel of a row stands for: a share of the row's area, over 4 pi.
@@ -339,7 +333,7 @@ def _reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
         image = copies[width] = _scaled(image, width)
         width //= 2
     texels, levels, first = [], [], 0
-    for level in range(1, ROUGH_LEVELS + 1):
+    for level in range(1, stage.ROUGH_LEVELS + 1):
         filtered = _filtered(copies, level, workers)
         height, width = filtered.shape[:2]
         texels.append(filtered.reshape(-1, 3))
@@ -361,7 +355,7 @@ def _filtered(
     copies: dict[int, NDArray[np.float32]], level: int, workers: Workers
 ) -> NDArray[np.float32]:
     """Return the picture that a surface of one degree of roughness mirrors, (H, W, 3)."""
-    alpha = math.ldexp(1.0, level - ROUGH_LEVELS)
+    alpha = math.ldexp(1.0, level - stage.ROUGH_LEVELS)
     finest = min(max(round(TEXELS_AROUND / alpha), NARROWEST), max(copies))
     width = min(finest, WIDEST_LEVEL)
     height = width // 2

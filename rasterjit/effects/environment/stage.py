@@ -36,15 +36,9 @@ import numpy as np
 
 from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
+from rasterjit.pipeline.lighting import pbr
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.light_stages import three_rows
-from rasterjit.pipeline.lighting.pbr import (
-    DIELECTRIC,
-    bounces,
-    is_any_above_zero,
-    reflected_shares,
-    show_on_facets,
-)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, log2
@@ -336,7 +330,7 @@ def shares_of_channel(base, metallic, dielectric, shares):
     A mix of a metal, which only reflects, and a dielectric, whose rest is diffuse. Multiple
     scattering is in the second.
     """
-    once, often = bounces(base, shares)
+    once, often = pbr.bounces(base, shares)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
     return (
         dielectric[0] + metallic * (once - dielectric[0]),
@@ -425,8 +419,8 @@ def add_mirrored(
     """Write what is seen of one channel in place of what is mirrored, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(out.shape[0]):
-        shares = reflected_shares(facing[i], clamped(roughness[i], zero, one))
-        dielectric = bounces(DIELECTRIC, shares)
+        shares = pbr.reflected_shares(facing[i], clamped(roughness[i], zero, one))
+        dielectric = pbr.bounces(pbr.DIELECTRIC, shares)
         metal = clamped(metallic[i], zero, one)
         direct, around = shares_of_channel(base[i], metal, dielectric, shares)
         arriving = microfacet[i] * intensity * occlusion[i]
@@ -448,7 +442,7 @@ def shed_light(block: Block, count, irradiance: Irradiance, turn: float32[::1], 
         As ``EnvironmentRecord`` has them.
     """
     s = block.samples
-    if is_any_above_zero(s[rows.LIT, :count]):
+    if pbr.is_any_above_zero(s[rows.LIT, :count]):
         light = three_rows(block.colors, FALLING, count)
         find_irradiance(irradiance, turn, *three_rows(s, rows.NORMAL_X, count), *light)
         add_irradiance(
@@ -476,7 +470,7 @@ def mirror_environment(
     """
     s, r, c = block.samples, block.single, block.colors
     microfacet = part(s, rows.MICROFACET, 0, count)
-    if not is_any_above_zero(microfacet):
+    if not pbr.is_any_above_zero(microfacet):
         return
     normals, roughness = three_rows(s, rows.NORMAL_X, count), part(s, rows.ROUGHNESS, 0, count)
     x, y, z = (
@@ -504,7 +498,7 @@ def mirror_environment(
             part(s, rows.METALLIC, 0, count), roughness, microfacet, facing,
             part(s, rows.RED + k, 0, count), mirrored, out,
         )  # fmt: skip
-        show_on_facets(mirrored, microfacet, out)
+        pbr.show_on_facets(mirrored, microfacet, out)
 
 
 @helper

@@ -29,8 +29,6 @@ from rasterjit.pipeline.surface.samples import (
     MOVED,
     NORMAL,
     NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
     OWNER,
     PATCHES,
     POINT,
@@ -43,7 +41,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import LANES, part, spread
+from rasterjit.runtime.intrinsics import LANES, nine_parts, part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
 
@@ -126,12 +124,8 @@ def find_receivers(
         owner, s = np.uintp(segment[OWNER]), np.int64(segment[START])
         e = s + whole_vectors(segment[STOP] - s)
         place_rows(
-            part(r, POINT, s, e), part(r, POINT + 1, s, e), part(r, POINT + 2, s, e),
-            part(r, NORMAL, s, e), part(r, NORMAL + 1, s, e), part(r, NORMAL + 2, s, e),
-            part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e), part(rows, 3, s, e),
-            part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e), part(rows, 7, s, e),
-            part(rows, 8, s, e), part(w, 0, s, e), part(w, 1, s, e), matrix_of(m, owner),
-            (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
+            *six_parts(r, POINT, s, e), *nine_parts(rows, 0, s, e), part(w, 0, s, e),
+            part(w, 1, s, e), matrix_of(m, owner), (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
 
@@ -233,9 +227,7 @@ def move_turned(
         return
     s, r, w, corners, bent = block.samples, block.receivers, block.weights, block.real, block.single
     found = find_turned(
-        light, part(r, POINT, 0, count), part(r, POINT + 1, 0, count), part(r, POINT + 2, 0, count),
-        part(r, NORMAL, 0, count), part(r, NORMAL + 1, 0, count), part(r, NORMAL + 2, 0, count),
-        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
+        light, *six_parts(r, POINT, 0, count), *three_parts(s, NORMAL_X, 0, count),
         part(s, TURNED, 0, count),
     )  # fmt: skip
     if found == 0:
@@ -249,22 +241,14 @@ def move_turned(
         a = np.int64(segment[START])
         e = a + whole_vectors(segment[STOP] - a)
         bulge_rows(
-            part(corners, 0, a, e), part(corners, 1, a, e), part(corners, 2, a, e),
-            part(corners, 3, a, e), part(corners, 4, a, e), part(corners, 5, a, e),
-            part(corners, 6, a, e), part(corners, 7, a, e), part(corners, 8, a, e),
-            part(bent, 0, a, e), part(bent, 1, a, e), part(bent, 2, a, e), part(bent, 3, a, e),
-            part(bent, 4, a, e), part(bent, 5, a, e), part(bent, 6, a, e), part(bent, 7, a, e),
-            part(bent, 8, a, e), part(w, 0, a, e), part(w, 1, a, e),
-            matrix_of(relative_from_model, np.uintp(segment[OWNER])), part(r, POINT, a, e),
-            part(r, POINT + 1, a, e), part(r, POINT + 2, a, e), part(s, NORMAL_X, a, e),
-            part(s, NORMAL_Y, a, e), part(s, NORMAL_Z, a, e), part(s, TURNED, a, e),
-            part(r, MOVED, a, e), part(r, MOVED + 1, a, e), part(r, MOVED + 2, a, e),
+            *nine_parts(corners, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
+            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[OWNER])),
+            *three_parts(r, POINT, a, e), *three_parts(s, NORMAL_X, a, e), part(s, TURNED, a, e),
+            *three_parts(r, MOVED, a, e),
         )  # fmt: skip
     choose_normals(
-        part(r, NORMAL, 0, count), part(r, NORMAL + 1, 0, count), part(r, NORMAL + 2, 0, count),
-        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
-        part(s, TURNED, 0, count), part(r, AWAY, 0, count), part(r, AWAY + 1, 0, count),
-        part(r, AWAY + 2, 0, count),
+        *three_parts(r, NORMAL, 0, count), *three_parts(s, NORMAL_X, 0, count),
+        part(s, TURNED, 0, count), *three_parts(r, AWAY, 0, count),
     )  # fmt: skip
 
 

@@ -28,19 +28,16 @@ from rasterjit.effects.shadows.contacts import SNAPPING, close_contacts
 from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
 from rasterjit.pipeline.surface.samples import (
     ACROSS,
-    BIAS,
     DOWN,
     FOUND,
     IS_LIT,
-    MAP_DEPTH,
     MAP_U,
-    MAP_V,
     NEARER,
     SHADOW,
     Block,
 )
 from rasterjit.runtime.float_math import clamped
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, six_parts, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64
 
@@ -192,12 +189,7 @@ def place_on_map(block: Block, count, point: int64, row: float64[::1]):
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    map_rows(
-        part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count), part(r, 3, 0, count),
-        part(r, 4, 0, count), part(r, 5, 0, count), row, part(s, MAP_U, 0, count),
-        part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count), part(s, ACROSS, 0, count),
-        part(s, DOWN, 0, count), part(s, BIAS, 0, count),
-    )  # fmt: skip
+    map_rows(*six_parts(r, 0, 0, count), row, *six_parts(s, MAP_U, 0, count))
 
 
 @stage
@@ -206,12 +198,7 @@ def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: in
     if block.counts[IS_LIT] == 0:
         return
     s, r = block.samples, block.receivers[point:]
-    map_cube_rows(
-        part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count), part(r, 3, 0, count),
-        part(r, 4, 0, count), part(r, 5, 0, count), row, size, part(s, MAP_U, 0, count),
-        part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count), part(s, ACROSS, 0, count),
-        part(s, DOWN, 0, count), part(s, BIAS, 0, count),
-    )  # fmt: skip
+    map_cube_rows(*six_parts(r, 0, 0, count), row, size, *six_parts(s, MAP_U, 0, count))
 
 
 @helper
@@ -220,9 +207,8 @@ def close_all_contacts(s, count, texels, size, sides):
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
-            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
-            part(s, FOUND, a, e), part(s, SHADOW, a, e),
+            *three_parts(s, MAP_U, a, e), part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size,
+            np.float32(sides), part(s, FOUND, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
 
 
@@ -250,10 +236,8 @@ def filter_hard(
         return
     s = block.samples
     read_hard(
-        part(s, MAP_U, 0, count), part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count),
-        part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
-        np.float32(sides), part(s, SHADOW, 0, count),
-    )  # fmt: skip
+        *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
+    )
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
@@ -266,10 +250,8 @@ def filter_pcf(
         return
     s = block.samples
     read_pcf(
-        part(s, MAP_U, 0, count), part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count),
-        part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
-        np.float32(sides), part(s, SHADOW, 0, count),
-    )  # fmt: skip
+        *six_parts(s, MAP_U, 0, count), texels, size, np.float32(sides), part(s, SHADOW, 0, count)
+    )
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
@@ -298,10 +280,8 @@ def filter_soft(
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         read_soft(
-            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-            part(s, ACROSS, a, e), part(s, DOWN, a, e), part(s, BIAS, a, e), texels, size,
-            np.float32(sides), widening, highest, pattern, spiral, part(s, FOUND, a, e),
-            part(s, NEARER, a, e), part(s, SHADOW, a, e),
+            *six_parts(s, MAP_U, a, e), texels, size, np.float32(sides), widening, highest, pattern,
+            spiral, part(s, FOUND, a, e), part(s, NEARER, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
     close_all_contacts(s, count * is_of_faces, texels, size, sides)
 

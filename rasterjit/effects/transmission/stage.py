@@ -26,14 +26,7 @@ from rasterjit.pipeline.lighting.pbr import bounces, reflected_shares
 from rasterjit.pipeline.records import EDGE, INSIDE, IOR, MIRRORED, PER_DISTANCE
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.layers import MIST_RED
-from rasterjit.pipeline.surface.samples import (
-    INTERVAL_FRAME_ROW,
-    INTERVALS,
-    THICKNESS,
-    TINT_RED,
-    TRANSMITTED,
-    Block,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, log2, power
 from rasterjit.runtime.jit import helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -71,13 +64,13 @@ def hold_back(block: Block, count, amount: float32):
     for i in range(count):
         # A metal lets nothing through; its base colour is that of what it mirrors.
         metal = clamped(s[rows.METALLIC, i], zero, one)
-        share = s[TRANSMITTED, i] * (one - metal)
+        share = s[rows.TRANSMITTED, i] * (one - metal)
         share = amount * clamped(share * s[rows.MICROFACET, i], zero, one)
         if share > zero:
             s[rows.METALLIC, i] = metal / max(one - share, metal) if metal > zero else zero
         for k in range(3):
             base = s[rows.RED + k, i]
-            s[TINT_RED + k, i] = share * base
+            s[rows.TINT_RED + k, i] = share * base
             s[rows.RED + k, i] = base * (one - share)
 
 
@@ -137,7 +130,7 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
         np.float64(s[rows.NORMAL_Z, i]),
     )  # fmt: skip
     ior = np.float64(factors[owner, IOR])
-    length = np.float64(s[THICKNESS, i]) * scale
+    length = np.float64(s[rows.THICKNESS, i]) * scale
     right, down = 0.0, 0.0
     if length > 0.0 and ior != 1.0:
         dx, dy, dz = refracted(normal, toward, ior)
@@ -159,7 +152,7 @@ def look_through(block, i, factors, owner, scale, clip, size, viewer, levels_of_
     distance = np.float32(length) * factors[owner, PER_DISTANCE]
     for k in range(3):
         left = power_of(factors[owner, INSIDE + k], distance) if distance > zero else one
-        s[TINT_RED + k, i] *= kept * left
+        s[rows.TINT_RED + k, i] *= kept * left
 
 
 @helper
@@ -211,7 +204,7 @@ def add_seen(block, i, column, row, texels, levels):
         if share > np.float32(0.0):
             seen += share * (mixed_texels(texels, far, k) - seen)
         seen = max(np.float32(0.0), seen - s[MIST_RED + k, i])
-        s[rows.OUT_RED + k, i] += s[TINT_RED + k, i] * seen
+        s[rows.OUT_RED + k, i] += s[rows.TINT_RED + k, i] * seen
 
 
 @stage
@@ -252,15 +245,19 @@ def transmit(
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
         for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
-            if s[TINT_RED, n] + s[TINT_RED + 1, n] + s[TINT_RED + 2, n] > np.float32(0.0):
+            if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
+                0.0
+            ):
                 look_through(
                     block, n, factors, owner, scales[owner], clip, size, toward_viewer, steps
                 )
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[rows.INTERVALS]):
         _, column, start, stop = interval_of(block, k)
-        row = np.int64(block.intervals[k, INTERVAL_FRAME_ROW]) + corner[1]
+        row = np.int64(block.intervals[k, rows.INTERVAL_FRAME_ROW]) + corner[1]
         for n in range(start, stop):
-            if s[TINT_RED, n] + s[TINT_RED + 1, n] + s[TINT_RED + 2, n] > np.float32(0.0):
+            if s[rows.TINT_RED, n] + s[rows.TINT_RED + 1, n] + s[rows.TINT_RED + 2, n] > np.float32(
+                0.0
+            ):
                 add_seen(block, n, column + corner[0] + n - start, row, texels, levels)
 
 

@@ -36,26 +36,9 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     TOP,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
-from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.alpha_test import (
-    AlphaTest,
-    Holes,
-    Question,
-    is_hole,
-)
-from rasterjit.pipeline.visibility.nearest import (
-    EMPTY,
-    NOTHING,
-    SCRATCH,
-    Drawing,
-    TileDrawer,
-    begin_tile,
-    clear_tile,
-    draw_list,
-    draw_some,
-    plan_listed,
-    tile_window,
-)
+from rasterjit.pipeline.visibility import alpha_test, nearest
+from rasterjit.pipeline.visibility.alpha_test import AlphaTest, Holes, Question
+from rasterjit.pipeline.visibility.nearest import Drawing, TileDrawer
 from rasterjit.pipeline.visibility.point_coverage import put
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, stored, uint8
@@ -158,7 +141,7 @@ def clear_layer(layers, empty, sample, level, left, right):
         for i in range(depth_row.shape[0]):
             depth_row[i] = empty
         for i in range(face_row.shape[0]):
-            face_row[i] = NOTHING
+            face_row[i] = nearest.NOTHING
 
 
 @helper
@@ -202,12 +185,12 @@ def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
 
     Returns how many layers are in use.
     """
-    whole, empty, used = scratch[2], scratch[EMPTY][0], np.int64(0)
+    whole, empty, used = scratch[2], scratch[nearest.EMPTY][0], np.int64(0)
     for begin in range(first, end, BATCH):
         count = min(BATCH, end - begin)
-        plan_listed(drawing, begin, count)
+        nearest.plan_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
-            draw_some(drawing, spare.draw, n, n + np.uintp(1))
+            nearest.draw_some(drawing, spare.draw, n, n + np.uintp(1))
             used = insert_triangle(
                 n, whole, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
                 used, (spare.carried_depths, spare.carried_faces),
@@ -301,7 +284,7 @@ def find_layers(
     points: (stored[:, ::1], int32[:, ::1]), viewport: Viewport, shifts: int32[:, ::1],
     opaque: int32[:, :, ::1], first_depth: stored[:, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
+    scratch: nearest.SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones in front of it, for some rows of the frame.
@@ -337,17 +320,17 @@ def find_layers(
     """
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare.counts, scratch[EMPTY][0]
+    counts, empty = spare.counts, scratch[nearest.EMPTY][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
             tile = (rows[0] >> TILE_BITS) * columns + column
-            left, _, right, _ = tile_window(tile, columns, viewport)
+            left, _, right, _ = nearest.tile_window(tile, columns, viewport)
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
-            clear_tile(scratch[0], scratch[1], empty)
-            begin_tile(drawing, window, viewport.grid_bits, shift, empty)
+            nearest.clear_tile(scratch[0], scratch[1], empty)
+            nearest.begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
-            draw_list(start, middle, scratch, drawing, holes)
+            nearest.draw_list(start, middle, scratch, drawing, holes)
             put_points(points, window, scratch)
             used[sample, column] = 0
             if middle < stop:
@@ -397,7 +380,7 @@ def drop_holes(
             for level in range(levels):
                 face = np.int64(faces[level, row, column])
                 kept[level, row, column] = level
-                if face < 0 or is_hole(face, column, first_row + row, question):
+                if face < 0 or alpha_test.is_hole(face, column, first_row + row, question):
                     continue
                 faces[count, row, column] = face
                 kept[count, row, column] = level

@@ -18,21 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import (
-    BOTTOM,
-    FAR,
-    GUARD,
-    INVALID,
-    LARGEST_COORDINATE,
-    LEFT,
-    NEAR,
-    RIGHT,
-    TOP,
-    last_at_most,
-    whole_size,
-)
+from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import ScreenVertices, Viewport
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, real
 
@@ -54,7 +42,7 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the scratch memory of this file's kernels, for float64 or float32 arithmetic."""
     kind = np.dtype(precision)
-    largest = LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
+    largest = setup.LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
     return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
 
 
@@ -65,21 +53,21 @@ def outcode(x, y, z, w, guard_x, guard_y, largest):
         (abs(x) <= largest) & (abs(y) <= largest) & (abs(z) <= largest) & (abs(w) <= largest)
     )  # fmt: skip
     inside = (w > 0.0) & (abs(x) <= guard_x * w) & (abs(y) <= guard_y * w)
-    code = np.int32(LEFT) if x < -w else np.int32(0)
-    code |= np.int32(RIGHT) if x > w else np.int32(0)
-    code |= np.int32(BOTTOM) if y < -w else np.int32(0)
-    code |= np.int32(TOP) if y > w else np.int32(0)
-    code |= np.int32(NEAR) if z < -w else np.int32(0)
-    code |= np.int32(FAR) if z > w else np.int32(0)
-    code |= np.int32(0) if inside else np.int32(GUARD)
-    return code if valid else np.int32(INVALID)
+    code = np.int32(setup.LEFT) if x < -w else np.int32(0)
+    code |= np.int32(setup.RIGHT) if x > w else np.int32(0)
+    code |= np.int32(setup.BOTTOM) if y < -w else np.int32(0)
+    code |= np.int32(setup.TOP) if y > w else np.int32(0)
+    code |= np.int32(setup.NEAR) if z < -w else np.int32(0)
+    code |= np.int32(setup.FAR) if z > w else np.int32(0)
+    code |= np.int32(0) if inside else np.int32(setup.GUARD)
+    return code if valid else np.int32(setup.INVALID)
 
 
 @helper
 def extents_of(rows, viewport):
     """Return 1, and half the width and height of the whole picture, pixels, in the rows' type."""
     kind = rows.dtype.type
-    width, height = whole_size(viewport)
+    width, height = setup.whole_size(viewport)
     return kind(1.0), kind(0.5 * width), kind(0.5 * height)
 
 
@@ -161,7 +149,7 @@ def load_relative(positions, first, stop, objects, owner, numbers):
         end = min(stop, vertex_starts[np.uintp(owner + 1)])
         matrix = relative_from_model[np.uintp(owner)]
         some, i, j = positions[start:end], start - first, end - first
-        x, y, z = part(numbers, X, i, j), part(numbers, Y, i, j), part(numbers, Z, i, j)
+        x, y, z = three_parts(numbers, X, i, j)
         if only_moves(matrix):
             load_moved(some, matrix, x, y, z)
         else:
@@ -199,7 +187,7 @@ def project_rows(
     for i in range(x.shape[0]):
         code = outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
         # Divide without a branch: vertices that must not be divided get the image's centre.
-        away = (code & np.int32(GUARD | INVALID)) != 0
+        away = (code & np.int32(setup.GUARD | setup.INVALID)) != 0
         divisor = one if away else w[i]
         ndc_x = (zero if away else x[i]) / divisor
         ndc_y = (zero if away else y[i]) / divisor
@@ -229,10 +217,9 @@ def project_block(first, count, depth_coefficients, viewport, screen, scratch):
     """Take a block from clip space to the screen; return the bits set in any outcode."""
     numbers, whole, largest = scratch
     project_rows(
-        depth_coefficients, viewport, largest[0], part(numbers, X, 0, count),
-        part(numbers, Y, 0, count), part(numbers, Z, 0, count), part(numbers, W, 0, count),
-        part(numbers, DEPTH, 0, count), part(whole, SNAPPED_X, 0, count),
-        part(whole, SNAPPED_Y, 0, count), part(whole, CODE, 0, count),
+        depth_coefficients, viewport, largest[0], *three_parts(numbers, X, 0, count),
+        part(numbers, W, 0, count), part(numbers, DEPTH, 0, count),
+        *three_parts(whole, SNAPPED_X, 0, count),
     )  # fmt: skip
     return put_rows(first, count, numbers, whole, screen)
 
@@ -242,9 +229,8 @@ def transform_block(first, count, positions, objects, owner, clip_from_relative,
     """Take a block from model space to clip space; return the owner of its last vertex."""
     owner = load_relative(positions, first, first + count, objects, owner, numbers)
     transform_rows(
-        clip_from_relative, part(numbers, X, 0, count), part(numbers, Y, 0, count),
-        part(numbers, Z, 0, count), part(numbers, W, 0, count),
-    )  # fmt: skip
+        clip_from_relative, *three_parts(numbers, X, 0, count), part(numbers, W, 0, count)
+    )
     return owner
 
 
@@ -281,7 +267,7 @@ def transform_vertices(
         The bits set in any of the outcodes.
     """
     seen = np.int32(0)
-    owner = last_at_most(objects[0], vertices[0])
+    owner = setup.last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         owner = transform_block(
@@ -308,7 +294,7 @@ def transform_positions(
         Writes the rows of these vertices.
     """
     numbers = scratch[0]
-    owner = last_at_most(objects[0], vertices[0])
+    owner = setup.last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         owner = transform_block(

@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
-from rasterjit.runtime.intrinsics import copy_pair, part
+from rasterjit.runtime.intrinsics import copy_pair, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, uint8
 
@@ -396,11 +396,7 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
 @helper
 def gather_corners(own, first, count, xy, batch):
     """Gather the corners of consecutive faces."""
-    va, vb, vc = (
-        part(batch, 0, 0, 2 * count),
-        part(batch, 1, 0, 2 * count),
-        part(batch, 2, 0, 2 * count),
-    )
+    va, vb, vc = three_parts(batch, 0, 0, 2 * count)
     for n in range(count):
         i, face = np.uintp(n), np.uintp(first + n)
         a, b, c = corners_of(own, face)
@@ -536,13 +532,9 @@ def set_up_triangles(
         gather_corners(own, first, count, screen.xy, batch)
         if seen != 0:
             gather_codes(own, first, count, screen.codes, batch)
-        find_turns(
-            part(batch, 0, 0, 2 * count), part(batch, 1, 0, 2 * count),
-            part(batch, 2, 0, 2 * count), part(batch, 4, 0, count),
-        )  # fmt: skip
+        find_turns(*three_parts(batch, 0, 0, 2 * count), part(batch, 4, 0, count))
         tally = survey_faces(
-            part(batch, 0, 0, 2 * count), part(batch, 1, 0, 2 * count),
-            part(batch, 2, 0, 2 * count), part(batch, 3, 0, count), viewport, turn,
+            *three_parts(batch, 0, 0, 2 * count), part(batch, 3, 0, count), viewport, turn,
             part(batch, 4, 0, count), part(batch, 5, 0, count),
         )  # fmt: skip
         for outcome in range(SURVIVES):

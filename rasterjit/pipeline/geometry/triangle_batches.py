@@ -15,15 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry.setup import (
-    first_sample,
-    last_sample,
-    narrow_edge,
-    pixel_of,
-    triangle_of,
-)
+from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, ScreenVertices
-from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part
+from rasterjit.runtime.intrinsics import copy_pair, enclose, fetch, flat, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64
 
@@ -135,7 +129,7 @@ def gather_triangles(listed, faces, screen, whole, real):
     own, pieces, piece_faces = faces
     xy, depth, row, depths = screen.xy, screen.depth, flat(whole), flat(real)
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), face = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         row[at(FACE, n)] = face
         copy_pair(xy, a, row, np.uintp(PAIRS_A // 2) + n)
         copy_pair(xy, b, row, np.uintp(PAIRS_B // 2) + n)
@@ -149,7 +143,7 @@ def fetch_corners(listed, faces, depth, corners):
     """Look up the vertex numbers of listed triangles, and prefetch the vertices."""
     own, pieces, piece_faces = faces
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
@@ -172,7 +166,7 @@ def enclose_listed(listed, faces, screen, least, most, nearest):
     own, pieces, piece_faces = faces
     xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         enclose(xy, a, b, c, least, most, n)
         nearest[n] = max(depth[a], max(depth[b], depth[c]))
 
@@ -194,7 +188,7 @@ def fetch_triangles(listed, faces, depth, end):
     """
     own, pieces, piece_faces = faces
     for n in range(min(end, np.int64(BATCH))):
-        (a, b, c), _ = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        (a, b, c), _ = setup.triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         fetch(depth, a)
         fetch(depth, b)
         fetch(depth, c)
@@ -229,7 +223,7 @@ def turn_triangles(pairs, shift, ax, ay, bx, by, cx, cy, da, db, dc):
         bx0, by0 = moved_pair(pairs, np.uintp(PAIRS_B) + k, shift)
         cx0, cy0 = moved_pair(pairs, np.uintp(PAIRS_C) + k, shift)
         d0, db0, dc0 = da[n], db[n], dc[n]
-        is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
+        is_turned = setup.narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
             cx0 if is_turned else bx0,
             cy0 if is_turned else by0,
@@ -262,21 +256,21 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
     ``SMALL_PIXELS`` are cut at the block of columns that holds it, which may begin left of it.
     """
     for n in range(ax.shape[0]):
-        first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)
-        last = last_sample(max(ax[n], max(bx[n], cx[n])), bits)
+        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
+        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
         is_wide = last - first >= SMALL_PIXELS
         wide[n] = is_wide
         left[n] = max(first, (window[0] >> BLOCK_BITS) << BLOCK_BITS if is_wide else window[0])
-        top[n] = max(first_sample(ay[n], bits), window[1])
+        top[n] = max(setup.first_sample(ay[n], bits), window[1])
         right[n] = min(last, window[2])
-        bottom[n] = min(last_sample(max(by[n], cy[n]), bits), window[3])
+        bottom[n] = min(setup.last_sample(max(by[n], cy[n]), bits), window[3])
 
 
 @disjoint_helper
 def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
     """Write the depth plane (weights of E_bc and E_ca) and its range, as ``depth_plane`` does."""
     for n in range(ax.shape[0]):
-        area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
+        area = np.float64(setup.narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
         weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
         lowest[n] = min(da[n], min(db[n], dc[n]))
         highest[n] = max(da[n], max(db[n], dc[n]))
@@ -357,11 +351,7 @@ def any_tall(wide, top, bottom):
 def cut_rows(count, whole, real):
     """Cut the boxes of wide triangles to the rows that they reach: few for thin ones."""
     top, bottom = part(whole, TOP, 0, count), part(whole, BOTTOM, 0, count)
-    rows, first, last = (
-        part(whole, ROWS, 0, count),
-        part(whole, ROWS + 1, 0, count),
-        part(whole, ROWS + 2, 0, count),
-    )
+    rows, first, last = three_parts(whole, ROWS, 0, count)
     count_rows(top, bottom, rows, first, last)
     for k in range(3):
         reach_rows(
@@ -383,12 +373,10 @@ def plan_triangles(count, window, bits, shift, whole, real):
     left, top = part(whole, LEFT, 0, count), part(whole, TOP, 0, count)
     turn_triangles(flat(whole), shift, ax, ay, bx, by, cx, cy, da, db, dc)
     bound_triangles(
-        ax, ay, bx, by, cx, cy, window, bits, left, top, part(whole, RIGHT, 0, count),
-        part(whole, BOTTOM, 0, count), part(whole, WIDE, 0, count),
-    )  # fmt: skip
+        ax, ay, bx, by, cx, cy, window, bits, left, top, *three_parts(whole, RIGHT, 0, count)
+    )
     plan_depths(
-        ax, ay, bx, by, cx, cy, da, db, dc, part(real, WEIGHT, 0, count),
-        part(real, WEIGHT + 1, 0, count), part(real, RANGE, 0, count),
+        ax, ay, bx, by, cx, cy, da, db, dc, *three_parts(real, WEIGHT, 0, count),
         part(real, RANGE + 1, 0, count),
     )  # fmt: skip
     for k in range(3):
@@ -426,8 +414,8 @@ def find_cells(least, most, shift, origin, bits):
         is_row = np.int32(n) & np.int32(1) != 0
         away = shift[1] if is_row else shift[0]
         begin = origin[1] if is_row else origin[0]
-        first = pixel_of(np.int32(np.int32(least[n] + away) + np.int32(half - 1)), bits)
-        last = pixel_of(np.int32(np.int32(most[n] + away) - half), bits)
+        first = setup.pixel_of(np.int32(np.int32(least[n] + away) + np.int32(half - 1)), bits)
+        last = setup.pixel_of(np.int32(np.int32(most[n] + away) - half), bits)
         least[n] = np.int32(cell_at(first, begin) + np.int32(cell_at(last, begin) << 3))
 
 

@@ -19,13 +19,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.surface.samples import (
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
-)
+from rasterjit.pipeline.surface import samples as row
 from rasterjit.runtime.float_math import power
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 SHORTEST_SQUARED = np.float32(1e-29)
@@ -195,8 +191,4 @@ def add_shiny_light(
 @helper
 def scale_normals(samples, count):
     """Scale the normals to length one."""
-    normalize_rows(
-        part(samples, NORMAL_X, 0, count),
-        part(samples, NORMAL_Y, 0, count),
-        part(samples, NORMAL_Z, 0, count),
-    )
+    normalize_rows(*three_parts(samples, row.NORMAL_X, 0, count))

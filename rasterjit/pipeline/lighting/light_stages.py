@@ -5,27 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.encode import encode_channels, encode_span
-from rasterjit.pipeline.lighting import blinn_phong
-from rasterjit.pipeline.lighting.pbr import (
-    add_facet_light,
-    find_ambient,
-    find_bounced,
-    find_facet_angles,
-    find_shares,
-    is_any_above_zero,
-    show_nothing,
-    show_on_facets,
-)
+from rasterjit.pipeline.lighting import blinn_phong, pbr
 from rasterjit.pipeline.surface import samples as rows
-from rasterjit.pipeline.surface.samples import (
-    INTERVAL_COLUMN,
-    INTERVAL_ROW,
-    INTERVAL_START,
-    INTERVAL_STOP,
-    INTERVALS,
-    Block,
-)
-from rasterjit.runtime.intrinsics import part
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
@@ -49,20 +32,15 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     """Write the unlit colour, or the share of it that ambient light shows."""
     s = block.samples
     blinn_phong.start_colors(
-        part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
-        part(s, rows.LIT, 0, count), ambient, part(s, rows.OCCLUSION, 0, count),
-        part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
-        part(s, rows.OUT_BLUE, 0, count),
+        *three_parts(s, rows.RED, 0, count), part(s, rows.LIT, 0, count), ambient,
+        part(s, rows.OCCLUSION, 0, count), *three_parts(s, rows.OUT_RED, 0, count),
     )  # fmt: skip
 
 
 @helper
 def three_rows(samples, first, count):
     """Return three rows that follow each other: of normals, points or colours."""
-    return (
-        part(samples, first, 0, count), part(samples, first + 1, 0, count),
-        part(samples, first + 2, 0, count),
-    )  # fmt: skip
+    return three_parts(samples, first, 0, count)
 
 
 @helper
@@ -86,7 +64,7 @@ def add_shiny_lights(
     latency of roots and divisions with the next vectors.
     """
     s = block.samples
-    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
+    if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
     normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
     viewer, toward = (
@@ -111,7 +89,7 @@ def add_shiny_lights(
 def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int64, end: int64):
     """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
     s = block.samples
-    if not is_any_above_zero(part(s, rows.LIT, 0, count)):
+    if not pbr.is_any_above_zero(part(s, rows.LIT, 0, count)):
         return
     toward = directions_of(block.single, LIGHT, count)
     for n in range(first, end):
@@ -128,22 +106,22 @@ def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_vi
     """Write the ambient light reflected by metallic-roughness samples."""
     s, r = block.samples, block.single
     microfacet = part(s, rows.MICROFACET, 0, count)
-    if not is_any_above_zero(microfacet):
+    if not pbr.is_any_above_zero(microfacet):
         return
     scale, offset = part(r, SHARES, 0, count), part(r, SHARES + 1, 0, count)
-    shown = part(r, SHOWN, 0, count), part(r, SHOWN + 1, 0, count), part(r, SHOWN + 2, 0, count)
-    find_shares(
+    shown = three_parts(r, SHOWN, 0, count)
+    pbr.find_shares(
         toward_viewer, *three_rows(s, rows.NORMAL_X, count), *three_rows(s, rows.POINT_X, count),
         part(s, rows.ROUGHNESS, 0, count), scale, offset,
     )  # fmt: skip
-    find_ambient(
+    pbr.find_ambient(
         ambient, part(s, rows.OCCLUSION, 0, count), part(s, rows.METALLIC, 0, count), scale, offset,
         *three_rows(s, rows.RED, count), *shown,
     )  # fmt: skip
     red, green, blue = three_rows(s, rows.OUT_RED, count)
-    show_on_facets(shown[0], microfacet, red)
-    show_on_facets(shown[1], microfacet, green)
-    show_on_facets(shown[2], microfacet, blue)
+    pbr.show_on_facets(shown[0], microfacet, red)
+    pbr.show_on_facets(shown[1], microfacet, green)
+    pbr.show_on_facets(shown[2], microfacet, blue)
 
 
 @stage
@@ -153,7 +131,7 @@ def add_lights_on_facets(
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, times their visibility."""
     s = block.samples
-    if not is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
+    if not pbr.is_any_above_zero(part(s, rows.MICROFACET, 0, count)):
         return
     normals, points = three_rows(s, rows.NORMAL_X, count), three_rows(s, rows.POINT_X, count)
     viewer, toward = (
@@ -161,20 +139,20 @@ def add_lights_on_facets(
     )  # fmt: skip
     blinn_phong.find_viewer(toward_viewer, *points, *viewer)
     bounced = three_rows(block.shares, BOUNCED, count)
-    if is_any_above_zero(part(s, rows.METALLIC, 0, count)):
-        find_bounced(
+    if pbr.is_any_above_zero(part(s, rows.METALLIC, 0, count)):
+        pbr.find_bounced(
             viewer[0], viewer[1], viewer[2], *normals, part(s, rows.ROUGHNESS, 0, count),
             part(s, rows.METALLIC, 0, count), *three_rows(s, rows.RED, count), *bounced,
         )  # fmt: skip
     else:
-        show_nothing(*bounced)
+        pbr.show_nothing(*bounced)
     for n in range(first, end):
         blinn_phong.find_light(lights[n], *points, *toward)
         facing, shine, grazed, falloff = toward
-        find_facet_angles(
+        pbr.find_facet_angles(
             parts, *normals, part(s, rows.ROUGHNESS, 0, count), *viewer, facing, shine, grazed
         )
-        add_facet_light(
+        pbr.add_facet_light(
             lights[n], parts, facing, shine, grazed, falloff, part(s, rows.METALLIC, 0, count),
             part(s, rows.MICROFACET, 0, count), part(s, rows.SHADOW, 0, count),
             *three_rows(s, rows.RED, count), *bounced, *three_rows(s, rows.OUT_RED, count),
@@ -186,8 +164,8 @@ def interval_of(block, k):
     """Return row, first column, first sample and one past the last of an interval."""
     interval = block.intervals[k]
     return (
-        np.int64(interval[INTERVAL_ROW]), np.int64(interval[INTERVAL_COLUMN]),
-        np.int64(interval[INTERVAL_START]), np.int64(interval[INTERVAL_STOP]),
+        np.int64(interval[rows.INTERVAL_ROW]), np.int64(interval[rows.INTERVAL_COLUMN]),
+        np.int64(interval[rows.INTERVAL_START]), np.int64(interval[rows.INTERVAL_STOP]),
     )  # fmt: skip
 
 
@@ -195,12 +173,11 @@ def interval_of(block, k):
 def write_opaque_codes(block: Block, count, shown: int64, table: int32[::1], color: uint32[:, ::1]):
     """Write what the three rows of samples from ``shown`` on show in sRGB codes, opaque."""
     s = block.samples
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_span(
-            part(s, shown, start, stop), part(s, shown + 1, start, stop),
-            part(s, shown + 2, start, stop), table, color[row, column : column + stop - start],
-        )  # fmt: skip
+            *three_parts(s, shown, start, stop), table, color[row, column : column + stop - start]
+        )
 
 
 @stage
@@ -209,11 +186,10 @@ def write_blended_codes(
 ):
     """Write the same with the alpha of each sample."""
     s = block.samples
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_channels(
-            part(s, shown, start, stop), part(s, shown + 1, start, stop),
-            part(s, shown + 2, start, stop), part(s, rows.ALPHA, start, stop), table,
+            *three_parts(s, shown, start, stop), part(s, rows.ALPHA, start, stop), table,
             color[row, column : column + stop - start],
         )  # fmt: skip
 
@@ -222,7 +198,7 @@ def write_blended_codes(
 def write_linear(block: Block, count, shown: int64, has_alpha: int64, linear: float32[:, :, ::1]):
     """Write the three rows of samples from ``shown`` on in linear light, and alpha, 1 without."""
     s = block.samples
-    for k in range(block.counts[INTERVALS]):
+    for k in range(block.counts[rows.INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         out = linear[row, column : column + stop - start]
         for i in range(out.shape[0]):

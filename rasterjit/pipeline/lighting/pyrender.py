@@ -40,7 +40,7 @@ from rasterjit.pipeline.surface.attributes import owner_end
 from rasterjit.pipeline.surface.samples import OWNER, SEGMENTS, START, STOP, Block
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.float_math import clamped, power
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint8
 
@@ -200,11 +200,7 @@ def add_light(
 @helper
 def parts_of_three(samples, first, s, e):
     """Return a part of three consecutive rows."""
-    return (
-        part(samples, first, s, e),
-        part(samples, first + 1, s, e),
-        part(samples, first + 2, s, e),
-    )
+    return three_parts(samples, first, s, e)
 
 
 @stage

@@ -8,15 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.pipeline import records
 from rasterjit.pipeline.geometry.barycentric import place_vertex, smooth_normal
 from rasterjit.pipeline.geometry.setup import last_at_most
-from rasterjit.pipeline.records import (
-    GOURAUD,
-    MATERIAL_MODEL,
-    MATERIAL_SHININESS,
-    MATERIAL_SPECULAR,
-    Placement,
-)
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import COLUMN, IS_LIT, NEXT_COLUMN, NEXT_ROW, SAMPLES, Block
 from rasterjit.runtime.jit import stage
@@ -26,7 +20,7 @@ from rasterjit.runtime.state import float32, int64
 @stage
 def list_vertices(
     block: Block, count, first: int64, stop: int64, vertex_starts: int64[::1],
-    placement: Placement, materials: float32[:, ::1], vertex_colors: float32[:, ::1],
+    placement: records.Placement, materials: float32[:, ::1], vertex_colors: float32[:, ::1],
     normals: float32[:, ::1],
 ):  # fmt: skip
     """
@@ -68,12 +62,12 @@ def list_vertices(
             while vertex >= vertex_starts[owner + 1]:
                 owner += 1
             end = min(stop, vertex_starts[owner + 1])
-            if np.int64(materials[owner, MATERIAL_MODEL]) != GOURAUD:
+            if np.int64(materials[owner, records.MATERIAL_MODEL]) != records.GOURAUD:
                 vertex = end
                 continue
             red, green, blue = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-            specular = materials[owner, MATERIAL_SPECULAR]
-            shininess = materials[owner, MATERIAL_SHININESS]
+            specular = materials[owner, records.MATERIAL_SPECULAR]
+            shininess = materials[owner, records.MATERIAL_SHININESS]
             for at in range(vertex, min(end, vertex + SAMPLES - n)):
                 v = np.uintp(at)
                 point = place_vertex(v, owner, placement)

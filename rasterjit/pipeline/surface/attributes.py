@@ -46,7 +46,7 @@ from rasterjit.pipeline.surface.samples import (
     C,
 )
 from rasterjit.pipeline.surface.texture_lookup import SHOWN, absorb
-from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.intrinsics import nine_parts, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
@@ -227,17 +227,11 @@ def show_colors_of(segment, block, vertex_colors, materials):
     s, owner = np.int64(segment[START]), np.uintp(segment[OWNER])
     e = s + whole_vectors(segment[STOP] - s)
     base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-    red, green, blue = (
-        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e)
-    )  # fmt: skip
+    red, green, blue = three_parts(samples, row.RED, s, e)
     second, third = part(weights, 0, s, e), part(weights, 1, s, e)
     if segment[KIND] == MIXED:
         gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
-        mix_colors(
-            red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
-            part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
-            part(rows, 7, s, e), part(rows, 8, s, e), second, third, base,
-        )  # fmt: skip
+        mix_colors(red, green, blue, *nine_parts(rows, 0, s, e), second, third, base)
     else:
         a, b, c = span_corners(segment, whole)
         colors_along_span(
@@ -314,16 +308,10 @@ def show_lit_vertices(
         s, e = np.int64(segment[START]), np.int64(segment[STOP])
         if segment[KIND] == MIXED:
             gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, whole, rows)
-        red, green, blue = (
-            part(samples, first, s, e),
-            part(samples, first + 1, s, e),
-            part(samples, first + 2, s, e),
-        )
+        red, green, blue = three_parts(samples, first, s, e)
         if segment[KIND] == MIXED:
             mix_colors(
-                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
-                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
-                part(rows, 7, s, e), part(rows, 8, s, e), part(weights, 0, s, e),
+                red, green, blue, *nine_parts(rows, 0, s, e), part(weights, 0, s, e),
                 part(weights, 1, s, e), white,
             )  # fmt: skip
         else:
@@ -433,10 +421,7 @@ def find_smooth_normals(
         if segment[KIND] == MIXED:
             gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, whole, rows)
             mix_smooth_normals(
-                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
-                part(samples, row.NORMAL_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
-                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
-                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                *three_parts(samples, row.NORMAL_X, s, e), *nine_parts(rows, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), turn,
             )  # fmt: skip
         else:
@@ -444,9 +429,8 @@ def find_smooth_normals(
             at = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
             toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
             normals_along_span(
-                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
-                part(samples, row.NORMAL_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                (at, turn, toward),
+                *three_parts(samples, row.NORMAL_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), (at, turn, toward),
             )  # fmt: skip
 
 
@@ -486,10 +470,7 @@ def find_face_normals(
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if segment[KIND] == MIXED:
             mix_face_normals(
-                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
-                part(samples, row.NORMAL_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
-                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
-                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                *three_parts(samples, row.NORMAL_X, s, e), *nine_parts(rows, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), owner,
                 placement.relative_from_model, placement.mirrored[owner],
             )  # fmt: skip
@@ -498,9 +479,8 @@ def find_face_normals(
             own = face_normal(a, b, c, owner, placement)
             toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
             normals_along_span(
-                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
-                part(samples, row.NORMAL_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                ((own, own, own), unit, toward),
+                *three_parts(samples, row.NORMAL_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), ((own, own, own), unit, toward),
             )  # fmt: skip
 
 
@@ -580,19 +560,15 @@ def find_points(
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
             mix_points(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
-                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
-                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                *three_parts(samples, row.POINT_X, s, e), *nine_parts(rows, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             first = place_vertex(a, owner, placement)
             points_along_span(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                (first, way(p, a, b), way(p, a, c), matrix),
+                *three_parts(samples, row.POINT_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), (first, way(p, a, b), way(p, a, c), matrix),
             )  # fmt: skip
 
 
@@ -610,19 +586,15 @@ def find_middles(block: Block, count, placement: Placement, materials: float32[:
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
             mix_middles(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
-                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
-                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                *three_parts(samples, row.POINT_X, s, e), *nine_parts(rows, 0, s, e),
                 part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             point = place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, matrix
             points_along_span(
-                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
-                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                point,
+                *three_parts(samples, row.POINT_X, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), point,
             )  # fmt: skip
 
 

@@ -15,25 +15,9 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import seen_from_sample
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
 from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.fields import VALUE, is_finite
-from rasterjit.pipeline.surface.samples import (
-    COLUMN,
-    COLUMN_OF,
-    END_PATCH,
-    FIRST,
-    FIRST_PATCH,
-    KIND,
-    OWNER,
-    ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
-    START,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -150,27 +134,37 @@ def draw_contours(
     geometry : Geometry
     """
     whole, viewport, xy, w = block.whole, geometry.viewport, geometry.xy, geometry.w
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
+        owner = np.uintp(segment[rows.OWNER])
         first_level, own = places[owner, FIRST_LEVEL], places[owner, LEVELS]
         if own == 0:
             continue
         half = np.float64(lines[owner, HALF_WIDTH])
-        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            a, b, c = (
+                np.uintp(whole[rows.A, r]),
+                np.uintp(whole[rows.B, r]),
+                np.uintp(whole[rows.C, r]),
+            )
             scalars = values[a], values[b], values[c]
             if scalars[0] == scalars[1] and scalars[1] == scalars[2]:
                 continue
             codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
-            for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+            for n in range(
+                np.uintp(whole[rows.FIRST, r]), np.uintp(whole[rows.FIRST, r + np.uintp(1)])
+            ):
                 value = block.real[VALUE, n]
                 if not is_finite(value):
                     continue
-                column, row = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
-                if segment[KIND] == SPAN:
-                    row = np.int64(segment[ROW_OF])
-                    column = np.int64(segment[COLUMN_OF]) + np.int64(n) - np.int64(segment[START])
+                column, row = np.int64(whole[rows.COLUMN, n]), np.int64(whole[rows.ROW, n])
+                if segment[rows.KIND] == rows.SPAN:
+                    row = np.int64(segment[rows.ROW_OF])
+                    column = (
+                        np.int64(segment[rows.COLUMN_OF])
+                        + np.int64(n)
+                        - np.int64(segment[rows.START])
+                    )
                 if codes & CLIPPED:
                     edges = clipped_edges(a, b, c, column, row, geometry.clip_positions, viewport)
                 else:

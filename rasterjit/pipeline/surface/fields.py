@@ -14,23 +14,9 @@ from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import samples as rows_of
 from rasterjit.pipeline.surface.attributes import span_corners
-from rasterjit.pipeline.surface.samples import (
-    END_PATCH,
-    FIRST,
-    FIRST_PATCH,
-    KIND,
-    MIXED,
-    OWNER,
-    SEGMENTS,
-    START,
-    STOP,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
-from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.intrinsics import part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
@@ -62,10 +48,10 @@ def scalar_at(weights, value0, value1, value2):
 def gather_scalars(first, end, values, whole, real):
     """Gather the scalars of the vertices of the faces of some patches."""
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(whole[FIRST, r])
-        spread(real[0], n, values[np.uintp(whole[A, r])])
-        spread(real[1], n, values[np.uintp(whole[B, r])])
-        spread(real[2], n, values[np.uintp(whole[C, r])])
+        n = np.uintp(whole[rows_of.FIRST, r])
+        spread(real[0], n, values[np.uintp(whole[rows_of.A, r])])
+        spread(real[1], n, values[np.uintp(whole[rows_of.B, r])])
+        spread(real[2], n, values[np.uintp(whole[rows_of.C, r])])
 
 
 @disjoint_helper
@@ -125,10 +111,10 @@ def show_scalars(
     White on objects without scalars.
     """
     whole, weights, real = block.whole, block.weights, block.real
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[rows_of.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
-        s, e = np.int64(segment[START]), np.int64(segment[STOP])
+        owner = np.uintp(segment[rows_of.OWNER])
+        s, e = np.int64(segment[rows_of.START]), np.int64(segment[rows_of.STOP])
         shown = (
             part(block.colors, SHOWN, s, e), part(block.colors, SHOWN + 1, s, e),
             part(block.colors, SHOWN + 2, s, e), part(block.colors, SHOWN + 3, s, e),
@@ -138,11 +124,11 @@ def show_scalars(
             continue
         found = part(real, VALUE, s, e)
         second, third = part(weights, 0, s, e), part(weights, 1, s, e)
-        if segment[KIND] == MIXED:
-            gather_scalars(segment[FIRST_PATCH], segment[END_PATCH], values, whole, real)
-            mix_scalars(
-                found, part(real, 0, s, e), part(real, 1, s, e), part(real, 2, s, e), second, third
+        if segment[rows_of.KIND] == rows_of.MIXED:
+            gather_scalars(
+                segment[rows_of.FIRST_PATCH], segment[rows_of.END_PATCH], values, whole, real
             )
+            mix_scalars(found, *three_parts(real, 0, s, e), second, third)
         else:
             a, b, c = span_corners(segment, whole)
             scalars_along_span(found, second, third, values[a], values[b], values[c])
@@ -156,10 +142,10 @@ def show_scalars(
 def multiply_alphas(block: Block, count, is_blended: uint8[::1]):
     """Multiply the alphas of blended objects by those that `show_scalars` has written."""
     samples, shown = block.samples, block.colors
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[rows_of.SEGMENTS]):
         segment = block.segments[k]
-        if is_blended[np.uintp(segment[OWNER])] != 0:
-            for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+        if is_blended[np.uintp(segment[rows_of.OWNER])] != 0:
+            for n in range(np.uintp(segment[rows_of.START]), np.uintp(segment[rows_of.STOP])):
                 samples[rows_of.ALPHA, n] *= shown[SHOWN + 3, n]
 
 

@@ -11,14 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import (
-    clipped_face_weights,
-    clipped_weights,
-    normalized,
-    seen_from_sample,
-)
+from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import float32_weights
 from rasterjit.pipeline.surface import samples as row
 from rasterjit.pipeline.surface.attributes import (
     color_of,
@@ -26,13 +22,6 @@ from rasterjit.pipeline.surface.attributes import (
     multiply_float32_along_span,
     multiply_float32_colors,
     show_colors_of,
-)
-from rasterjit.pipeline.surface.float32_weights import (
-    LARGEST_TOTAL,
-    LEAST_TOTAL,
-    is_wide,
-    weigh_mixed,
-    weights_at,
 )
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -56,7 +45,14 @@ from rasterjit.pipeline.surface.samples import (
     C,
 )
 from rasterjit.pipeline.surface.weights import may_be_wide
-from rasterjit.runtime.intrinsics import LANES, blend_clipped_run, blend_run, part
+from rasterjit.runtime.intrinsics import (
+    LANES,
+    blend_clipped_run,
+    blend_run,
+    nine_parts,
+    part,
+    three_parts,
+)
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, uint8
 
@@ -78,23 +74,18 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
 
     Returns whether float32 is accurate enough for all weights; else writes none.
     """
-    if weigh_mixed(segment, block, geometry, has_wide) != 0:
+    if float32_weights.weigh_mixed(segment, block, geometry, has_wide) != 0:
         return False
     s = np.int64(segment[START])
     e = s + whole_vectors(segment[STOP] - s)
     samples, weights, rows = block.samples, block.float32_weights, block.single
     patches = segment[FIRST_PATCH], segment[END_PATCH]
     gather_values(patches[0], patches[1], colors, block.whole, rows)
-    red, green, blue = (
-        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e)
-    )  # fmt: skip
+    red, green, blue = three_parts(samples, row.RED, s, e)
     lay_base(red, green, blue, base)
     multiply_float32_colors(
-        red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
-        part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
-        part(rows, 7, s, e), part(rows, 8, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-        part(weights, 2, s, e),
-    )  # fmt: skip
+        red, green, blue, *nine_parts(rows, 0, s, e), *three_parts(weights, 0, s, e)
+    )
     return True
 
 
@@ -104,14 +95,14 @@ def weigh_clipped(first, second, third, a, b, c, column, row, clip, viewport):
     if b == c:
         for n in range(first.shape[0]):
             here = column + np.float64(np.int32(n))
-            w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
-            w0, w1, w2 = normalized(w0, w1, w2)
+            w0, w1, w2 = barycentric.clipped_weights(a, b, c, here, row, clip, viewport)
+            w0, w1, w2 = barycentric.normalized(w0, w1, w2)
             first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
         return
     for n in range(first.shape[0]):
         here = column + np.float64(np.int32(n))
-        w0, w1, w2 = clipped_face_weights(a, b, c, here, row, clip, viewport)
-        w0, w1, w2 = normalized(w0, w1, w2)
+        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, here, row, clip, viewport)
+        w0, w1, w2 = barycentric.normalized(w0, w1, w2)
         first[n], second[n], third[n] = np.float32(w0), np.float32(w1), np.float32(w2)
 
 
@@ -120,7 +111,7 @@ def blend_clipped_row(corner, rows, memory, place, geometry, colors, base):
     """Write the colours along a row of one clipped face, given by rows; return not 0 if unsure."""
     (a, b, c), (red, green, blue), (column, line) = corner, rows, place
     clip, viewport = geometry.clip_positions, geometry.viewport
-    across, down = seen_from_sample(a, b, c, np.float64(column), line, clip, viewport)
+    across, down = barycentric.seen_from_sample(a, b, c, np.float64(column), line, clip, viewport)
     (u0, u1, u2), (v0, v1, v2) = across, down
     # All sums of weights on a face have the same sign, up to rounding.
     if (u1 * v2 - u2 * v1) + (u2 * v0 - u0 * v2) + (u0 * v1 - u1 * v0) < 0.0:
@@ -155,10 +146,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
     at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     end, shown = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
-    rows = (
-        part(samples, row.RED, start, end), part(samples, row.GREEN, start, end),
-        part(samples, row.BLUE, start, end),
-    )  # fmt: skip
+    rows = three_parts(samples, row.RED, start, end)
     if is_clipped and b != c:
         real = block.real
         memory = (
@@ -167,7 +155,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         )  # fmt: skip
         if blend_clipped_row(corner, rows, memory, place, geometry, shown, base) == 0:
             return
-    elif not (is_clipped or (has_wide and is_wide(a, b, c, xy))):
+    elif not (is_clipped or (has_wide and float32_weights.is_wide(a, b, c, xy))):
         edges, steps = edges_along_row(a, b, c, column, line, geometry.viewport.grid_bits, xy)
         one = np.float32(1.0)
         ratio_b, ratio_c = one, one
@@ -177,15 +165,13 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         size = abs(edges[0] + edges[1] + edges[2])
         least = size * min(one, min(ratio_b, ratio_c))
         most = size * max(one, max(ratio_b, ratio_c))
-        if least > 2.0 * LEAST_TOTAL and most < 0.5 * LARGEST_TOTAL:
+        if least > 2.0 * float32_weights.LEAST_TOTAL and most < 0.5 * float32_weights.LARGEST_TOTAL:
             blend_run(
                 rows[0], rows[1], rows[2], edges, steps, (ratio_b, ratio_c), shown, base
             )  # fmt: skip
             return
     weights = block.float32_weights
-    first, second, third = (
-        part(weights, 0, start, stop), part(weights, 1, start, stop), part(weights, 2, start, stop)
-    )  # fmt: skip
+    first, second, third = three_parts(weights, 0, start, stop)
     if is_clipped:
         weigh_clipped(
             first, second, third, a, b, c, np.float64(column), line, geometry.clip_positions,
@@ -193,11 +179,10 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
         )  # fmt: skip
     else:
         for n in range(stop - start):
-            first[n], second[n], third[n] = weights_at(a, b, c, column + n, line, geometry)
-    red, green, blue = (
-        part(samples, row.RED, start, stop), part(samples, row.GREEN, start, stop),
-        part(samples, row.BLUE, start, stop),
-    )  # fmt: skip
+            first[n], second[n], third[n] = float32_weights.weights_at(
+                a, b, c, column + n, line, geometry
+            )
+    red, green, blue = three_parts(samples, row.RED, start, stop)
     lay_base(red, green, blue, base)
     multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c)
 

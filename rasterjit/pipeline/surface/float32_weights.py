@@ -39,7 +39,7 @@ from rasterjit.pipeline.surface.samples import (
     C,
 )
 from rasterjit.pipeline.surface.weights import WIDE, span_start
-from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 WEIGHT_ERROR = 10.0 * 2.0**-24
@@ -144,13 +144,10 @@ def weigh_mixed(segment, block, geometry, has_wide):
     patches = segment[FIRST_PATCH], segment[END_PATCH]
     unsure = gather_screen(patches[0], patches[1], geometry, has_wide, whole, single)
     bits = geometry.viewport.grid_bits
-    edge_a, edge_b, edge_c = (
-        part(single, EDGE_A, s, e), part(single, EDGE_B, s, e), part(single, EDGE_C, s, e)
-    )  # fmt: skip
+    edge_a, edge_b, edge_c = three_parts(single, EDGE_A, s, e)
     find_edges(
-        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
-        part(whole, CX, s, e), part(whole, CY, s, e), part(whole, COLUMN, s, e),
-        part(whole, ROW, s, e), bits, np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
+        *six_parts(whole, AX, s, e), part(whole, COLUMN, s, e), part(whole, ROW, s, e), bits,
+        np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
     )  # fmt: skip
     return unsure | divide(
         edge_a, edge_b, edge_c, part(single, RATIO_B, s, e), part(single, RATIO_C, s, e), count,

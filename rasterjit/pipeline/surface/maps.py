@@ -22,7 +22,7 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.runtime.intrinsics import LANES, part, spread
+from rasterjit.runtime.intrinsics import LANES, part, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -161,16 +161,13 @@ def bend_segment(segment, block, uv, tangents, scale, matrix, mirrored):
     gather_tangents(segment, block, uv, tangents, mirrored)
     s, r, w, shown = block.samples, block.single, block.weights, block.colors
     a, e = np.int64(segment[rows.START]), np.int64(segment[rows.STOP])
-    nx, ny, nz = (
-        part(s, rows.NORMAL_X, a, e), part(s, rows.NORMAL_Y, a, e), part(s, rows.NORMAL_Z, a, e)
-    )  # fmt: skip
+    nx, ny, nz = three_parts(s, rows.NORMAL_X, a, e)
     bx, by, bz, told = part(r, 0, a, e), part(r, 1, a, e), part(r, 2, a, e), part(r, 3, a, e)
     bend_normals(
-        nx, ny, nz, bx, by, bz, told, part(r, 4, a, e), part(r, 5, a, e), part(r, 6, a, e),
-        part(r, 7, a, e), part(r, 8, a, e), part(block.real, 0, a, e), part(w, 0, a, e),
-        part(w, 1, a, e), part(block.whole, rows.BEHIND, a, e),
-        part(shown, texture_lookup.SHOWN, a, e), part(shown, texture_lookup.SHOWN + 1, a, e),
-        part(shown, texture_lookup.SHOWN + 2, a, e), scale, matrix,
+        nx, ny, nz, bx, by, bz, told, *three_parts(r, 4, a, e), part(r, 7, a, e), part(r, 8, a, e),
+        part(block.real, 0, a, e), part(w, 0, a, e), part(w, 1, a, e),
+        part(block.whole, rows.BEHIND, a, e), *three_parts(shown, texture_lookup.SHOWN, a, e),
+        scale, matrix,
     )  # fmt: skip
     take_bent(bx, told, nx)
     take_bent(by, told, ny)
@@ -232,7 +229,6 @@ def show_emission(block: Block, count, shown: int64):
     """Add emission to the three rows of samples from ``shown`` on."""
     s = block.samples
     add_emission(
-        s[rows.EMISSIVE_RED, :count], s[rows.EMISSIVE_GREEN, :count],
-        s[rows.EMISSIVE_BLUE, :count], part(s, shown, 0, count), part(s, shown + 1, 0, count),
-        part(s, shown + 2, 0, count),
+        s[rows.EMISSIVE_RED, :count], s[rows.EMISSIVE_GREEN, :count], s[rows.EMISSIVE_BLUE, :count],
+        *three_parts(s, shown, 0, count),
     )  # fmt: skip

@@ -12,36 +12,9 @@ import numpy as np
 from rasterjit.pipeline.geometry.barycentric import find_object, place_vertex
 from rasterjit.pipeline.records import Placement, Viewport
 from rasterjit.pipeline.surface import samples as row
-from rasterjit.pipeline.surface.samples import (
-    COLUMN,
-    COLUMN_OF,
-    END_PATCH,
-    FACE,
-    FIRST,
-    FIRST_PATCH,
-    IS_LIT,
-    KIND,
-    NORMAL,
-    OWNER,
-    POINT,
-    ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
-    START,
-    A,
-    Block,
-)
-from rasterjit.pipeline.visibility.point_coverage import (
-    NOT_POINTS,
-    SPHERE,
-    PointRows,
-    Sight,
-    depth_on_sphere,
-    meet_sphere,
-    ndc_of,
-    radius_of,
-)
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.visibility import point_coverage
+from rasterjit.pipeline.visibility.point_coverage import PointRows, Sight
 from rasterjit.runtime.jit import helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64
 
@@ -49,19 +22,28 @@ from rasterjit.runtime.state import float32, float64, int32, int64
 @helper
 def pixel_of(n, segment, whole):
     """Return the column and the row of a sample."""
-    if segment[KIND] == SPAN:
-        return np.int64(segment[COLUMN_OF]) + (n - segment[START]), np.int64(segment[ROW_OF])
-    return np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
+    if segment[row.KIND] == row.SPAN:
+        return np.int64(segment[row.COLUMN_OF]) + (n - segment[row.START]), np.int64(
+            segment[row.ROW_OF]
+        )
+    return np.int64(whole[row.COLUMN, n]), np.int64(whole[row.ROW, n])
 
 
 @helper
 def way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
     """Return a sphere's centre, relative to the eye, and the offset from it to a pixel's hit."""
     centre = place_vertex(vertex, owner, placement)
-    radius = radius_of(points, owner, face - placement.face_starts[owner])
-    ndc = ndc_of(pixel[0], pixel[1], viewport)
-    offset, _ = meet_sphere(centre, radius, ndc, sight)
+    radius = point_coverage.radius_of(points, owner, face - placement.face_starts[owner])
+    ndc = point_coverage.ndc_of(pixel[0], pixel[1], viewport)
+    offset, _ = point_coverage.meet_sphere(centre, radius, ndc, sight)
     return centre, offset
+
+
+@helper
+def point_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport):
+    """Return the point of a sphere that a pixel hits, relative to the eye, and the normal there."""
+    c, way = way_on_sphere(face, vertex, owner, pixel, points, sight, placement, viewport)
+    return (c[0] + way[0], c[1] + way[1], c[2] + way[2]), way
 
 
 @helper
@@ -94,6 +76,13 @@ def unit(x, y, z):
 
 
 @helper
+def get_three(rows, first, n):
+    """Return three numbers of a sample."""
+    x, y, z = rows[first, n], rows[first + 1, n], rows[first + 2, n]
+    return np.float64(x), np.float64(y), np.float64(z)
+
+
+@helper
 def put_three(rows, first, n, values):
     """Write three numbers of a sample."""
     for k in range(3):
@@ -106,31 +95,25 @@ def find_point_shapes(
 ):
     """Write points and normals of the samples of spheres, and normals of other points."""
     samples, whole = block.samples, block.whole
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[row.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.int64(segment[OWNER])
+        owner = np.int64(segment[row.OWNER])
         shape = points.shapes[owner, 0]
-        if shape == NOT_POINTS:
+        if shape == point_coverage.NOT_POINTS:
             continue
-        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            face, vertex = np.int64(whole[FACE, r]), np.uintp(whole[A, r])
-            for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
-                if shape == SPHERE:
+        for r in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
+            face, vertex = np.int64(whole[row.FACE, r]), np.uintp(whole[row.A, r])
+            for n in range(
+                np.uintp(whole[row.FIRST, r]), np.uintp(whole[row.FIRST, r + np.uintp(1)])
+            ):
+                point = get_three(samples, row.POINT_X, n)
+                normal = get_three(samples, row.NORMAL_X, n)
+                if shape == point_coverage.SPHERE:
                     pixel = pixel_of(n, segment, whole)
-                    centre, normal = way_on_sphere(
+                    point, normal = point_on_sphere(
                         face, vertex, owner, pixel, points, sight, placement, viewport
                     )
-                    point = centre[0] + normal[0], centre[1] + normal[1], centre[2] + normal[2]
                     put_three(samples, row.POINT_X, n, point)
-                else:
-                    point = (
-                        np.float64(samples[row.POINT_X, n]), np.float64(samples[row.POINT_Y, n]),
-                        np.float64(samples[row.POINT_Z, n]),
-                    )  # fmt: skip
-                    normal = (
-                        np.float64(samples[row.NORMAL_X, n]), np.float64(samples[row.NORMAL_Y, n]),
-                        np.float64(samples[row.NORMAL_Z, n]),
-                    )  # fmt: skip
                 seen = turned_to(normal, toward_viewer(point, placement))
                 put_three(samples, row.NORMAL_X, n, unit(seen[0], seen[1], seen[2]))
 
@@ -145,31 +128,27 @@ def find_point_receivers(
     Right behind `receivers.find_receivers`.
     """
     samples, whole, r = block.samples, block.whole, block.receivers
-    if block.counts[IS_LIT] == 0:
+    if block.counts[row.IS_LIT] == 0:
         return
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[row.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.int64(segment[OWNER])
+        owner = np.int64(segment[row.OWNER])
         shape = points.shapes[owner, 0]
-        if shape == NOT_POINTS:
+        if shape == point_coverage.NOT_POINTS:
             continue
-        for p in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            face, vertex = np.int64(whole[FACE, p]), np.uintp(whole[A, p])
-            for n in range(np.uintp(whole[FIRST, p]), np.uintp(whole[FIRST, p + np.uintp(1)])):
-                if shape == SPHERE:
+        for p in range(np.uintp(segment[row.FIRST_PATCH]), np.uintp(segment[row.END_PATCH])):
+            face, vertex = np.int64(whole[row.FACE, p]), np.uintp(whole[row.A, p])
+            for n in range(
+                np.uintp(whole[row.FIRST, p]), np.uintp(whole[row.FIRST, p + np.uintp(1)])
+            ):
+                normal = get_three(samples, row.NORMAL_X, n)
+                if shape == point_coverage.SPHERE:
                     pixel = pixel_of(n, segment, whole)
-                    centre, way = way_on_sphere(
+                    point, normal = point_on_sphere(
                         face, vertex, owner, pixel, points, sight, placement, viewport
                     )
-                    point = centre[0] + way[0], centre[1] + way[1], centre[2] + way[2]
-                    put_three(r, POINT, n, point)
-                    put_three(r, NORMAL, n, way)
-                else:
-                    normal = (
-                        np.float64(samples[row.NORMAL_X, n]), np.float64(samples[row.NORMAL_Y, n]),
-                        np.float64(samples[row.NORMAL_Z, n]),
-                    )  # fmt: skip
-                    put_three(r, NORMAL, n, normal)
+                    put_three(r, row.POINT, n, point)
+                put_three(r, row.NORMAL, n, normal)
 
 
 @kernel
@@ -203,7 +182,7 @@ def fill_sphere_positions(
             if face < 0:
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            if points.shapes[owner, 0] != SPHERE:
+            if points.shapes[owner, 0] != point_coverage.SPHERE:
                 continue
             v = np.uintp(faces[face, 0])
             _, way = way_on_sphere(face, v, owner, (x, y), points, sight, placement, viewport)
@@ -245,15 +224,15 @@ def fill_point_depths(
                 continue
             owner = find_object(face, placement.face_starts, owner)
             shape = points.shapes[owner, 0]
-            if shape == NOT_POINTS:
+            if shape == point_coverage.NOT_POINTS:
                 continue
             v = np.uintp(faces[face, 0])
             centre, way = place_vertex(v, owner, placement), (0.0, 0.0, 0.0)
-            if shape == SPHERE:
+            if shape == point_coverage.SPHERE:
                 centre, way = way_on_sphere(
                     face, v, owner, (x, y), points, sight, placement, viewport
                 )
-            depth[y, x] = depth_on_sphere(centre, way, sight, depth_coefficients)
+            depth[y, x] = point_coverage.depth_on_sphere(centre, way, sight, depth_coefficients)
 
 
 @kernel
@@ -281,14 +260,13 @@ def fill_point_normals(
                 continue
             owner = find_object(face, placement.face_starts, owner)
             shape = points.shapes[owner, 0]
-            if shape == NOT_POINTS:
+            if shape == point_coverage.NOT_POINTS:
                 continue
             v = np.uintp(faces[face, 0])
-            if shape == SPHERE:
-                centre, own = way_on_sphere(
+            if shape == point_coverage.SPHERE:
+                point, own = point_on_sphere(
                     face, v, owner, (x, y), points, sight, placement, viewport
                 )
-                point = centre[0] + own[0], centre[1] + own[1], centre[2] + own[2]
             else:
                 point = place_vertex(v, owner, placement)
                 own = (

@@ -16,10 +16,10 @@ from rasterjit.pipeline.surface import samples
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.pipeline.surface.texture_lookup import OWNER, STEPS, U, V
+from rasterjit.pipeline.surface.texture_lookup import STEPS, U, V
 from rasterjit.pipeline.surface.textures import FILTER, FIRST_LEVEL, TRILINEAR
 from rasterjit.pipeline.surface.weights import span_start
-from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -200,16 +200,14 @@ def find_coordinates(block: Block, count, uv: float32[:, ::1]):
                 segment[samples.FIRST_PATCH], segment[samples.END_PATCH], uv, whole, single
             )
             mix_places(
-                part(places, U, s, e), part(places, V, s, e), part(places, OWNER, s, e),
-                part(single, 0, s, e), part(single, 1, s, e), part(single, 2, s, e),
-                part(single, 3, s, e), part(single, 4, s, e), part(single, 5, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), owner,
+                *three_parts(places, U, s, e), *six_parts(single, 0, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e), owner,
             )  # fmt: skip
         else:
             _, ends = span_places(segment, whole, uv)
             fill_places(
-                part(places, U, s, e), part(places, V, s, e), part(places, OWNER, s, e),
-                part(weights, 0, s, e), part(weights, 1, s, e), ends, owner,
+                *three_parts(places, U, s, e), part(weights, 0, s, e), part(weights, 1, s, e), ends,
+                owner,
             )  # fmt: skip
 
 
@@ -220,13 +218,9 @@ def find_steps_of_mixed(segment, block, viewport, is_affine):
     s = np.int64(segment[samples.START])
     e = s + whole_vectors(segment[samples.STOP] - s)
     mix_steps(
-        part(places, STEPS, s, e), part(places, STEPS + 1, s, e), part(places, STEPS + 2, s, e),
-        part(places, STEPS + 3, s, e), part(places, U, s, e), part(places, V, s, e),
-        part(single, 0, s, e), part(single, 1, s, e), part(single, 2, s, e), part(single, 3, s, e),
-        part(single, 4, s, e), part(single, 5, s, e), part(whole, samples.AX, s, e),
-        part(whole, samples.AY, s, e), part(whole, samples.BX, s, e), part(whole, samples.BY, s, e),
-        part(whole, samples.CX, s, e), part(whole, samples.CY, s, e), part(real, 0, s, e),
-        part(real, 1, s, e), part(real, 2, s, e), part(whole, samples.COLUMN, s, e),
+        *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e), part(places, U, s, e),
+        part(places, V, s, e), *six_parts(single, 0, s, e), *six_parts(whole, samples.AX, s, e),
+        *three_parts(real, 0, s, e), part(whole, samples.COLUMN, s, e),
         part(whole, samples.ROW, s, e), viewport.grid_bits, viewport.spacing, is_affine,
     )  # fmt: skip
 
@@ -241,9 +235,9 @@ def find_steps_of_span(segment, block, uv, viewport, xy, codes, w):
     if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
     fill_steps(
-        part(places, STEPS, s, e), part(places, STEPS + 1, s, e), part(places, STEPS + 2, s, e),
-        part(places, STEPS + 3, s, e), part(places, U, s, e), part(places, V, s, e), ends,
-        span_start(a, b, c, column, row, bits, xy, w), bits, viewport.spacing, w.shape[0] == 0,
+        *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e), part(places, U, s, e),
+        part(places, V, s, e), ends, span_start(a, b, c, column, row, bits, xy, w), bits,
+        viewport.spacing, w.shape[0] == 0,
     )  # fmt: skip
 
 
@@ -265,8 +259,7 @@ def find_steps_of_clipped(segment, whole, places, uv, codes, clip_positions, vie
                 texturing.vertex_place(uv, c),
             )  # fmt: skip
             fill_clipped_steps(
-                part(places, STEPS, s, e), part(places, STEPS + 1, s, e),
-                part(places, STEPS + 2, s, e), part(places, STEPS + 3, s, e),
+                *three_parts(places, STEPS, s, e), part(places, STEPS + 3, s, e),
                 part(places, U, s, e), part(places, V, s, e), (a, b, c), ends,
                 np.float64(whole[samples.COLUMN, s]), np.int64(whole[samples.ROW, s]),
                 clip_positions, viewport,

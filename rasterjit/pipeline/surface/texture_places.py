@@ -20,36 +20,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import (
-    clipped_face_weights,
-    interpolate,
-    normalized,
-    sample_weights,
-)
+from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED
 from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.float32_colors import edges_along_row
 from rasterjit.pipeline.surface.float32_weights import is_wide
-from rasterjit.pipeline.surface.samples import (
-    COLUMN,
-    COLUMN_OF,
-    END_PATCH,
-    FIRST,
-    FIRST_PATCH,
-    KIND,
-    OWNER,
-    ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
-    START,
-    STOP,
-    VECTOR,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.texture_lookup import OWNER as OWNERS
 from rasterjit.pipeline.surface.texture_lookup import U, V
 from rasterjit.pipeline.surface.textures import vertex_place
@@ -82,11 +59,11 @@ def are_accurate(factors):
 def place_exactly(first, end, corners, ends, column, row, places, geometry):
     """Write the coordinates of some samples of a face, the first of which is at a pixel."""
     for n in range(np.uintp(first), np.uintp(end)):
-        exact = sample_weights(
+        exact = barycentric.sample_weights(
             corners[0], corners[1], corners[2], column + np.int64(n) - first, row, geometry
         )
-        places[U, n] = interpolate(exact, ends[0][0], ends[1][0], ends[2][0])
-        places[V, n] = interpolate(exact, ends[0][1], ends[1][1], ends[2][1])
+        places[U, n] = barycentric.interpolate(exact, ends[0][0], ends[1][0], ends[2][0])
+        places[V, n] = barycentric.interpolate(exact, ends[0][1], ends[1][1], ends[2][1])
 
 
 @disjoint_helper
@@ -100,10 +77,12 @@ def place_clipped(u, v, corners, ends, column, row, clip, viewport):
     a, b, c = corners
     pa, pb, pc = ends
     for n in range(u.shape[0]):
-        w0, w1, w2 = clipped_face_weights(a, b, c, column + np.int64(n), row, clip, viewport)
-        weights = normalized(w0, w1, w2)
-        u[n] = interpolate(weights, pa[0], pb[0], pc[0])
-        v[n] = interpolate(weights, pa[1], pb[1], pc[1])
+        w0, w1, w2 = barycentric.clipped_face_weights(
+            a, b, c, column + np.int64(n), row, clip, viewport
+        )
+        weights = barycentric.normalized(w0, w1, w2)
+        u[n] = barycentric.interpolate(weights, pa[0], pb[0], pc[0])
+        v[n] = barycentric.interpolate(weights, pa[1], pb[1], pc[1])
 
 
 @helper
@@ -124,7 +103,7 @@ def place_patch(first, end, corners, column, row, has_wide, places, uv, geometry
         place_exactly(first, end, corners, (pa, pb, pc), column, row, places, geometry)
         return
     edges, steps = edges_along_row(a, b, c, column, row, bits, xy)
-    stop = end + VECTOR
+    stop = end + rows.VECTOR
     place_run(
         part(places, U, first, stop), part(places, V, first, stop), end - first,
         edges, steps, factors, pa,
@@ -140,15 +119,22 @@ def find_places(block: Block, count, uv: float32[:, ::1], geometry: Geometry):
     Instead of weights and `texture_gradients.find_coordinates`, where nothing else reads weights.
     """
     whole, places, has_wide = block.whole, block.places, may_be_wide(geometry.viewport)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
-        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-            first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
-            corners = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-            column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
-            if segment[KIND] != SPAN:
-                column, row = np.int64(whole[COLUMN, first]), np.int64(whole[ROW, first])
+        for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
+            first, end = (
+                np.int64(whole[rows.FIRST, r]),
+                np.int64(whole[rows.FIRST, r + np.uintp(1)]),
+            )
+            corners = (
+                np.uintp(whole[rows.A, r]),
+                np.uintp(whole[rows.B, r]),
+                np.uintp(whole[rows.C, r]),
+            )
+            column, row = np.int64(segment[rows.COLUMN_OF]), np.int64(segment[rows.ROW_OF])
+            if segment[rows.KIND] != rows.SPAN:
+                column, row = np.int64(whole[rows.COLUMN, first]), np.int64(whole[rows.ROW, first])
             place_patch(first, end, corners, column, row, has_wide, places, uv, geometry)
-        owner = np.float64(segment[OWNER])
-        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+        owner = np.float64(segment[rows.OWNER])
+        for n in range(np.uintp(segment[rows.START]), np.uintp(segment[rows.STOP])):
             places[OWNERS, n] = owner

@@ -4,15 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import (
-    UNDERFLOW,
-    clamped_edges,
-    clipped_face_weights,
-    clipped_weights,
-    has_its_back_turned,
-    normalized,
-    sample_weights,
-)
+from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface.listing import whole_vectors
@@ -43,7 +35,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
 WIDE = 1 << 26
@@ -81,7 +73,7 @@ def weigh(
         behind[n] = np.int32(whole * front_turn < 0.0)
         if reach != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
-            k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
+            k0, k1, k2 = barycentric.clamped_edges((e0, e1, e2), right, down)
             whole = np.float64(k0 + k1 + k2)
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
@@ -89,7 +81,7 @@ def weigh(
         total, over = w0 + w1 + w2, 1.0 / whole
         second[n] = k1 * over if is_affine else w1 / total
         third[n] = k2 * over if is_affine else w2 / total
-        doubtful = unsure[n] | np.int32(not (is_affine or abs(total) > UNDERFLOW))
+        doubtful = unsure[n] | np.int32(not (is_affine or abs(total) > barycentric.UNDERFLOW))
         unsure[n] = doubtful
         found |= doubtful if n < count else np.int32(0)
     return found
@@ -139,7 +131,7 @@ def weigh_inside(
         total = w0 + w1 + w2
         behind[n] = np.int32((k0 + k1 + k2) * front_turn < 0.0)
         second[n], third[n] = w1 / total, w2 / total
-        unsure[n] |= np.int32(not abs(total) > UNDERFLOW)
+        unsure[n] |= np.int32(not abs(total) > barycentric.UNDERFLOW)
 
 
 @helper
@@ -206,18 +198,16 @@ def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_nar
             )
         else:
             weigh_inside(
-                ax, ay, bx, by, cx, cy, part(real, 0, s, e), part(real, 1, s, e),
-                part(real, 2, s, e), columns, rows, narrow, front_turn, unsure, behind, second,
-                third,
+                ax, ay, bx, by, cx, cy, *three_parts(real, 0, s, e), columns, rows, narrow,
+                front_turn, unsure, behind, second, third,
             )  # fmt: skip
         return any_unsure(unsure, np.int32(count))
     half = np.int32(1) << (bits - 1)
     return weigh(
-        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
-        part(whole, CX, s, e), part(whole, CY, s, e), part(real, 0, s, e), part(real, 1, s, e),
-        part(real, 2, s, e), part(whole, COLUMN, s, e), part(whole, ROW, s, e), count, (half, half),
-        bits, reach, w.shape[0] == 0, front_turn, part(whole, UNSURE, s, e),
-        part(whole, BEHIND, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+        *six_parts(whole, AX, s, e), *three_parts(real, 0, s, e), part(whole, COLUMN, s, e),
+        part(whole, ROW, s, e), count, (half, half), bits, reach, w.shape[0] == 0, front_turn,
+        part(whole, UNSURE, s, e), part(whole, BEHIND, s, e), part(weights, 0, s, e),
+        part(weights, 1, s, e),
     )  # fmt: skip
 
 
@@ -273,7 +263,7 @@ def weigh_along_row(second, third, count, edges, steps, ratios):
         w2 = (edges[2] + way * steps[2]) * ratios[2]
         total = w0 + w1 + w2
         second[n], third[n] = w1 / total, w2 / total
-        found |= np.int32((not abs(total) > UNDERFLOW) & (np.int32(n) < count))
+        found |= np.int32((not abs(total) > barycentric.UNDERFLOW) & (np.int32(n) < count))
     return found
 
 
@@ -344,14 +334,14 @@ def weigh_clipped(second, third, behind, corners, column, row, is_behind, clip, 
     if b == c:
         for n in range(second.shape[0]):
             here = column + np.float64(np.int32(n))
-            w0, w1, w2 = clipped_weights(a, b, c, here, row, clip, viewport)
-            _, second[n], third[n] = normalized(w0, w1, w2)
+            w0, w1, w2 = barycentric.clipped_weights(a, b, c, here, row, clip, viewport)
+            _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
             behind[n] = is_behind
         return
     for n in range(second.shape[0]):
         here = column + np.float64(np.int32(n))
-        w0, w1, w2 = clipped_face_weights(a, b, c, here, row, clip, viewport)
-        _, second[n], third[n] = normalized(w0, w1, w2)
+        w0, w1, w2 = barycentric.clipped_face_weights(a, b, c, here, row, clip, viewport)
+        _, second[n], third[n] = barycentric.normalized(w0, w1, w2)
         behind[n] = is_behind
 
 
@@ -365,7 +355,7 @@ def weigh_unsure(segment, whole, weights, geometry, placement):
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
             column, row = np.float64(whole[COLUMN, first]), np.int64(whole[ROW, first])
             # Segments and points have no sides.
-            is_behind = b != c and has_its_back_turned(a, b, c, owner, placement)
+            is_behind = b != c and barycentric.has_its_back_turned(a, b, c, owner, placement)
             weigh_clipped(
                 part(weights, 0, first, end), part(weights, 1, first, end),
                 part(whole, BEHIND, first, end), (a, b, c), column, row,
@@ -374,7 +364,9 @@ def weigh_unsure(segment, whole, weights, geometry, placement):
             continue
         for n in range(np.uintp(first), np.uintp(end)):
             if whole[UNSURE, n] != 0:
-                exact = sample_weights(a, b, c, whole[COLUMN, n], whole[ROW, n], geometry)
+                exact = barycentric.sample_weights(
+                    a, b, c, whole[COLUMN, n], whole[ROW, n], geometry
+                )
                 weights[0, n], weights[1, n] = exact[1], exact[2]
 
 

@@ -23,26 +23,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import (
-    find_object,
-    interpolate,
-    shifted_weights,
-)
+from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, last_at_most
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
-from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface import texture_gradients, texture_lookup
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
     AX,
     AY,
     BEHIND,
-    BX,
-    BY,
     COLUMN,
-    CX,
-    CY,
     FACE,
     FIRST,
     ROW,
@@ -54,13 +46,7 @@ from rasterjit.pipeline.surface.samples import (
     B,
     C,
 )
-from rasterjit.pipeline.surface.texture_gradients import (
-    mix_places,
-    mix_steps,
-    note_clipped_steps,
-    wants_steps,
-)
-from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
+from rasterjit.pipeline.surface.texture_lookup import SHOWN, STEPS, U, V, show_textures
 from rasterjit.pipeline.surface.textures import (
     ALPHA_USE,
     BASE_COLOR,
@@ -71,7 +57,15 @@ from rasterjit.pipeline.surface.textures import (
 )
 from rasterjit.pipeline.surface.weights import weigh
 from rasterjit.pipeline.visibility.mask_shares import keep_share
-from rasterjit.runtime.intrinsics import LANES, call_bound, flat, part, spread
+from rasterjit.runtime.intrinsics import (
+    LANES,
+    call_bound,
+    flat,
+    part,
+    six_parts,
+    spread,
+    three_parts,
+)
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
 
@@ -176,9 +170,7 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
     size, bits = whole_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
     unsure = weigh(
-        part(whole, AX, 0, size), part(whole, AY, 0, size), part(whole, BX, 0, size),
-        part(whole, BY, 0, size), part(whole, CX, 0, size), part(whole, CY, 0, size),
-        part(real, 0, 0, size), part(real, 1, 0, size), part(real, 2, 0, size),
+        *six_parts(whole, AX, 0, size), *three_parts(real, 0, 0, size),
         part(whole, COLUMN, 0, size), part(whole, ROW, 0, size), count,
         (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
         1.0, part(whole, UNSURE, 0, size), part(whole, BEHIND, 0, size), part(weights, 0, 0, size),
@@ -190,7 +182,7 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
             for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
                 if whole[UNSURE, i] != 0:
                     column, row = whole[COLUMN, i], whole[ROW, i]
-                    exact = shifted_weights(a, b, c, column, row, shift, geometry)
+                    exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
                     weights[0, i], weights[1, i] = exact[1], exact[2]
 
 
@@ -200,7 +192,7 @@ def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
     for n in range(alphas.shape[0]):
         weights = 0.0, second[n], third[n]
         ends = np.float64(at_a[n]), np.float64(at_b[n]), np.float64(at_c[n])
-        alphas[n] *= np.float32(interpolate(weights, ends[0], ends[1], ends[2]))
+        alphas[n] *= np.float32(barycentric.interpolate(weights, ends[0], ends[1], ends[2]))
 
 
 @helper
@@ -211,8 +203,8 @@ def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex
         for k in range(3):
             spread(single[k], n, vertex_colors[np.uintp(whole[A + k, r]), ALPHA])
     multiply_mixed(
-        alphas[:size], part(single, 0, 0, size), part(single, 1, 0, size), part(single, 2, 0, size),
-        part(weights, 0, 0, size), part(weights, 1, 0, size),
+        alphas[:size], *three_parts(single, 0, 0, size), part(weights, 0, 0, size),
+        part(weights, 1, 0, size),
     )  # fmt: skip
 
 
@@ -228,25 +220,19 @@ def find_coordinates(
             vertex = np.uintp(whole[A + k, r])
             spread(single[2 * k], n, uv[vertex, 0])
             spread(single[2 * k + 1], n, uv[vertex, 1])
-    mix_places(
-        part(places, U, 0, size), part(places, V, 0, size), part(places, OWNER, 0, size),
-        part(single, 0, 0, size), part(single, 1, 0, size), part(single, 2, 0, size),
-        part(single, 3, 0, size), part(single, 4, 0, size), part(single, 5, 0, size),
-        part(weights, 0, 0, size), part(weights, 1, 0, size), np.float64(owner),
+    texture_gradients.mix_places(
+        *three_parts(places, U, 0, size), *six_parts(single, 0, 0, size), part(weights, 0, 0, size),
+        part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
-    if not wants_steps(owner, textures.table):
+    if not texture_gradients.wants_steps(owner, textures.table):
         return
     viewport = geometry.viewport
-    mix_steps(
-        part(places, STEPS, 0, size), part(places, STEPS + 1, 0, size),
-        part(places, STEPS + 2, 0, size), part(places, STEPS + 3, 0, size),
-        part(places, U, 0, size), part(places, V, 0, size), part(single, 0, 0, size),
-        part(single, 1, 0, size), part(single, 2, 0, size), part(single, 3, 0, size),
-        part(single, 4, 0, size), part(single, 5, 0, size), part(whole, AX, 0, size),
-        part(whole, AY, 0, size), part(whole, BX, 0, size), part(whole, BY, 0, size),
-        part(whole, CX, 0, size), part(whole, CY, 0, size), part(real, 0, 0, size),
-        part(real, 1, 0, size), part(real, 2, 0, size), part(whole, COLUMN, 0, size),
-        part(whole, ROW, 0, size), viewport.grid_bits, viewport.spacing, geometry.w.shape[0] == 0,
+    texture_gradients.mix_steps(
+        *three_parts(places, STEPS, 0, size), part(places, STEPS + 3, 0, size),
+        part(places, U, 0, size), part(places, V, 0, size), *six_parts(single, 0, 0, size),
+        *six_parts(whole, AX, 0, size), *three_parts(real, 0, 0, size),
+        part(whole, COLUMN, 0, size), part(whole, ROW, 0, size), viewport.grid_bits,
+        viewport.spacing, geometry.w.shape[0] == 0,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
@@ -255,7 +241,7 @@ def find_coordinates(
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
             for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
                 column, row = whole[COLUMN, i], whole[ROW, i]
-                note_clipped_steps(
+                texture_gradients.note_clipped_steps(
                     places, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 
@@ -472,7 +458,7 @@ def begin_batch(holes, count, origin, shift):
 @helper
 def find_owner(face, guess, holes):
     """Return the object that owns a face, and whether it is alpha-tested; tries a guess first."""
-    owner = find_object(np.int64(face), holes.face_starts, guess)
+    owner = barycentric.find_object(np.int64(face), holes.face_starts, guess)
     return owner, holes.cutoffs[owner] > np.float32(0.0)
 
 

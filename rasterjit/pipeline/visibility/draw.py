@@ -37,13 +37,7 @@ from rasterjit.pipeline.visibility import alpha_test, lines, nearest
 from rasterjit.pipeline.visibility import points as painting
 from rasterjit.pipeline.visibility import primitives as expanding
 from rasterjit.pipeline.visibility.points import PointsSeen
-from rasterjit.pipeline.visibility.primitives import (
-    Expand,
-    Primitive,
-    Primitives,
-    Projected,
-    runs_between,
-)
+from rasterjit.pipeline.visibility.primitives import Expand, Primitive, Primitives, Projected
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Kept, Memory, Workers, count_per_task
 
@@ -346,7 +340,7 @@ def clip(
     if primitives is None:
         cut = _cut_faces(faces, codes, workers)
     else:
-        runs = runs_between([one.faces for one in primitives.objects], len(faces))
+        runs = expanding.runs_between([one.faces for one in primitives.objects], len(faces))
         cut = np.concatenate(
             [np.empty(0, np.int32)]
             + [_cut_faces(faces[a:b], codes, workers) + np.int32(a) for a, b in runs]
@@ -511,7 +505,7 @@ def find_visible(
             # Points are projected when they are drawn.
             left_out += [one.vertices for one in painted]
         if left_out:
-            runs = list(runs_between(sorted(left_out), len(vertices.positions)))
+            runs = list(expanding.runs_between(sorted(left_out), len(vertices.positions)))
         screen, seen = transform_and_project(
             vertices, depth_coefficients, viewport, workers, kept, runs
         )
@@ -705,7 +699,7 @@ def set_up(
     per_task = _per_task(face_count, LEAST_FACES, FACES_PER_TASK, workers)
     edges = [
         (first, min(first + per_task, end))
-        for start, end in runs_between(skipped, face_count)
+        for start, end in expanding.runs_between(skipped, face_count)
         for first in range(start, end, per_task)
     ] or [(0, 0)]
     chunks = len(edges)

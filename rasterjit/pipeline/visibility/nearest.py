@@ -111,13 +111,8 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     plan_batch,
 )
 from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.alpha_test import (
-    Holes,
-    TileTest,
-    begin_batch,
-    find_owner,
-    keep,
-)
+from rasterjit.pipeline.visibility import alpha_test
+from rasterjit.pipeline.visibility.alpha_test import Holes, TileTest
 from rasterjit.runtime.intrinsics import (
     add_to,
     call_bound,
@@ -479,13 +474,13 @@ def draw_listed(first, count, whole, drawing, holes):
         return
     asked = drawing.asked
     origin, shift = (asked[LEFT_COLUMN], asked[TOP_ROW]), (asked[SHIFT_X], asked[SHIFT_Y])
-    begin_batch(holes, count, origin, shift)
+    alpha_test.begin_batch(holes, count, origin, shift)
     owner = np.int64(0)
     for n in range(np.uintp(count)):
-        owner, is_tested = find_owner(whole[FACE, n], owner, holes)
+        owner, is_tested = alpha_test.find_owner(whole[FACE, n], owner, holes)
         draw_some(drawing, drawing.own if is_tested else drawing.tile, n, n + np.uintp(1))
         if is_tested:
-            keep(n, owner, holes)
+            alpha_test.keep(n, owner, holes)
 
 
 @helper

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry.projection import (
     BLOCK,
     CODE,
@@ -47,16 +48,8 @@ from rasterjit.pipeline.geometry.projection import (
     stored_depth,
     transform_rows,
 )
-from rasterjit.pipeline.geometry.setup import (
-    FAR,
-    GUARD,
-    INVALID,
-    NEAR,
-    last_at_most,
-    whole_size,
-)
 from rasterjit.pipeline.records import Viewport
-from rasterjit.runtime.intrinsics import fetch, flat, part
+from rasterjit.runtime.intrinsics import fetch, flat, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
@@ -66,7 +59,7 @@ NOT_POINTS, SQUARE, DISC, SPHERE = range(4)
 IN_PIXELS, IN_UNITS = range(2)
 """Units of sizes: pixels, or scene units, which shrink with distance."""
 
-UNSEEN = NEAR | FAR | GUARD | INVALID
+UNSEEN = setup.NEAR | setup.FAR | setup.GUARD | setup.INVALID
 """A point with one of these outcodes is not drawn, unless it is a sphere."""
 
 POINTS_OUTSIDE, POINTS_UNSAMPLED, POINTS_INVALID, POINTS_DRAWN = range(4)
@@ -249,7 +242,7 @@ def clip_row(matrix, row, point):
 @helper
 def ndc_of(column, row, viewport):
     """Return NDC x and y of a pixel's centre."""
-    width, height = whole_size(viewport)
+    width, height = setup.whole_size(viewport)
     return (
         (2.0 * (viewport.left + column) + 1.0) / width - 1.0,
         1.0 - (2.0 * (viewport.top + row) + 1.0) / height,
@@ -393,7 +386,7 @@ def draw_sphere(centre, radius, face, frame, sight, depth_coefficients, viewport
     kind = depths.dtype.type
     if is_out_of_sight(centre, radius, sight):
         return POINTS_OUTSIDE
-    width, height = whole_size(viewport)
+    width, height = setup.whole_size(viewport)
     low_x, high_x = touching_planes(centre, radius, 0, sight)
     low_y, high_y = touching_planes(centre, radius, 1, sight)
     left, right = pixels_between(low_x, high_x, width, viewport.left, viewport.width)
@@ -463,7 +456,7 @@ def find_places(snapped_x, snapped_y, codes, viewport):
             & (row < height)
         )  # fmt: skip
         drawn += np.int32(is_seen)
-        invalid += np.int32((codes[i] & np.int32(INVALID)) != 0)
+        invalid += np.int32((codes[i] & np.int32(setup.INVALID)) != 0)
         codes[i] = row * width + column if is_seen else np.int32(-1)
     return drawn, invalid
 
@@ -474,10 +467,7 @@ def draw_pixels(first_face, count, frame, viewport, scratch, counts):
     numbers, whole, _ = scratch
     depths, faces = frame
     kind = depths.dtype.type
-    drawn, invalid = find_places(
-        part(whole, SNAPPED_X, 0, count), part(whole, SNAPPED_Y, 0, count),
-        part(whole, CODE, 0, count), viewport,
-    )  # fmt: skip
+    drawn, invalid = find_places(*three_parts(whole, SNAPPED_X, 0, count), viewport)
     counts[POINTS_DRAWN] += drawn
     counts[POINTS_INVALID] += invalid
     counts[POINTS_OUTSIDE] += count - drawn - invalid
@@ -509,7 +499,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
         code, w = whole[CODE, n], numbers[W, n]
         face = np.int32(first_face + i)
         x, y = np.int64(whole[SNAPPED_X, n]), np.int64(whole[SNAPPED_Y, n])
-        if code & INVALID:
+        if code & setup.INVALID:
             counts[POINTS_INVALID] += 1
             continue
         if shape != SPHERE and (code & UNSEEN):
@@ -517,7 +507,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
             continue
         size = points.sizes[np.uintp(place + step * (first_number + i))]
         depth = kind(numbers[DEPTH, n])
-        is_ahead = (code & GUARD) == 0
+        is_ahead = (code & setup.GUARD) == 0
         sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, sight, viewport)
         if shape == SPHERE:
             centre = centre_of(positions, np.uintp(first + i), matrices, owner)
@@ -579,7 +569,7 @@ def draw_points(
     numbers, whole, largest = scratch
     pixels = flat(frame[0]), flat(frame[1])
     objects = points.vertex_starts, relative_from_model
-    owner, first = last_at_most(points.vertex_starts, vertices[0]), vertices[0]
+    owner, first = setup.last_at_most(points.vertex_starts, vertices[0]), vertices[0]
     while first < vertices[1]:
         while first >= points.vertex_starts[np.uintp(owner + 1)]:
             owner += 1
@@ -597,8 +587,7 @@ def draw_points(
             transform_rows(sight.matrix, x, y, z, w)
             project_rows(
                 depth_coefficients, viewport, largest[0], x, y, z, w,
-                part(numbers, DEPTH, 0, count), part(whole, SNAPPED_X, 0, count),
-                part(whole, SNAPPED_Y, 0, count), part(whole, CODE, 0, count),
+                part(numbers, DEPTH, 0, count), *three_parts(whole, SNAPPED_X, 0, count),
             )  # fmt: skip
             if is_pixel:
                 face = points.face_starts[o] + first - points.vertex_starts[o]

@@ -10,21 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import (
-    TILE_BITS,
-    TILE_SIZE,
-    edge,
-    is_large,
-    last_at_most,
-    sign_at,
-    triangle_of,
-)
+from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.nearest import depth_at_corners
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, int32, int64, stored, uint8
 
-LEAST_AREA = 2.0 * TILE_SIZE * TILE_SIZE
+LEAST_AREA = 2.0 * setup.TILE_SIZE * setup.TILE_SIZE
 """Area of the smallest triangle around a whole tile, square pixels."""
 
 
@@ -39,7 +31,7 @@ def clockwise_from_top(corners, screen):
     ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
     bx, by = np.int64(screen.xy[b, 0]), np.int64(screen.xy[b, 1])
     cx, cy = np.int64(screen.xy[c, 0]), np.int64(screen.xy[c, 1])
-    if edge(ax, ay, bx, by, cx, cy) < 0:
+    if setup.edge(ax, ay, bx, by, cx, cy) < 0:
         b, c = c, b
         bx, by, cx, cy = cx, cy, bx, by
     if (by < ay or (by == ay and bx < ax)) and (by < cy or (by == cy and bx < cx)):
@@ -52,7 +44,7 @@ def clockwise_from_top(corners, screen):
 @helper
 def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
     """Return (depth of c, weights of E_bc and E_ca, step per column, lowest, highest depth)."""
-    area = np.float64(edge(ax, ay, bx, by, cx, cy))
+    area = np.float64(setup.edge(ax, ay, bx, by, cx, cy))
     weight_a, weight_b = (da - dc) / area, (db - dc) / area
     unit = np.float64(np.int64(1) << grid_bits)
     step = unit * (np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b)
@@ -69,31 +61,31 @@ def worst(value, step, count):
 def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_depths, holes):
     """Raise the depths of the tiles in its box that one large triangle covers."""
     bits = viewport.grid_bits
-    corners, face = triangle_of(faces[0], faces[1], faces[2], triangle)
+    corners, face = setup.triangle_of(faces[0], faces[1], faces[2], triangle)
     face_starts, cutoffs = holes
-    if cutoffs.shape[0] > 0 and cutoffs[last_at_most(face_starts, np.int64(face))] > 0.0:
+    if cutoffs.shape[0] > 0 and cutoffs[setup.last_at_most(face_starts, np.int64(face))] > 0.0:
         return
     i, j, k = clockwise_from_top(corners, screen)
     ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
     bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
     cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
     grid_area = np.float64(np.int64(1) << (2 * bits))
-    if np.float64(edge(ax, ay, bx, by, cx, cy)) < 2.0 * LEAST_AREA * grid_area:
+    if np.float64(setup.edge(ax, ay, bx, by, cx, cy)) < 2.0 * LEAST_AREA * grid_area:
         return
     plane = depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
     )
     highest = tile_depths.dtype.type(plane[5])
-    across, size = (by - cy, cy - ay, ay - by), np.int64(TILE_SIZE)
-    x = box[0] << TILE_BITS
+    across, size = (by - cy, cy - ay, ay - by), np.int64(setup.TILE_SIZE)
+    x = box[0] << setup.TILE_BITS
     for row in range(box[1], box[3] + 1):
-        y = row << TILE_BITS
+        y = row << setup.TILE_BITS
         height = min(size, np.int64(viewport.height) - y)
-        e0 = worst(sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
-        e1 = worst(sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
-        e2 = worst(sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
+        e0 = worst(setup.sign_at(bx, by, cx, cy, x, y, bits), cx - bx, height)
+        e1 = worst(setup.sign_at(cx, cy, ax, ay, x, y, bits), ax - cx, height)
+        e2 = worst(setup.sign_at(ax, ay, bx, by, x, y, bits), bx - ax, height)
         for column in range(box[0], box[2] + 1):
-            left, tile = column << TILE_BITS, row * columns + column
+            left, tile = column << setup.TILE_BITS, row * columns + column
             width = min(size, np.int64(viewport.width) - left)
             is_covered = (
                 worst(e0, across[0], width)
@@ -134,6 +126,6 @@ def find_tile_depths(
     for n in range(triangles.shape[0]):
         left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
         box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
-        if is_large(box):
+        if setup.is_large(box):
             triangle = np.int64(triangles[n])
             raise_tile_depths(triangle, box, columns, parts, screen, viewport, tile_depths, holes)
