@@ -31,12 +31,8 @@ from rasterjit.pipeline.geometry.setup import corners_of
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.lighting.light_stages import interval_of
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.pipeline.surface.samples import (
-    INTERVAL_FRAME_ROW,
-    INTERVALS,
-    OCCLUSION,
-    Block,
-)
+from rasterjit.pipeline.surface import samples as entry
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import call_bound, flat, part
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
@@ -486,10 +482,10 @@ def occlude_samples(block: Block, count, occlusion: float32[:, ::1]):
     occlusion : (H, W) float32
         Of the frame, 0..1.
     """
-    own = block.samples[OCCLUSION]
-    for k in range(block.counts[INTERVALS]):
+    own = block.samples[entry.OCCLUSION]
+    for k in range(block.counts[entry.INTERVALS]):
         _, column, start, stop = interval_of(block, k)
-        row = block.intervals[k, INTERVAL_FRAME_ROW]
+        row = block.intervals[k, entry.INTERVAL_FRAME_ROW]
         there = occlusion[row, column : column + stop - start]
         for i in range(np.uintp(stop - start)):
             own[np.uintp(start) + i] = own[np.uintp(start) + i] * there[i]

@@ -42,7 +42,7 @@ from rasterjit.pipeline.lighting.light_stages import three_rows
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import clamped, log2
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
@@ -473,9 +473,7 @@ def mirror_environment(
     if not pbr.is_any_above_zero(microfacet):
         return
     normals, roughness = three_rows(s, rows.NORMAL_X, count), part(s, rows.ROUGHNESS, 0, count)
-    x, y, z = (
-        part(r, TOWARD, 0, count), part(r, TOWARD + 1, 0, count), part(r, TOWARD + 2, 0, count)
-    )  # fmt: skip
+    x, y, z = three_parts(r, TOWARD, 0, count)
     level, facing = part(r, LEVEL, 0, count), part(r, FACING, 0, count)
     across, down = part(r, PLACE, 0, count), part(r, PLACE + 1, 0, count)
     find_mirrors(
@@ -487,7 +485,7 @@ def mirror_environment(
         find_heights(x, y, z)
     read_mirrored(
         environment, environment.reflections, microfacet, across, down, y, level,
-        part(c, 0, 0, count), part(c, 1, 0, count), part(c, 2, 0, count),
+        *three_parts(c, 0, 0, count),
     )  # fmt: skip
     light = three_rows(c, FALLING, count)
     find_irradiance(environment.irradiance, environment.turn, *normals, *light)

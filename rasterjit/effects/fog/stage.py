@@ -15,17 +15,10 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
-from rasterjit.pipeline.surface.samples import (
-    OUT_BLUE,
-    OUT_GREEN,
-    OUT_RED,
-    POINT_X,
-    POINT_Y,
-    POINT_Z,
-    Block,
-)
+from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import exp2
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
@@ -136,9 +129,8 @@ def cover_linearly(
     """
     s = block.samples
     cover_evenly(
-        end, per_range, color, unit_viewer(toward_viewer), part(s, POINT_X, 0, count),
-        part(s, POINT_Y, 0, count), part(s, POINT_Z, 0, count), part(s, OUT_RED, 0, count),
-        part(s, OUT_GREEN, 0, count), part(s, OUT_BLUE, 0, count),
+        end, per_range, color, unit_viewer(toward_viewer), *three_parts(s, row.POINT_X, 0, count),
+        *three_parts(s, row.OUT_RED, 0, count),
     )  # fmt: skip
 
 
@@ -164,6 +156,5 @@ def cover_exponentially(
     s = block.samples
     cover_by_powers(
         density, squares, above[0], falloff, color, unit_viewer(toward_viewer),
-        part(s, POINT_X, 0, count), part(s, POINT_Y, 0, count), part(s, POINT_Z, 0, count),
-        part(s, OUT_RED, 0, count), part(s, OUT_GREEN, 0, count), part(s, OUT_BLUE, 0, count),
+        *three_parts(s, row.POINT_X, 0, count), *three_parts(s, row.OUT_RED, 0, count),
     )  # fmt: skip

@@ -19,28 +19,9 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import matrix_of
 from rasterjit.pipeline.lighting.pbr import is_any_above_zero
+from rasterjit.pipeline.surface import samples as at
 from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
-    AWAY,
-    FIRST,
-    IS_LIT,
-    LIT,
-    MICROFACET,
-    MOVED,
-    NORMAL,
-    NORMAL_X,
-    OWNER,
-    PATCHES,
-    POINT,
-    SEGMENTS,
-    START,
-    STOP,
-    TURNED,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.intrinsics import LANES, nine_parts, part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -57,8 +38,8 @@ CELL = 16
 def gather_corners(patches, values, whole, rows):
     """Gather three numbers for each vertex of the faces of all patches, for each sample."""
     for r in range(np.uintp(patches)):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        for start in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)], LANES):
+        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+        for start in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)], LANES):
             n = np.uintp(start)
             for k in range(3):
                 spread(rows[k], n, values[a, k])
@@ -111,20 +92,20 @@ def find_receivers(
         Not 0: row MICROFACET tells which samples are lit by microfacets.
     """
     whole, rows, r, w = block.whole, block.real, block.receivers, block.weights
-    is_lit = is_any_above_zero(part(block.samples, LIT, 0, count))
+    is_lit = is_any_above_zero(part(block.samples, at.LIT, 0, count))
     if has_facets != 0:
-        is_lit |= is_any_above_zero(part(block.samples, MICROFACET, 0, count))
-    block.counts[IS_LIT] = np.int64(is_lit)
-    if block.counts[IS_LIT] == 0:
+        is_lit |= is_any_above_zero(part(block.samples, at.MICROFACET, 0, count))
+    block.counts[at.IS_LIT] = np.int64(is_lit)
+    if block.counts[at.IS_LIT] == 0:
         return
-    gather_corners(block.counts[PATCHES], positions, whole, rows)
+    gather_corners(block.counts[at.PATCHES], positions, whole, rows)
     m = relative_from_model
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[at.SEGMENTS]):
         segment = block.segments[k]
-        owner, s = np.uintp(segment[OWNER]), np.int64(segment[START])
-        e = s + whole_vectors(segment[STOP] - s)
+        owner, s = np.uintp(segment[at.OWNER]), np.int64(segment[at.START])
+        e = s + whole_vectors(segment[at.STOP] - s)
         place_rows(
-            *six_parts(r, POINT, s, e), *nine_parts(rows, 0, s, e), part(w, 0, s, e),
+            *six_parts(r, at.POINT, s, e), *nine_parts(rows, 0, s, e), part(w, 0, s, e),
             part(w, 1, s, e), matrix_of(m, owner), (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
@@ -223,32 +204,32 @@ def move_turned(
     relative_from_model : (O, 3, 4) float64
         World axes, origin at the eye.
     """
-    if block.counts[IS_LIT] == 0:
+    if block.counts[at.IS_LIT] == 0:
         return
     s, r, w, corners, bent = block.samples, block.receivers, block.weights, block.real, block.single
     found = find_turned(
-        light, *six_parts(r, POINT, 0, count), *three_parts(s, NORMAL_X, 0, count),
-        part(s, TURNED, 0, count),
+        light, *six_parts(r, at.POINT, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
+        part(s, at.TURNED, 0, count),
     )  # fmt: skip
     if found == 0:
         for k in range(6):
             for n in range(np.uintp(count)):
-                r[MOVED + k, n] = r[POINT + k, n]
+                r[at.MOVED + k, n] = r[at.POINT + k, n]
         return
-    gather_corners(block.counts[PATCHES], normals, block.whole, bent)
-    for k in range(block.counts[SEGMENTS]):
+    gather_corners(block.counts[at.PATCHES], normals, block.whole, bent)
+    for k in range(block.counts[at.SEGMENTS]):
         segment = block.segments[k]
-        a = np.int64(segment[START])
-        e = a + whole_vectors(segment[STOP] - a)
+        a = np.int64(segment[at.START])
+        e = a + whole_vectors(segment[at.STOP] - a)
         bulge_rows(
             *nine_parts(corners, 0, a, e), *nine_parts(bent, 0, a, e), part(w, 0, a, e),
-            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[OWNER])),
-            *three_parts(r, POINT, a, e), *three_parts(s, NORMAL_X, a, e), part(s, TURNED, a, e),
-            *three_parts(r, MOVED, a, e),
+            part(w, 1, a, e), matrix_of(relative_from_model, np.uintp(segment[at.OWNER])),
+            *three_parts(r, at.POINT, a, e), *three_parts(s, at.NORMAL_X, a, e),
+            part(s, at.TURNED, a, e), *three_parts(r, at.MOVED, a, e),
         )  # fmt: skip
     choose_normals(
-        *three_parts(r, NORMAL, 0, count), *three_parts(s, NORMAL_X, 0, count),
-        part(s, TURNED, 0, count), *three_parts(r, AWAY, 0, count),
+        *three_parts(r, at.NORMAL, 0, count), *three_parts(s, at.NORMAL_X, 0, count),
+        part(s, at.TURNED, 0, count), *three_parts(r, at.AWAY, 0, count),
     )  # fmt: skip
 
 

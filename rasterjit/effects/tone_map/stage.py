@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rasterjit.pipeline.encode import over
-from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
+from rasterjit.pipeline.surface.samples import NORMAL_X, Block
 from rasterjit.runtime.float_math import clamped, exp2
-from rasterjit.runtime.intrinsics import part
+from rasterjit.runtime.intrinsics import three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -190,10 +190,7 @@ def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
     Writes what is to be shown over the normals, rows NORMAL_X.., which nothing needs any more.
     """
     s = block.samples
-    map_tones(
-        tone, part(s, shown, 0, count), part(s, shown + 1, 0, count), part(s, shown + 2, 0, count),
-        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
-    )  # fmt: skip
+    map_tones(tone, *three_parts(s, shown, 0, count), *three_parts(s, NORMAL_X, 0, count))
 
 
 @helper

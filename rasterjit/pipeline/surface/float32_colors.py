@@ -15,7 +15,7 @@ from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, whole_size
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import float32_weights
-from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.surface import samples as at
 from rasterjit.pipeline.surface.attributes import (
     color_of,
     gather_values,
@@ -24,26 +24,7 @@ from rasterjit.pipeline.surface.attributes import (
     show_colors_of,
 )
 from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
-    COLUMN,
-    COLUMN_OF,
-    END_PATCH,
-    FACE,
-    FIRST,
-    FIRST_PATCH,
-    KIND,
-    OWNER,
-    ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
-    START,
-    STOP,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.weights import may_be_wide
 from rasterjit.runtime.intrinsics import (
     LANES,
@@ -76,12 +57,12 @@ def blend_patches(segment, block, geometry, has_wide, base, colors):
     """
     if float32_weights.weigh_mixed(segment, block, geometry, has_wide) != 0:
         return False
-    s = np.int64(segment[START])
-    e = s + whole_vectors(segment[STOP] - s)
+    s = np.int64(segment[at.START])
+    e = s + whole_vectors(segment[at.STOP] - s)
     samples, weights, rows = block.samples, block.float32_weights, block.single
-    patches = segment[FIRST_PATCH], segment[END_PATCH]
+    patches = segment[at.FIRST_PATCH], segment[at.END_PATCH]
     gather_values(patches[0], patches[1], colors, block.whole, rows)
-    red, green, blue = three_parts(samples, row.RED, s, e)
+    red, green, blue = three_parts(samples, at.RED, s, e)
     lay_base(red, green, blue, base)
     multiply_float32_colors(
         red, green, blue, *nine_parts(rows, 0, s, e), *three_parts(weights, 0, s, e)
@@ -146,7 +127,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
     at_a, at_b, at_c = color_of(colors, a), color_of(colors, b), color_of(colors, c)
     is_clipped = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED) != 0
     end, shown = start + ((stop - start + (LANES - 1)) & -LANES), (at_a, at_b, at_c)
-    rows = three_parts(samples, row.RED, start, end)
+    rows = three_parts(samples, at.RED, start, end)
     if is_clipped and b != c:
         real = block.real
         memory = (
@@ -182,7 +163,7 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
             first[n], second[n], third[n] = float32_weights.weights_at(
                 a, b, c, column + n, line, geometry
             )
-    red, green, blue = three_parts(samples, row.RED, start, stop)
+    red, green, blue = three_parts(samples, at.RED, start, stop)
     lay_base(red, green, blue, base)
     multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c)
 
@@ -190,28 +171,28 @@ def blend_row(corner, start, stop, place, block, geometry, has_wide, base, color
 @helper
 def goes_on(whole, r, following, start):
     """Return whether a patch goes on with the row of the face that begins with patch ``r``."""
-    n = np.uintp(whole[FIRST, following])
+    n = np.uintp(whole[at.FIRST, following])
     return (
-        whole[FACE, following] == whole[FACE, r]
-        and whole[ROW, n] == whole[ROW, start]
-        and whole[COLUMN, n] - whole[COLUMN, start] == np.int64(n) - np.int64(start)
+        whole[at.FACE, following] == whole[at.FACE, r]
+        and whole[at.ROW, n] == whole[at.ROW, start]
+        and whole[at.COLUMN, n] - whole[at.COLUMN, start] == np.int64(n) - np.int64(start)
     )
 
 
 @helper
 def blend_runs(segment, block, geometry, has_wide, base, colors):
     """Write the colours of a segment, run by run."""
-    whole, r, end = block.whole, np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])
+    whole, r, end = block.whole, np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])
     while r < end:
-        start, following = np.uintp(whole[FIRST, r]), r + np.uintp(1)
+        start, following = np.uintp(whole[at.FIRST, r]), r + np.uintp(1)
         while following < end and goes_on(whole, r, following, start):
             following += np.uintp(1)
-        place = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
-        if segment[KIND] != SPAN:
-            place = np.int64(whole[COLUMN, start]), np.int64(whole[ROW, start])
-        corner = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        place = np.int64(segment[at.COLUMN_OF]), np.int64(segment[at.ROW_OF])
+        if segment[at.KIND] != at.SPAN:
+            place = np.int64(whole[at.COLUMN, start]), np.int64(whole[at.ROW, start])
+        corner = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
         blend_row(
-            corner, np.int64(start), np.int64(whole[FIRST, following]), place, block, geometry,
+            corner, np.int64(start), np.int64(whole[at.FIRST, following]), place, block, geometry,
             has_wide, base, colors,
         )  # fmt: skip
         r = following
@@ -229,14 +210,14 @@ def find_float32_colors(
     One pass for both: vectors write past the end of a segment, which the next overwrites.
     """
     has_wide = may_be_wide(geometry.viewport)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[at.SEGMENTS]):
         segment = block.segments[k]
-        owner = np.uintp(segment[OWNER])
+        owner = np.uintp(segment[at.OWNER])
         if chosen[owner] == 0:
             show_colors_of(segment, block, colors, materials)
             continue
         base = materials[owner, 0], materials[owner, 1], materials[owner, 2]
-        patches = segment[END_PATCH] - segment[FIRST_PATCH]
-        is_short = segment[STOP] - segment[START] < LONG_RUN * patches
+        patches = segment[at.END_PATCH] - segment[at.FIRST_PATCH]
+        is_short = segment[at.STOP] - segment[at.START] < LONG_RUN * patches
         if not (is_short and blend_patches(segment, block, geometry, has_wide, base, colors)):
             blend_runs(segment, block, geometry, has_wide, base, colors)

@@ -19,25 +19,8 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import sample_weights
 from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.surface import samples as at
 from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
-    AX,
-    AY,
-    BX,
-    BY,
-    COLUMN,
-    CX,
-    CY,
-    END_PATCH,
-    FIRST,
-    FIRST_PATCH,
-    ROW,
-    START,
-    STOP,
-    A,
-    B,
-    C,
-)
 from rasterjit.pipeline.surface.weights import WIDE, span_start
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper
@@ -82,15 +65,15 @@ def gather_screen(first, end, geometry, has_wide, whole, single):
     is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
     found = False
     for r in range(np.uintp(first), np.uintp(end)):
-        n = np.uintp(whole[FIRST, r])
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[at.FIRST, r])
+        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
         code |= codes[a] | codes[b] | codes[c]
-        spread(whole[AX], n, xy[a, 0])
-        spread(whole[AY], n, xy[a, 1])
-        spread(whole[BX], n, xy[b, 0])
-        spread(whole[BY], n, xy[b, 1])
-        spread(whole[CX], n, xy[c, 0])
-        spread(whole[CY], n, xy[c, 1])
+        spread(whole[at.AX], n, xy[a, 0])
+        spread(whole[at.AY], n, xy[a, 1])
+        spread(whole[at.BX], n, xy[b, 0])
+        spread(whole[at.BY], n, xy[b, 1])
+        spread(whole[at.CX], n, xy[c, 0])
+        spread(whole[at.CY], n, xy[c, 1])
         spread(single[RATIO_B], n, one if is_affine else np.float32(w[a] / w[b]))
         spread(single[RATIO_C], n, one if is_affine else np.float32(w[a] / w[c]))
         if has_wide:
@@ -138,16 +121,16 @@ def divide(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third
 def weigh_mixed(segment, block, geometry, has_wide):
     """Write the weights of a mixed segment's samples; return not 0 if any is inaccurate."""
     whole, single, weights = block.whole, block.single, block.float32_weights
-    s = np.int64(segment[START])
-    count = np.int32(segment[STOP] - s)
+    s = np.int64(segment[at.START])
+    count = np.int32(segment[at.STOP] - s)
     e = s + whole_vectors(count)
-    patches = segment[FIRST_PATCH], segment[END_PATCH]
+    patches = segment[at.FIRST_PATCH], segment[at.END_PATCH]
     unsure = gather_screen(patches[0], patches[1], geometry, has_wide, whole, single)
     bits = geometry.viewport.grid_bits
     edge_a, edge_b, edge_c = three_parts(single, EDGE_A, s, e)
     find_edges(
-        *six_parts(whole, AX, s, e), part(whole, COLUMN, s, e), part(whole, ROW, s, e), bits,
-        np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
+        *six_parts(whole, at.AX, s, e), part(whole, at.COLUMN, s, e), part(whole, at.ROW, s, e),
+        bits, np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
     )  # fmt: skip
     return unsure | divide(
         edge_a, edge_b, edge_c, part(single, RATIO_B, s, e), part(single, RATIO_C, s, e), count,

@@ -5,40 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.setup import last_at_most
-from rasterjit.pipeline.surface.samples import (
-    COLUMN,
-    COLUMN_OF,
-    COUNTS,
-    END_PATCH,
-    FACE,
-    FIRST,
-    FIRST_PATCH,
-    INTERVAL_COLUMN,
-    INTERVAL_FRAME_ROW,
-    INTERVAL_ROW,
-    INTERVAL_START,
-    INTERVAL_STOP,
-    INTERVALS,
-    KIND,
-    MIXED,
-    NEXT_COLUMN,
-    NEXT_ROW,
-    OWNER,
-    OWNER_AT_HAND,
-    PATCHES,
-    ROW,
-    ROW_OF,
-    SAMPLES,
-    SEGMENTS,
-    SPAN,
-    START,
-    STOP,
-    VECTOR,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface import samples as entry
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.intrinsics import LANES, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
@@ -54,7 +22,7 @@ After shorter runs a span may begin at multiples of this only.
 @helper
 def whole_vectors(count):
     """Return a count rounded up to whole vectors."""
-    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
+    return (np.int64(count) + (entry.VECTOR - 1)) & -entry.VECTOR
 
 
 @helper
@@ -83,7 +51,7 @@ def list_patches(faces, n, r, whole):
     for i in range(np.uintp(faces.shape[0])):
         # Branchless: the next sample overwrites one that starts no patch.
         face = faces[i]
-        whole[FIRST, r], whole[FACE, r] = n + i, face
+        whole[entry.FIRST, r], whole[entry.FACE, r] = n + i, face
         r += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
         before = face
     return r
@@ -100,8 +68,12 @@ def number_pixels(columns, rows, column, row):
 def gather_corners(patches, faces, whole):
     """Gather the vertex numbers of each patch."""
     for r in range(np.uintp(patches)):
-        face = np.uintp(whole[FACE, r])
-        whole[A, r], whole[B, r], whole[C, r] = faces[face, 0], faces[face, 1], faces[face, 2]
+        face = np.uintp(whole[entry.FACE, r])
+        whole[entry.A, r], whole[entry.B, r], whole[entry.C, r] = (
+            faces[face, 0],
+            faces[face, 1],
+            faces[face, 2],
+        )
 
 
 @helper
@@ -151,14 +123,14 @@ def list_samples(
         How many samples there are; -1 behind the last one.
     """
     counts, segments, intervals, whole = block.counts, block.segments, block.intervals, block.whole
-    row, at, owner = counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND]
+    row, at, owner = counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND]
     lowest, end_face = face_starts[owner], face_starts[owner + 1]
     rows, columns = face_id.shape
     n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
     is_open, reached = False, np.int64(-1)
-    while row < rows and n < SAMPLES:
+    while row < rows and n < entry.SAMPLES:
         numbers, frame_row = face_id[row], first_row + row % height
-        while at < columns and n < SAMPLES:
+        while at < columns and n < entry.SAMPLES:
             face = np.int64(numbers[np.uintp(at)])
             if face < 0:
                 end = run_end(numbers, at)
@@ -172,45 +144,51 @@ def list_samples(
                 lowest, end_face = face_starts[owner], face_starts[owner + 1]
                 is_open = False
             # A block may be full before the row ends.
-            wanted = numbers[: min(columns, at + SAMPLES - n)]
+            wanted = numbers[: min(columns, at + entry.SAMPLES - n)]
             end = run_end(wanted, at)
             if end >= at + LONG:
-                whole[FIRST, r], whole[FACE, r] = n, face
-                segments[k, KIND], segments[k, OWNER] = SPAN, owner
-                segments[k, START], segments[k, FIRST_PATCH] = n, r
-                segments[k, COLUMN_OF], segments[k, ROW_OF] = at, frame_row
+                whole[entry.FIRST, r], whole[entry.FACE, r] = n, face
+                segments[k, entry.KIND], segments[k, entry.OWNER] = entry.SPAN, owner
+                segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
+                segments[k, entry.COLUMN_OF], segments[k, entry.ROW_OF] = at, frame_row
                 r += np.uintp(1)
                 k += 1
                 is_open = False
             else:
                 end = mixed_end(wanted, at, lowest, end_face)
                 if not is_open:
-                    segments[k, KIND], segments[k, OWNER] = MIXED, owner
-                    segments[k, START], segments[k, FIRST_PATCH] = n, r
+                    segments[k, entry.KIND], segments[k, entry.OWNER] = entry.MIXED, owner
+                    segments[k, entry.START], segments[k, entry.FIRST_PATCH] = n, r
                     k += 1
                     is_open = True
                 stop = n + whole_vectors(end - at)
                 number_pixels(
-                    part(whole, COLUMN, n, stop), part(whole, ROW, n, stop), np.int32(at),
-                    np.int32(frame_row),
+                    part(whole, entry.COLUMN, n, stop), part(whole, entry.ROW, n, stop),
+                    np.int32(at), np.int32(frame_row),
                 )  # fmt: skip
                 r = list_patches(wanted[at:end], n, r, whole)
             if reached != at:
                 last += 1
-                intervals[last, INTERVAL_ROW], intervals[last, INTERVAL_COLUMN] = row, at
-                intervals[last, INTERVAL_START], intervals[last, INTERVAL_FRAME_ROW] = n, frame_row
+                intervals[last, entry.INTERVAL_ROW], intervals[last, entry.INTERVAL_COLUMN] = (
+                    row,
+                    at,
+                )
+                intervals[last, entry.INTERVAL_START], intervals[last, entry.INTERVAL_FRAME_ROW] = (
+                    n,
+                    frame_row,
+                )
             n += end - at
-            segments[k - 1, STOP], segments[k - 1, END_PATCH] = n, r
-            intervals[last, INTERVAL_STOP] = n
+            segments[k - 1, entry.STOP], segments[k - 1, entry.END_PATCH] = n, r
+            intervals[last, entry.INTERVAL_STOP] = n
             at = reached = end
         if at >= columns:
             row, at, reached = row + 1, np.int64(0), np.int64(-1)
-    counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND] = row, at, owner
-    counts[SEGMENTS], counts[PATCHES], counts[INTERVALS] = k, r, last + 1
+    counts[entry.NEXT_ROW], counts[entry.NEXT_COLUMN], counts[entry.OWNER_AT_HAND] = row, at, owner
+    counts[entry.SEGMENTS], counts[entry.PATCHES], counts[entry.INTERVALS] = k, r, last + 1
     if n == 0:
-        for number in range(COUNTS):
+        for number in range(entry.COUNTS):
             counts[number] = 0
         return np.int64(-1)
-    whole[FIRST, r] = n
+    whole[entry.FIRST, r] = n
     gather_corners(r, faces, whole)
     return n

@@ -19,24 +19,6 @@ from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import OWNER as OF
 from rasterjit.pipeline.surface.samples import PLACE_OWNER, SEGMENTS, START, STOP, Block
-from rasterjit.pipeline.surface.textures import (
-    ALPHA_USE,
-    ANISOTROPY,
-    CLAMP,
-    FILTER,
-    FIRST_LEVEL,
-    FIRST_TEXEL,
-    LEVEL_COUNT,
-    LEVEL_HEIGHT,
-    LEVEL_WIDTH,
-    NEAREST,
-    REPEAT,
-    TEXEL_STEPS,
-    TRILINEAR,
-    WEIGHTED,
-    WRAP_U,
-    WRAP_V,
-)
 from rasterjit.runtime.intrinsics import CHANNELS, HALVES, copy_texels, mix_texels, part, range_end
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
@@ -96,9 +78,9 @@ def axis_rule(wrap):
     Bounds of the coordinate; its scale before whole periods are subtracted, the number subtracted,
     and its scale after.
     """
-    if wrap == CLAMP:
+    if wrap == texturing.CLAMP:
         return 0.0, 1.0, 1.0, 0.0, 1.0
-    if wrap == REPEAT:
+    if wrap == texturing.REPEAT:
         return -np.inf, np.inf, 1.0, 1.0, 1.0
     return -np.inf, np.inf, 0.5, 1.0, 2.0
 
@@ -110,9 +92,9 @@ def texel_rule(wrap):
 
     Periods that a texel is moved by; textures in a period, and 1 if the last is mirrored.
     """
-    if wrap == CLAMP:
+    if wrap == texturing.CLAMP:
         return np.int32(0), np.int32(1), np.int32(0)
-    if wrap == REPEAT:
+    if wrap == texturing.REPEAT:
         return np.int32(1), np.int32(1), np.int32(0)
     return np.int32(0), np.int32(2), np.int32(1)
 
@@ -127,7 +109,9 @@ def place_on_axis(u, size, rule):
     lowest, highest, before, periods, after = rule
     scaled = before * min(max(u, lowest), highest)
     reduced = after * (scaled - periods * np.floor(scaled))
-    position = np.floor(reduced * (np.float64(size) * TEXEL_STEPS) + 0.5) / TEXEL_STEPS
+    position = (
+        np.floor(reduced * (np.float64(size) * texturing.TEXEL_STEPS) + 0.5) / texturing.TEXEL_STEPS
+    )
     return position if abs(u) < np.inf else 0.5
 
 
@@ -189,7 +173,10 @@ def find_repeated(
     Takes its first texel, its width and its height.
     """
     first, width, height = own
-    across, up = np.float64(width) * TEXEL_STEPS, np.float64(height) * TEXEL_STEPS
+    across, up = (
+        np.float64(width) * texturing.TEXEL_STEPS,
+        np.float64(height) * texturing.TEXEL_STEPS,
+    )
     one, none = np.int32(1), np.int32(0)
     last_column, last_row = np.uint32(width - one), np.uint32(height - one)
     # Rows of texels run down.
@@ -198,8 +185,8 @@ def find_repeated(
     for n in range(u.shape[0]):
         x, y = u[n] - np.floor(u[n]), v[n] - np.floor(v[n])
         # NaN and infinity give the middle of texel 0.
-        x = (np.floor(x * across + 0.5) / TEXEL_STEPS if x == x else 0.5) - 0.5
-        y = (np.floor(y * up + 0.5) / TEXEL_STEPS if y == y else 0.5) - 0.5
+        x = (np.floor(x * across + 0.5) / texturing.TEXEL_STEPS if x == x else 0.5) - 0.5
+        y = (np.floor(y * up + 0.5) / texturing.TEXEL_STEPS if y == y else 0.5) - 0.5
         column, row = np.floor(x), np.floor(y)
         along[n], upward[n] = np.float32(x - column), np.float32(y - row)
         # They begin at -1, the largest unsigned integer.
@@ -247,12 +234,12 @@ def take_levels(size, up, own, levels, numbers):
     Takes the texture's first level, whose first texel indices are relative to, and its last.
     """
     first, last = own
-    base = levels[first, FIRST_TEXEL]
+    base = levels[first, texturing.FIRST_TEXEL]
     for n in range(np.uintp(size)):
         level = np.uintp(min(np.int64(numbers[LEVEL, n]) + up, last))
-        numbers[FIRST, n] = np.int32(levels[level, FIRST_TEXEL] - base)
-        numbers[WIDTH, n] = np.int32(levels[level, LEVEL_WIDTH])
-        numbers[HEIGHT, n] = np.int32(levels[level, LEVEL_HEIGHT])
+        numbers[FIRST, n] = np.int32(levels[level, texturing.FIRST_TEXEL] - base)
+        numbers[WIDTH, n] = np.int32(levels[level, texturing.LEVEL_WIDTH])
+        numbers[HEIGHT, n] = np.int32(levels[level, texturing.LEVEL_HEIGHT])
 
 
 @helper
@@ -360,9 +347,9 @@ def place_taps(u, v, k, taps, way_u, way_v, tap_u, tap_v):
 @helper
 def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, shares, corners):
     """Write the texels of its level around each position, and their weights."""
-    size, base = u.shape[0], levels[own[0], FIRST_TEXEL]
+    size, base = u.shape[0], levels[own[0], texturing.FIRST_TEXEL]
     details, start, level = part(numbers, LEVEL, 0, size), np.int64(0), own[0]
-    is_quick = is_smooth and wraps[0] == REPEAT and wraps[1] == REPEAT
+    is_quick = is_smooth and wraps[0] == texturing.REPEAT and wraps[1] == texturing.REPEAT
     if is_quick and (not is_mipped or runs_of(details) * EVEN_RUN <= size):
         while start < size:
             end = size
@@ -405,7 +392,7 @@ def find_texels(u, v, is_mipped, up, is_smooth, wraps, own, levels, numbers, sha
 @helper
 def read_level(is_smooth, own, textures, corners, shares, target):
     """Write the filtered colours at positions."""
-    size, base = corners[0].shape[0], textures.levels[own[0], FIRST_TEXEL]
+    size, base = corners[0].shape[0], textures.levels[own[0], texturing.FIRST_TEXEL]
     along, upward = part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size)
     _, width, height = texturing.level_at(textures.levels, own[0])
     is_far = width * height > NEAR_TEXELS
@@ -460,7 +447,7 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
     Returns the most taps that any of them takes.
     """
     row, size = textures.table[owner, kind], whole_vectors(count)
-    level, stop = np.int32(row[FIRST_LEVEL]), first + size
+    level, stop = np.int32(row[texturing.FIRST_LEVEL]), first + size
     levels, coarser, taps = (
         part(numbers, LEVEL, 0, size),
         part(shares, COARSER, 0, size),
@@ -478,12 +465,12 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
     _, width, height = texturing.level_at(textures.levels, level)
     longest, most = part(places, LONGEST, 0, size), np.int64(1)
     find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps)
-    if row[ANISOTROPY] > 1:
+    if row[texturing.ANISOTROPY] > 1:
         most = divide_footprints(
-            right_u, right_v, down_u, down_v, (width, height, count), row[ANISOTROPY], longest,
-            taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size),
+            right_u, right_v, down_u, down_v, (width, height, count), row[texturing.ANISOTROPY],
+            longest, taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size),
         )  # fmt: skip
-    split_details(longest, np.int32(row[LEVEL_COUNT]), level, levels, coarser)
+    split_details(longest, np.int32(row[texturing.LEVEL_COUNT]), level, levels, coarser)
     return most
 
 
@@ -502,21 +489,22 @@ def places_seen(first, size, owner, kind, textures, places):
 def read_one_texture(first, count, owner, kind, textures, places, numbers, shares, colors):
     """Look up one object's texture at neighbouring samples; white without one."""
     row, size = textures.table[owner, kind], whole_vectors(count)
-    if row[FIRST_LEVEL] < 0:
+    if row[texturing.FIRST_LEVEL] < 0:
         shown = rows_of(colors, SHOWN, first, first + size)
         fill_white(shown[0], shown[1], shown[2], shown[3])
         return
-    most, depth, is_mipped = np.int64(1), np.int64(1), row[FILTER] == TRILINEAR
+    most, depth, is_mipped = np.int64(1), np.int64(1), row[texturing.FILTER] == texturing.TRILINEAR
     if is_mipped:
         most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
         depth = np.int64(2 if any_coarse(shares, count) else 1)
     u, v = places_seen(first, size, owner, kind, textures, places)
-    own = row[FIRST_LEVEL], row[FIRST_LEVEL] + row[LEVEL_COUNT] - 1
+    own = row[texturing.FIRST_LEVEL], row[texturing.FIRST_LEVEL] + row[texturing.LEVEL_COUNT] - 1
     read_taps(
-        u, v, first, is_mipped, depth, most, row[FILTER] != NEAREST, (row[WRAP_U], row[WRAP_V]),
-        own, textures, places, numbers, shares, colors,
+        u, v, first, is_mipped, depth, most, row[texturing.FILTER] != texturing.NEAREST,
+        (row[texturing.WRAP_U], row[texturing.WRAP_V]), own, textures, places, numbers, shares,
+        colors,
     )  # fmt: skip
-    if row[ALPHA_USE] == WEIGHTED:
+    if row[texturing.ALPHA_USE] == texturing.WEIGHTED:
         shown = rows_of(colors, SHOWN, first, first + size)
         for i in range(CHANNELS - 1):
             divide_by_alpha(shown[i], shown[3])

@@ -7,34 +7,9 @@ import numpy as np
 from rasterjit.pipeline.geometry import barycentric
 from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, edge, narrow_edge, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.surface import samples as at
 from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
-    AX,
-    AY,
-    BEHIND,
-    BX,
-    BY,
-    COLUMN,
-    COLUMN_OF,
-    CX,
-    CY,
-    END_PATCH,
-    FIRST,
-    FIRST_PATCH,
-    KIND,
-    OWNER,
-    ROW,
-    ROW_OF,
-    SEGMENTS,
-    SPAN,
-    START,
-    STOP,
-    UNSURE,
-    A,
-    B,
-    Block,
-    C,
-)
+from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.intrinsics import part, six_parts, spread, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
@@ -148,21 +123,21 @@ def gather_screen(first, end, xy, codes, w, whole, real):
     """Gather screen positions, clipped flags and w of patches' vertices; w is 1 if affine."""
     is_affine = w.shape[0] == 0
     for r in range(np.uintp(first), np.uintp(end)):
-        n, code = np.uintp(whole[FIRST, r]), codes[np.uintp(whole[A, r])]
+        n, code = np.uintp(whole[at.FIRST, r]), codes[np.uintp(whole[at.A, r])]
         for k in range(3):
-            vertex = np.uintp(whole[A + k, r])
-            spread(whole[AX + 2 * k], n, xy[vertex, 0])
-            spread(whole[AY + 2 * k], n, xy[vertex, 1])
+            vertex = np.uintp(whole[at.A + k, r])
+            spread(whole[at.AX + 2 * k], n, xy[vertex, 0])
+            spread(whole[at.AY + 2 * k], n, xy[vertex, 1])
             spread(real[k], n, 1.0 if is_affine else w[vertex])
             code |= codes[vertex]
-        spread(whole[UNSURE], n, np.int32(code & CLIPPED))
+        spread(whole[at.UNSURE], n, np.int32(code & CLIPPED))
 
 
 @helper
 def are_all_clipped(segment, whole, codes):
     """Return whether all faces of a segment count as clipped, as those of lines do."""
-    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+    for r in range(np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])):
+        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED == 0:
             return False
     return True
@@ -175,20 +150,20 @@ def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_nar
 
     ``is_narrow``: samples lie on their faces, none of which is wide.
     """
-    s = np.int64(segment[START])
-    count = segment[STOP] - s
+    s = np.int64(segment[at.START])
+    count = segment[at.STOP] - s
     e = s + whole_vectors(count)
     if are_all_clipped(segment, whole, codes):
         return np.int32(1)
-    gather_screen(segment[FIRST_PATCH], segment[END_PATCH], xy, codes, w, whole, real)
+    gather_screen(segment[at.FIRST_PATCH], segment[at.END_PATCH], xy, codes, w, whole, real)
     if is_narrow:
         ax, ay, bx, by, cx, cy, columns, rows = (
-            part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e),
-            part(whole, BY, s, e), part(whole, CX, s, e), part(whole, CY, s, e),
-            part(whole, COLUMN, s, e), part(whole, ROW, s, e),
+            part(whole, at.AX, s, e), part(whole, at.AY, s, e), part(whole, at.BX, s, e),
+            part(whole, at.BY, s, e), part(whole, at.CX, s, e), part(whole, at.CY, s, e),
+            part(whole, at.COLUMN, s, e), part(whole, at.ROW, s, e),
         )  # fmt: skip
         unsure, behind, second, third = (
-            part(whole, UNSURE, s, e), part(whole, BEHIND, s, e), part(weights, 0, s, e),
+            part(whole, at.UNSURE, s, e), part(whole, at.BEHIND, s, e), part(weights, 0, s, e),
             part(weights, 1, s, e),
         )  # fmt: skip
         narrow = np.int32(bits)
@@ -204,9 +179,9 @@ def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, is_nar
         return any_unsure(unsure, np.int32(count))
     half = np.int32(1) << (bits - 1)
     return weigh(
-        *six_parts(whole, AX, s, e), *three_parts(real, 0, s, e), part(whole, COLUMN, s, e),
-        part(whole, ROW, s, e), count, (half, half), bits, reach, w.shape[0] == 0, front_turn,
-        part(whole, UNSURE, s, e), part(whole, BEHIND, s, e), part(weights, 0, s, e),
+        *six_parts(whole, at.AX, s, e), *three_parts(real, 0, s, e), part(whole, at.COLUMN, s, e),
+        part(whole, at.ROW, s, e), count, (half, half), bits, reach, w.shape[0] == 0, front_turn,
+        part(whole, at.UNSURE, s, e), part(whole, at.BEHIND, s, e), part(weights, 0, s, e),
         part(weights, 1, s, e),
     )  # fmt: skip
 
@@ -287,8 +262,8 @@ def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
     for n in range(np.uintp(s), np.uintp(e)):
         is_beside = min(side * e0, min(side * e1, side * e2)) < 0
         unsure = doubtful | np.int32(is_beside)
-        whole[COLUMN, n], whole[ROW, n], whole[UNSURE, n] = column, row, unsure
-        whole[BEHIND, n] = is_behind
+        whole[at.COLUMN, n], whole[at.ROW, n], whole[at.UNSURE, n] = column, row, unsure
+        whole[at.BEHIND, n] = is_behind
         found |= unsure
         column += 1
         e0 += steps[0]
@@ -300,9 +275,13 @@ def doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole):
 @helper
 def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
     """Do what `weigh` does, for a span; return whether any sample needs the exact path."""
-    r, s, e = np.uintp(segment[FIRST_PATCH]), np.int64(segment[START]), np.int64(segment[STOP])
-    a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-    column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+    r, s, e = (
+        np.uintp(segment[at.FIRST_PATCH]),
+        np.int64(segment[at.START]),
+        np.int64(segment[at.STOP]),
+    )
+    a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+    column, row = np.int64(segment[at.COLUMN_OF]), np.int64(segment[at.ROW_OF])
     row_start = span_start(a, b, c, column, row, bits, xy, w)
     edges, steps, _, ratios = row_start
     doubtful = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
@@ -317,7 +296,7 @@ def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
         else:
             doubtful = weigh_along_row(second, third, np.int32(e - s), first, gains, ratios)
         area = np.float64(edges[0] + edges[1] + edges[2])
-        note_side(part(whole, BEHIND, s, stop), np.int32(area * front_turn < 0.0))
+        note_side(part(whole, at.BEHIND, s, stop), np.int32(area * front_turn < 0.0))
     if doubtful == 0 and reach == 0:
         return doubtful
     return doubt_span(s, e, column, row, row_start, doubtful, front_turn, whole)
@@ -348,24 +327,24 @@ def weigh_clipped(second, third, behind, corners, column, row, is_behind, clip, 
 @helper
 def weigh_unsure(segment, whole, weights, geometry, placement):
     """Compute the marked samples of a segment by the exact path, with their facing."""
-    owner, codes = np.int64(segment[OWNER]), geometry.codes
-    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        first, end = np.int64(whole[FIRST, r]), np.int64(whole[FIRST, r + np.uintp(1)])
+    owner, codes = np.int64(segment[at.OWNER]), geometry.codes
+    for r in range(np.uintp(segment[at.FIRST_PATCH]), np.uintp(segment[at.END_PATCH])):
+        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+        first, end = np.int64(whole[at.FIRST, r]), np.int64(whole[at.FIRST, r + np.uintp(1)])
         if (codes[a] | codes[b] | codes[c]) & CLIPPED:
-            column, row = np.float64(whole[COLUMN, first]), np.int64(whole[ROW, first])
+            column, row = np.float64(whole[at.COLUMN, first]), np.int64(whole[at.ROW, first])
             # Segments and points have no sides.
             is_behind = b != c and barycentric.has_its_back_turned(a, b, c, owner, placement)
             weigh_clipped(
                 part(weights, 0, first, end), part(weights, 1, first, end),
-                part(whole, BEHIND, first, end), (a, b, c), column, row,
+                part(whole, at.BEHIND, first, end), (a, b, c), column, row,
                 np.int32(is_behind), geometry.clip_positions, geometry.viewport,
             )  # fmt: skip
             continue
         for n in range(np.uintp(first), np.uintp(end)):
-            if whole[UNSURE, n] != 0:
+            if whole[at.UNSURE, n] != 0:
                 exact = barycentric.sample_weights(
-                    a, b, c, whole[COLUMN, n], whole[ROW, n], geometry
+                    a, b, c, whole[at.COLUMN, n], whole[at.ROW, n], geometry
                 )
                 weights[0, n], weights[1, n] = exact[1], exact[2]
 
@@ -382,10 +361,10 @@ def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
     xy, codes, w = geometry.xy, geometry.codes, geometry.w
     bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
     is_narrow = reach == 0 and not may_be_wide(geometry.viewport)
-    for k in range(block.counts[SEGMENTS]):
+    for k in range(block.counts[at.SEGMENTS]):
         segment = block.segments[k]
-        turn = placement.front_turns[np.int64(segment[OWNER])]
-        if segment[KIND] == SPAN:
+        turn = placement.front_turns[np.int64(segment[at.OWNER])]
+        if segment[at.KIND] == at.SPAN:
             unsure = weigh_span(segment, whole, weights, xy, codes, w, bits, reach, turn)
         else:
             unsure = weigh_mixed(

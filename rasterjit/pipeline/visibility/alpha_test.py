@@ -28,24 +28,9 @@ from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, corners_of, la
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import AlphaTests
+from rasterjit.pipeline.surface import samples as at
 from rasterjit.pipeline.surface import texture_gradients, texture_lookup
 from rasterjit.pipeline.surface.listing import whole_vectors
-from rasterjit.pipeline.surface.samples import (
-    AX,
-    AY,
-    BEHIND,
-    COLUMN,
-    FACE,
-    FIRST,
-    ROW,
-    UNSURE,
-    VECTOR,
-    VERTEX_ROWS,
-    WHOLE_ROWS,
-    A,
-    B,
-    C,
-)
 from rasterjit.pipeline.surface.texture_lookup import SHOWN, STEPS, U, V, show_textures
 from rasterjit.pipeline.surface.textures import (
     ALPHA_USE,
@@ -146,20 +131,20 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
     for i in range(np.uintp(faces.shape[0])):
         # Without a branch: the next overwrites what starts no patch.
         face = faces[i]
-        whole[FIRST, patches], whole[FACE, patches] = i, face
+        whole[at.FIRST, patches], whole[at.FACE, patches] = i, face
         patches += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
         before = face
-    whole[FIRST, patches] = faces.shape[0]
+    whole[at.FIRST, patches] = faces.shape[0]
     is_affine = w.shape[0] == 0
     for r in range(patches):
-        n = np.uintp(whole[FIRST, r])
-        a, b, c = corners_of(own, np.uintp(whole[FACE, r]))
-        whole[A, r], whole[B, r], whole[C, r] = a, b, c
-        spread(whole[UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
+        n = np.uintp(whole[at.FIRST, r])
+        a, b, c = corners_of(own, np.uintp(whole[at.FACE, r]))
+        whole[at.A, r], whole[at.B, r], whole[at.C, r] = a, b, c
+        spread(whole[at.UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
         for k in range(3):
             vertex = a if k == 0 else (b if k == 1 else c)
-            spread(whole[AX + 2 * k], n, xy[vertex, 0])
-            spread(whole[AY + 2 * k], n, xy[vertex, 1])
+            spread(whole[at.AX + 2 * k], n, xy[vertex, 0])
+            spread(whole[at.AY + 2 * k], n, xy[vertex, 1])
             spread(real[k], n, 1.0 if is_affine else w[vertex])
     return patches
 
@@ -170,18 +155,18 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
     size, bits = whole_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
     unsure = weigh(
-        *six_parts(whole, AX, 0, size), *three_parts(real, 0, 0, size),
-        part(whole, COLUMN, 0, size), part(whole, ROW, 0, size), count,
+        *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
+        part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), count,
         (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
-        1.0, part(whole, UNSURE, 0, size), part(whole, BEHIND, 0, size), part(weights, 0, 0, size),
-        part(weights, 1, 0, size),
+        1.0, part(whole, at.UNSURE, 0, size), part(whole, at.BEHIND, 0, size),
+        part(weights, 0, 0, size), part(weights, 1, 0, size),
     )  # fmt: skip
     if unsure != 0:
         for r in range(patches):
-            a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-            for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-                if whole[UNSURE, i] != 0:
-                    column, row = whole[COLUMN, i], whole[ROW, i]
+            a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
+            for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
+                if whole[at.UNSURE, i] != 0:
+                    column, row = whole[at.COLUMN, i], whole[at.ROW, i]
                     exact = barycentric.shifted_weights(a, b, c, column, row, shift, geometry)
                     weights[0, i], weights[1, i] = exact[1], exact[2]
 
@@ -199,9 +184,9 @@ def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
 def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex_colors):
     """Multiply alphas by those of the vertex colours."""
     for r in range(patches):
-        n = np.uintp(whole[FIRST, r])
+        n = np.uintp(whole[at.FIRST, r])
         for k in range(3):
-            spread(single[k], n, vertex_colors[np.uintp(whole[A + k, r]), ALPHA])
+            spread(single[k], n, vertex_colors[np.uintp(whole[at.A + k, r]), ALPHA])
     multiply_mixed(
         alphas[:size], *three_parts(single, 0, 0, size), part(weights, 0, 0, size),
         part(weights, 1, 0, size),
@@ -215,9 +200,9 @@ def find_coordinates(
     """Write the texture coordinates of samples, and their derivatives if a texture needs them."""
     uv = textures.uv
     for r in range(patches):
-        n = np.uintp(whole[FIRST, r])
+        n = np.uintp(whole[at.FIRST, r])
         for k in range(3):
-            vertex = np.uintp(whole[A + k, r])
+            vertex = np.uintp(whole[at.A + k, r])
             spread(single[2 * k], n, uv[vertex, 0])
             spread(single[2 * k + 1], n, uv[vertex, 1])
     texture_gradients.mix_places(
@@ -230,17 +215,17 @@ def find_coordinates(
     texture_gradients.mix_steps(
         *three_parts(places, STEPS, 0, size), part(places, STEPS + 3, 0, size),
         part(places, U, 0, size), part(places, V, 0, size), *six_parts(single, 0, 0, size),
-        *six_parts(whole, AX, 0, size), *three_parts(real, 0, 0, size),
-        part(whole, COLUMN, 0, size), part(whole, ROW, 0, size), viewport.grid_bits,
+        *six_parts(whole, at.AX, 0, size), *three_parts(real, 0, 0, size),
+        part(whole, at.COLUMN, 0, size), part(whole, at.ROW, 0, size), viewport.grid_bits,
         viewport.spacing, geometry.w.shape[0] == 0,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
     for r in range(patches):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        a, b, c = np.uintp(whole[at.A, r]), np.uintp(whole[at.B, r]), np.uintp(whole[at.C, r])
         if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-            for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-                column, row = whole[COLUMN, i], whole[ROW, i]
+            for i in range(whole[at.FIRST, r], whole[at.FIRST, r + np.uintp(1)]):
+                column, row = whole[at.COLUMN, i], whole[at.ROW, i]
                 texture_gradients.note_clipped_steps(
                     places, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
@@ -308,7 +293,7 @@ def is_hole(face, column, row, question):
     asked[FIRST_SAMPLE], asked[SAMPLES], asked[OBJECT] = 0, 1, owner
     asked[SHIFT_X], asked[SHIFT_Y] = 0, 0
     question.faces[0] = face
-    question.pixels[COLUMN, 0], question.pixels[ROW, 0] = column, row
+    question.pixels[at.COLUMN, 0], question.pixels[at.ROW, 0] = column, row
     call_bound(question.call)
     return not question.alphas[0] >= cutoff
 
@@ -388,7 +373,7 @@ def show_waiting(waiting, asked, tile, lists, question):
         stop = min(first + PART, waiting)
         count = stop - first
         place_pixels(
-            part(question.pixels, COLUMN, 0, count), part(question.pixels, ROW, 0, count),
+            part(question.pixels, at.COLUMN, 0, count), part(question.pixels, at.ROW, 0, count),
             places[first:stop], asked[LEFT_COLUMN], asked[TOP_ROW],
         )  # fmt: skip
         query[FIRST_SAMPLE], query[SAMPLES] = first, count
@@ -475,11 +460,11 @@ def keep(n, owner, holes):
 def alpha_memory(room: int = PART) -> tuple[Any, ...]:
     """Return a thread's memory for computing the alphas of up to ``room`` samples together."""
     # As `whole_vectors`, which is compiled: calling it here would wait for Numba.
-    room = -(-room // VECTOR) * VECTOR + LANES
+    room = -(-room // at.VECTOR) * at.VECTOR + LANES
     return (
-        np.empty((WHOLE_ROWS, room), np.int32),
-        np.empty((VERTEX_ROWS, room), np.float64),
-        np.empty((VERTEX_ROWS, room), np.float32),
+        np.empty((at.WHOLE_ROWS, room), np.int32),
+        np.empty((at.VERTEX_ROWS, room), np.float64),
+        np.empty((at.VERTEX_ROWS, room), np.float32),
         np.empty(room, np.float32),
         np.empty((2, room), np.float64),
         np.empty((texture_lookup.SCRATCH_ROWS, room), np.float64),

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline import records
 from rasterjit.pipeline.geometry import (
     binning,
     clipping,
@@ -24,15 +25,6 @@ from rasterjit.pipeline.geometry import (
 )
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
-from rasterjit.pipeline.records import (
-    AlphaTests,
-    Faces,
-    Geometry,
-    Objects,
-    Placement,
-    ScreenVertices,
-    Viewport,
-)
 from rasterjit.pipeline.visibility import alpha_test, lines, nearest
 from rasterjit.pipeline.visibility import points as painting
 from rasterjit.pipeline.visibility import primitives as expanding
@@ -95,8 +87,8 @@ class TileLists(NamedTuple):
     """(tiles + 1,): tile ``k`` drew ``binned[starts[k]:starts[k + 1]]``."""
     binned: NDArray[np.int32]
     """(M,): below F a face, ``F + p`` piece p."""
-    faces: Faces
-    objects: Objects | None = None
+    faces: records.Faces
+    objects: records.Objects | None = None
     skipped: Sequence[tuple[int, int]] = ()
     """Runs of faces that are in no list."""
     reach: int = 0
@@ -126,13 +118,13 @@ class Coverage(NamedTuple):
     if not kept."""
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
-    screen: ScreenVertices
+    screen: records.ScreenVertices
     clip_positions: NDArray[np.float64]
     """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none were asked for."""
     totals: Totals
     lists: TileLists | None
     """``None`` unless they were asked for."""
-    alpha_tests: AlphaTests | None = None
+    alpha_tests: records.AlphaTests | None = None
     """With its geometry; ``None`` if no object has holes."""
     reversed_depth: NDArray[np.float32] | None = None
     """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
@@ -213,10 +205,10 @@ def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
 def project(
     clip_positions: NDArray[np.float64],
     depth_coefficients: tuple[float, float, float],
-    viewport: Viewport,
+    viewport: records.Viewport,
     workers: Workers,
     precision: Any = np.float64,
-) -> tuple[ScreenVertices, int]:
+) -> tuple[records.ScreenVertices, int]:
     """
     Project all vertices from clip space to the screen.
 
@@ -243,11 +235,11 @@ def project(
 def transform_and_project(
     vertices: ModelVertices,
     depth_coefficients: tuple[float, float, float],
-    viewport: Viewport,
+    viewport: records.Viewport,
     workers: Workers,
     kept: Kept | None = None,
     runs: Sequence[tuple[int, int]] | None = None,
-) -> tuple[ScreenVertices, int]:
+) -> tuple[records.ScreenVertices, int]:
     """
     Project all vertices from model space to the screen.
 
@@ -282,7 +274,7 @@ def transform_and_project(
 def _to_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any,
     kept: Kept | None = None, runs: Sequence[tuple[int, int]] | None = None,
-) -> tuple[ScreenVertices, int]:  # fmt: skip
+) -> tuple[records.ScreenVertices, int]:  # fmt: skip
     """Call a kernel that fills the screen vertices, for all of them or for some runs."""
     kept = kept or Kept(workers.memory, lasts=False)
     screen = kept.made("screen", screen_arrays, count + SPARE_VERTICES, workers.memory)
@@ -306,11 +298,11 @@ def clip(
     clip_positions: NDArray[np.float64],
     faces: NDArray[np.int32],
     depth_coefficients: tuple[float, float, float],
-    viewport: Viewport,
-    screen: ScreenVertices,
+    viewport: records.Viewport,
+    screen: records.ScreenVertices,
     workers: Workers,
     primitives: Primitives | None = None,
-) -> tuple[Faces, ScreenVertices, int]:
+) -> tuple[records.Faces, records.ScreenVertices, int]:
     """
     Clip the faces that cross the near or far plane or the guard band.
 
@@ -389,7 +381,7 @@ def clip(
             for part in parts
         ],
     )  # fmt: skip
-    return Faces(faces, pieces, piece_faces), screen, len(cut)
+    return records.Faces(faces, pieces, piece_faces), screen, len(cut)
 
 
 def _cut_faces(
@@ -425,11 +417,11 @@ class Drawable(NamedTuple):
     """Or (V, 4) float64, clip space."""
     faces: NDArray[np.int32]
     """(F, 3)."""
-    objects: Objects
+    objects: records.Objects
     depth_coefficients: tuple[float, float, float]
     """The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer."""
-    viewport: Viewport
-    alpha_tests: AlphaTests | None = None
+    viewport: records.Viewport
+    alpha_tests: records.AlphaTests | None = None
     """The alpha-tested objects, for any picture: its geometry is filled in."""
     primitives: Primitives | None = None
     """The objects whose faces are segments or points; ``None`` -> all are triangles."""
@@ -659,14 +651,14 @@ def depth_variant(depth_type: Any) -> str:
 
 def geometry_of(
     faces: NDArray[np.int32],
-    screen: ScreenVertices,
+    screen: records.ScreenVertices,
     clip_positions: NDArray[np.float64],
-    viewport: Viewport,
+    viewport: records.Viewport,
     is_affine: bool = False,
-) -> Geometry:
+) -> records.Geometry:
     """Return the geometry to interpolate on: perspective-correct, or affine on the screen."""
     w = np.empty(0) if is_affine else screen.w
-    return Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
+    return records.Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
 
 
 class SetUp(NamedTuple):
@@ -685,8 +677,9 @@ class SetUp(NamedTuple):
 
 
 def set_up(
-    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers,
-    kept: Kept | None = None, seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
+    faces: records.Faces, objects: records.Objects, screen: records.ScreenVertices,
+    viewport: records.Viewport, workers: Workers, kept: Kept | None = None,
+    seen: int = setup.ANY_CODE, skipped: Sequence[tuple[int, int]] = (),
 ) -> SetUp:  # fmt: skip
     """
     Cull faces, and find the tiles of the survivors.
@@ -727,12 +720,12 @@ def set_up(
 
 
 def set_up_and_bin(
-    faces: Faces,
-    objects: Objects,
-    screen: ScreenVertices,
-    viewport: Viewport,
+    faces: records.Faces,
+    objects: records.Objects,
+    screen: records.ScreenVertices,
+    viewport: records.Viewport,
     workers: Workers,
-    alpha_tests: AlphaTests | None = None,
+    alpha_tests: records.AlphaTests | None = None,
     depth_type: Any = np.float32,
     kept: Kept | None = None,
     seen: int = setup.ANY_CODE,
@@ -780,7 +773,7 @@ def set_up_and_bin(
     return starts, binned, tile_depths.max(axis=0), sums
 
 
-def _tiles_of(viewport: Viewport) -> tuple[int, int]:
+def _tiles_of(viewport: records.Viewport) -> tuple[int, int]:
     """Return the columns of tiles of a picture, and its tiles."""
     columns = -(-viewport.width // setup.TILE_SIZE)
     return columns, columns * -(-viewport.height // setup.TILE_SIZE)
@@ -790,12 +783,12 @@ def draw(
     starts: NDArray[np.int64],
     binned: NDArray[np.int32],
     tile_depths: NDArray[Any],
-    faces: Faces,
-    screen: ScreenVertices,
-    viewport: Viewport,
+    faces: records.Faces,
+    screen: records.ScreenVertices,
+    viewport: records.Viewport,
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
-    alpha_tests: AlphaTests | None = None,
+    alpha_tests: records.AlphaTests | None = None,
     kept: Kept | None = None,
 ) -> int:
     """Rasterize all tiles, each by one thread; return how many pixels are covered."""
@@ -816,9 +809,9 @@ def draw(
     return int(sum(workers.call(nearest.draw_tiles, calls)))
 
 
-def whole_faces(faces: NDArray[np.int32]) -> Faces:
+def whole_faces(faces: NDArray[np.int32]) -> records.Faces:
     """Return the `Faces` record of faces none of which was clipped."""
-    return Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    return records.Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
 
 
 def _empty_depths(tiles: int, depth_type: Any) -> NDArray[Any]:
@@ -836,11 +829,11 @@ def _count(count: int) -> NDArray[np.int32]:
     return np.arange(count, dtype=np.int32)
 
 
-def screen_arrays(count: int, memory: Memory) -> ScreenVertices:
+def screen_arrays(count: int, memory: Memory) -> records.ScreenVertices:
     """Return room for so many vertices."""
     # A vertex's position and depth lie side by side, in one cache line.
     packed = memory.empty((count, 2), np.float64)
-    return ScreenVertices(
+    return records.ScreenVertices(
         packed.view(np.int32)[:, :2],
         packed[:, 1],
         memory.empty((count,), np.uint8),
@@ -862,11 +855,11 @@ def viewport_of(
     subpixel_bits: int,
     region: Region | None = None,
     spacing: float = 1.0,
-) -> Viewport:
+) -> records.Viewport:
     """Return the viewport record, with guard band, of an image (width, height) or a part of it."""
     width, height = size
     left, top, columns, rows = region or (0, 0, width, height)
-    return Viewport(
+    return records.Viewport(
         columns,
         rows,
         1.0 + 2.0 * GUARD_PIXELS / width,
@@ -884,8 +877,8 @@ def viewport_of(
 class Seen(NamedTuple):
     """A rasterized picture: its coverage, geometry and viewport."""
 
-    objects: Objects
+    objects: records.Objects
     depth_coefficients: tuple[float, float, float]
-    geometry: Geometry
-    placement: Placement
+    geometry: records.Geometry
+    placement: records.Placement
     coverage: Coverage

@@ -31,23 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.geometry import setup
-from rasterjit.pipeline.geometry.projection import (
-    BLOCK,
-    CODE,
-    DEPTH,
-    ROUNDER,
-    SNAPPED_X,
-    SNAPPED_Y,
-    W,
-    X,
-    Y,
-    Z,
-    load_relative,
-    project_rows,
-    stored_depth,
-    transform_rows,
-)
+from rasterjit.pipeline.geometry import projection, setup
 from rasterjit.pipeline.records import Viewport
 from rasterjit.runtime.intrinsics import fetch, flat, part, three_parts
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
@@ -127,7 +111,7 @@ def put(place, depth, face, depths, faces):
 def in_grid(pixels, viewport):
     """Return a number of pixels in units of the sub-pixel grid, rounded."""
     units = min(pixels * np.float64(np.int64(1) << viewport.grid_bits), LARGEST_SIZE)
-    return np.int64((units + ROUNDER) - ROUNDER)
+    return np.int64((units + projection.ROUNDER) - projection.ROUNDER)
 
 
 @helper
@@ -308,7 +292,7 @@ def depth_on_sphere(centre, offset, sight, depth_coefficients):
     """Return the stored depth of a point of a sphere."""
     m = sight.matrix
     point = centre[0] + offset[0], centre[1] + offset[1], centre[2] + offset[2]
-    return stored_depth(clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients)
+    return projection.stored_depth(clip_row(m, 2, point), clip_row(m, 3, point), depth_coefficients)
 
 
 @helper
@@ -375,7 +359,7 @@ def nearest_depth(centre, radius, sight, depth_coefficients):
     w = clip_row(m, 3, point)
     if not w > 0.0:
         return np.inf
-    depth = stored_depth(clip_row(m, 2, point), w, depth_coefficients)
+    depth = projection.stored_depth(clip_row(m, 2, point), w, depth_coefficients)
     return depth + 2.0**-20 * abs(depth)
 
 
@@ -467,19 +451,19 @@ def draw_pixels(first_face, count, frame, viewport, scratch, counts):
     numbers, whole, _ = scratch
     depths, faces = frame
     kind = depths.dtype.type
-    drawn, invalid = find_places(*three_parts(whole, SNAPPED_X, 0, count), viewport)
+    drawn, invalid = find_places(*three_parts(whole, projection.SNAPPED_X, 0, count), viewport)
     counts[POINTS_DRAWN] += drawn
     counts[POINTS_INVALID] += invalid
     counts[POINTS_OUTSIDE] += count - drawn - invalid
     # Prefetch all pixels first.
     for i in range(count):
-        place = whole[CODE, np.uintp(i)]
+        place = whole[projection.CODE, np.uintp(i)]
         if place >= 0:
             fetch(depths, np.uintp(place))
     for i in range(count):
-        place = whole[CODE, np.uintp(i)]
+        place = whole[projection.CODE, np.uintp(i)]
         if place >= 0:
-            depth = kind(numbers[DEPTH, np.uintp(i)])
+            depth = kind(numbers[projection.DEPTH, np.uintp(i)])
             put(np.uintp(place), depth, np.int32(first_face + i), depths, faces)
 
 
@@ -496,9 +480,9 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
     scale = points.scales[owner]
     for i in range(count):
         n = np.uintp(i)
-        code, w = whole[CODE, n], numbers[W, n]
+        code, w = whole[projection.CODE, n], numbers[projection.W, n]
         face = np.int32(first_face + i)
-        x, y = np.int64(whole[SNAPPED_X, n]), np.int64(whole[SNAPPED_Y, n])
+        x, y = np.int64(whole[projection.SNAPPED_X, n]), np.int64(whole[projection.SNAPPED_Y, n])
         if code & setup.INVALID:
             counts[POINTS_INVALID] += 1
             continue
@@ -506,7 +490,7 @@ def draw_shapes(first, count, owner, positions, matrices, points, lens, frame, s
             counts[POINTS_OUTSIDE] += 1
             continue
         size = points.sizes[np.uintp(place + step * (first_number + i))]
-        depth = kind(numbers[DEPTH, n])
+        depth = kind(numbers[projection.DEPTH, n])
         is_ahead = (code & setup.GUARD) == 0
         sizes = sizes_in_grid(size, unit, scale, w if is_ahead else 1.0, sight, viewport)
         if shape == SPHERE:
@@ -580,14 +564,15 @@ def draw_points(
             continue
         is_pixel = are_pixels(o, points)
         while first < end:
-            count = min(np.int64(BLOCK), end - first)
-            load_relative(positions, first, first + count, objects, owner, numbers)
-            x, y = part(numbers, X, 0, count), part(numbers, Y, 0, count)
-            z, w = part(numbers, Z, 0, count), part(numbers, W, 0, count)
-            transform_rows(sight.matrix, x, y, z, w)
-            project_rows(
+            count = min(np.int64(projection.BLOCK), end - first)
+            projection.load_relative(positions, first, first + count, objects, owner, numbers)
+            x, y = part(numbers, projection.X, 0, count), part(numbers, projection.Y, 0, count)
+            z, w = part(numbers, projection.Z, 0, count), part(numbers, projection.W, 0, count)
+            projection.transform_rows(sight.matrix, x, y, z, w)
+            projection.project_rows(
                 depth_coefficients, viewport, largest[0], x, y, z, w,
-                part(numbers, DEPTH, 0, count), *three_parts(whole, SNAPPED_X, 0, count),
+                part(numbers, projection.DEPTH, 0, count),
+                *three_parts(whole, projection.SNAPPED_X, 0, count),
             )  # fmt: skip
             if is_pixel:
                 face = points.face_starts[o] + first - points.vertex_starts[o]
