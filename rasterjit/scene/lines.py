@@ -205,15 +205,6 @@ class Lines(Mesh):
             colors=np.concatenate(colors), width=width, unit=unit,
         )  # fmt: skip
 
-    @property
-    def material(self) -> Material:
-        """What multiplies the colours; another unlit one may be assigned."""
-        return self._material
-
-    @material.setter
-    def material(self, value: Material) -> None:
-        self._set_material(value)
-
     @staticmethod
     def _check_material(name: str, value: Any) -> None:
         Mesh._check_material(name, value)

@@ -330,15 +330,16 @@ class Mesh(HoldsArrays, Guarded, Previewed):
 
     @property
     def material(self) -> Material:
-        """How the surface is shaded; another may be assigned, and is of no variant then."""
+        """
+        How the surface is shaded; another may be assigned, and is of no variant then.
+
+        It multiplies the colours of `Points` and `Lines`, says how points are lit, and is unlit for
+        lines.
+        """
         return self._material
 
     @material.setter
     def material(self, value: Material) -> None:
-        self._set_material(value)
-
-    def _set_material(self, value: Material) -> None:
-        """Store a checked material as the mesh's own."""
         self._check_material("material", value)
         self._material, self._default_material = value, None
 
@@ -637,34 +638,25 @@ class Mesh(HoldsArrays, Guarded, Previewed):
         plain = all(values is None for values in carried) and not self._vertex_attributes
         plain = plain and not can_be_posed
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
+
         # The arrays come from a checked mesh: fill the new one without checking them again.
+        def picked(values: Any) -> Any:
+            return None if values is None else check.read_only(values[split.sources])
+
+        attributes, field = self._vertex_attributes, self.vertex_field
         result = Mesh.__new__(Mesh)
-        result._vertices = check.read_only(self.vertices[split.sources])
-        result._faces = check.read_only(np.array(split.faces))
-        result._vertex_colors = None
-        if self.vertex_colors is not None:
-            result._vertex_colors = check.read_only(self.vertex_colors[split.sources])
-        result._face_colors = self.face_colors
-        result._field = self.field
-        if self.vertex_field is not None:
-            result._field = self.vertex_field.of_rows(split.sources)
-        result._uv, result._uv1 = (
-            None if uv is None else check.read_only(uv[split.sources]) for uv in self.uv_sets
-        )
-        result._tangents = None
-        if self.tangents is not None:
-            result._tangents = check.read_only(self.tangents[split.sources])
-        result._vertex_attributes = {
-            name: check.read_only(values[split.sources])
-            for name, values in self._vertex_attributes.items()
-        }
-        result._face_attributes = self._face_attributes
+        result.__dict__.update(
+            _vertices=picked(self.vertices), _faces=check.read_only(np.array(split.faces)),
+            _vertex_colors=picked(self.vertex_colors), _face_colors=self.face_colors,
+            _field=self.field if field is None else field.of_rows(split.sources),
+            _uv=picked(self.uv), _uv1=picked(self.uv1), _tangents=picked(self.tangents),
+            _vertex_attributes={name: picked(values) for name, values in attributes.items()},
+            _face_attributes=self._face_attributes, _material=self.material,
+            _variants=self._variants, _default_material=self._default_material,
+            _bounds=self._bounds, _is_closed=self._is_closed,
+        )  # fmt: skip
         result._normals = result._vertex_normals = check.read_only(split.normals)
-        result._material = self.material
-        result._variants, result._default_material = self._variants, self._default_material
         result._invalid_vertices = _count_invalid(self._PLACES, result.vertices, "drop")
-        result._bounds = self._bounds
-        result._is_closed = self._is_closed
         if can_be_posed:
             result._take_posable(self, split.sources)
             result._normal_groups = check.read_only(normal_groups(result.vertices, split.normals))

@@ -131,15 +131,6 @@ class Points(Mesh):
         )  # fmt: skip
         self._sizes = read_only(sizes_of("size", size, len(self), unit))
 
-    @property
-    def material(self) -> Material:
-        """What multiplies the colours, and says how the points are lit; another may be assigned."""
-        return self._material
-
-    @material.setter
-    def material(self, value: Material) -> None:
-        self._set_material(value)
-
     @staticmethod
     def _check_material(name: str, value: Any) -> None:
         Mesh._check_material(name, value)
