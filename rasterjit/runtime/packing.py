@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rasterjit.runtime import argument_plan
+from rasterjit.runtime import argument_plan as layout
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
 from rasterjit.runtime.jit import helper, pack_with, raw_kernel
 from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, pack_slowly
@@ -30,13 +30,12 @@ def copy_words(source, count, target):
 @helper
 def is_array(thing, header, at):
     """Tell whether an array, behind its header, is of the expected type, axes and layout."""
-    word = load_int64(load_int64(thing + argument_plan.DESCR) + header + argument_plan.KIND)
-    flags = load_int64(at + argument_plan.WANTED_FLAGS)
+    word = load_int64(load_int64(thing + layout.DESCR) + header + layout.KIND)
+    flags = load_int64(at + layout.WANTED_FLAGS)
     return (
-        (word & np.int64(np.uint64(argument_plan.ORDER_AND_NUMBER)))
-        == load_int64(at + argument_plan.EXPECTED)
-        and np.int64(load_int32(thing + argument_plan.NDIM)) == load_int64(at + argument_plan.AXES)
-        and (np.int64(load_int32(thing + argument_plan.FLAGS)) & flags) == flags
+        (word & np.int64(np.uint64(layout.ORDER_AND_NUMBER))) == load_int64(at + layout.EXPECTED)
+        and np.int64(load_int32(thing + layout.NDIM)) == load_int64(at + layout.AXES)
+        and (np.int64(load_int32(thing + layout.FLAGS)) & flags) == flags
     )
 
 
@@ -60,49 +59,44 @@ def pack(arguments, plan, state):
     int
         0, or the number, from 1 on, of the first instruction that found something unexpected.
     """
-    array_type, read_int = (
-        load_int64(plan + argument_plan.ARRAY_TYPE),
-        load_int64(plan + argument_plan.READ_INT),
-    )
-    header, items = load_int64(plan + argument_plan.HEADER), load_int64(plan + argument_plan.ITEMS)
-    at, out, number = plan + argument_plan.FIRST, state, np.int64(1)
-    if load_int64(arguments + header) != load_int64(plan + argument_plan.LENGTH):
+    array_type, read_int = load_int64(plan + layout.ARRAY_TYPE), load_int64(plan + layout.READ_INT)
+    header, items = load_int64(plan + layout.HEADER), load_int64(plan + layout.ITEMS)
+    at, out, number = plan + layout.FIRST, state, np.int64(1)
+    if load_int64(arguments + header) != load_int64(plan + layout.LENGTH):
         return number
-    op = load_int64(at + argument_plan.OP)
-    while op != argument_plan.END:
+    op = load_int64(at + layout.OP)
+    while op != layout.END:
         thing = arguments
-        for k in range(load_int64(at + argument_plan.DEPTH)):
-            thing = load_int64(
-                thing + items + WORD * load_int64(at + argument_plan.PATH + WORD * k)
-            )
+        for k in range(load_int64(at + layout.DEPTH)):
+            thing = load_int64(thing + items + WORD * load_int64(at + layout.PATH + WORD * k))
         body = thing + header
-        kind, expected = load_int64(body - WORD), load_int64(at + argument_plan.EXPECTED)
-        if op == argument_plan.ARRAY:
+        kind, expected = load_int64(body - WORD), load_int64(at + layout.EXPECTED)
+        if op == layout.ARRAY:
             if kind != array_type or not is_array(body, header, at):
                 return number
-            axes = load_int64(at + argument_plan.AXES)
-            store_int64(out, load_int64(body + argument_plan.DATA))
-            out = copy_words(load_int64(body + argument_plan.SHAPE), axes, out + WORD)
-            if load_int64(at + argument_plan.STRIDED):
-                out = copy_words(load_int64(body + argument_plan.STRIDES), axes, out)
-        elif op == argument_plan.INT:
-            if kind != expected and kind != load_int64(at + argument_plan.AXES):
+            axes = load_int64(at + layout.AXES)
+            store_int64(out, load_int64(body + layout.DATA))
+            out = copy_words(load_int64(body + layout.SHAPE), axes, out + WORD)
+            if load_int64(at + layout.STRIDED):
+                out = copy_words(load_int64(body + layout.STRIDES), axes, out)
+        elif op == layout.INT:
+            if kind != expected and kind != load_int64(at + layout.AXES):
                 return number
             store_int64(out, call_at(read_int, thing, 0, 0))
             out += WORD
-        elif op == argument_plan.RECORD:
-            if kind != expected or load_int64(body) != load_int64(at + argument_plan.AXES):
+        elif op == layout.RECORD:
+            if kind != expected or load_int64(body) != load_int64(at + layout.AXES):
                 return number
         else:
-            if kind != expected and kind != load_int64(at + argument_plan.AXES):
+            if kind != expected and kind != load_int64(at + layout.AXES):
                 return number
-            if op == argument_plan.FLOAT64:
+            if op == layout.FLOAT64:
                 store_int64(out, load_int64(body))
             else:
                 store_int64(out, np.int64(load_int32(body)))
             out += WORD
-        at, number = at + argument_plan.INSTRUCTION, number + 1
-        op = load_int64(at + argument_plan.OP)
+        at, number = at + layout.INSTRUCTION, number + 1
+        op = load_int64(at + layout.OP)
     return np.int64(0)
 
 
@@ -114,7 +108,7 @@ def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
     parts = ArrayType("float32", 3, False), inner, number("int64"), number("int64")
     kind = RecordType(tuple, parts)
-    plan = argument_plan.plan_of(kind)
+    plan = layout.plan_of(kind)
     block = (ctypes.c_int64 * 16)()
     if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
         return False

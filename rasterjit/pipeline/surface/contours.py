@@ -134,6 +134,7 @@ def draw_contours(
     geometry : Geometry
     """
     whole, viewport, xy, w = block.whole, geometry.viewport, geometry.xy, geometry.w
+    # The segments of objects with lines.
     for k in range(block.counts[rows.SEGMENTS]):
         segment = block.segments[k]
         owner = np.uintp(segment[rows.OWNER])
@@ -141,6 +142,7 @@ def draw_contours(
         if own == 0:
             continue
         half = np.float64(lines[owner, HALF_WIDTH])
+        # Their faces whose scalars differ.
         for r in range(np.uintp(segment[rows.FIRST_PATCH]), np.uintp(segment[rows.END_PATCH])):
             a, b, c = (
                 np.uintp(whole[rows.A, r]),
@@ -169,6 +171,7 @@ def draw_contours(
                     edges = clipped_edges(a, b, c, column, row, geometry.clip_positions, viewport)
                 else:
                     edges = snapped_edges(a, b, c, column, row, xy, w, viewport.grid_bits)
+                # The level above the sample, then that below it.
                 above = levels_up_to(value, levels, first_level, own)
                 is_drawn = False
                 if above > first_level:
