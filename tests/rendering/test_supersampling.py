@@ -393,7 +393,7 @@ def test_shadow_maps_reach_around_what_any_picture_shows(monkeypatch):
         return matrix
 
     monkeypatch.setattr(maps, "_fit_parallel", watch)
-    sun = rj.DirectionalLight((0.0, -1.0, 0.0), shadow=rj.Shadow(4096, "hard"))
+    sun = rj.DirectionalLight((0.0, -1.0, 0.0), shadow=rj.Shadow(1024, "hard"))
     scene = scene_of(GROUND, ROOF, lights=[sun])
     camera = rj.PerspectiveCamera((0.0, 1.5, 3.0), (0, 0.4, 0), near=0.1)
     many = rj.Quality(samples=256)
@@ -412,7 +412,7 @@ def test_shadow_maps_reach_around_what_any_picture_shows(monkeypatch):
                 + row[shadows_stage.CENTER + k]
                 for k in (0, 1)
             ]
-            inside = [(place > 0.0) & (place < 4096.0) for place in places]
+            inside = [(place > 0.0) & (place < 1024.0) for place in places]
             if row is everywhere:
                 assert np.all(inside)
             else:

@@ -194,7 +194,7 @@ def test_points_are_fitted_with_their_sizes_in_scene_units(projection, unit):
     if unit == "pixel":
         check_fit(camera, places, 1.3)
         return
-    ball = cloud(0, 50_000)
+    ball = cloud(0, 20_000)
     ball /= np.sqrt((ball * ball).sum(axis=1))[:, np.newaxis]
     shown = (places[:, np.newaxis] + 0.5 * sizes[:, np.newaxis, np.newaxis] * ball).reshape(-1, 3)
     check_fit(camera, shown, 1.3, tolerance=2e-3)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+import struct
 import warnings
+import zlib
 from fractions import Fraction
 from pathlib import Path
 
@@ -337,7 +339,12 @@ def test_a_file_that_is_no_picture_is_named(tmp_path):
     (tmp_path / "empty.png").write_bytes(b"")
     with pytest.raises(ValueError, match=r"empty\.png' is empty"):
         rj.Texture.from_file(tmp_path / "empty.png")
-    Image.new("1", (30000, 30000)).save(tmp_path / "huge.png")
+    # Its header alone says so: Pillow makes a byte of each bit.
+    Image.new("1", (1, 1)).save(tmp_path / "huge.png")
+    content = bytearray((tmp_path / "huge.png").read_bytes())
+    content[16:24] = struct.pack(">II", 30000, 30000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "huge.png").write_bytes(content)
     with pytest.raises(ValueError, match=r"huge\.png' must have at most"):
         rj.Texture.from_file(tmp_path / "huge.png")
 
