@@ -298,7 +298,7 @@ def rays(painter: Painter, scene: Scene, seconds: float) -> Truth:
 
 def _without_ambient(scene: Scene) -> Scene:
     """Return a scene without light from all around."""
-    lights = [light for light in scene.lights if not isinstance(light, AmbientLight)]
+    lights: list[Light] = [one for one in scene.lights if not isinstance(one, AmbientLight)]
     # Of a scene that is left without any light nobody may take the place.
     lights = lights or [AmbientLight(intensity=0.0)]
     dark = with_field(with_field(scene, "lights", lights), "ambient_occlusion", None)
