@@ -30,7 +30,7 @@ from rich.table import Table
 import rasterjit as rj
 from benchmarks.dial_scenes import PICTURES, Picture
 from rasterjit import accuracy, transforms
-from rasterjit.rendering.budget import ERROR_LADDER, LADDER, light_of, root_mean_square
+from rasterjit.rendering.quality_selection import ERROR_LADDER, LADDER, light_of, root_mean_square
 
 TEAPOT = Path(__file__).parents[1] / "models" / "teapot.obj"
 

@@ -109,7 +109,7 @@ def measure_cluster(
     from distributed import Client, LocalCluster
 
     from rasterjit.distributed.many import draw_frames, share_scene
-    from rasterjit.rendering.plan import FrameRequest
+    from rasterjit.rendering.planning import FrameRequest
 
     cameras = list(around(scene, frames))
     with ExitStack() as stack:

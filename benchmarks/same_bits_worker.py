@@ -90,7 +90,7 @@ class Drawn:
         import rasterjit as rj
 
         try:
-            from rasterjit.rendering.plan import list_passes
+            from rasterjit.rendering.planning import list_passes
         except ImportError:
             # A commit from before passes were listed once.
             from rasterjit.rendering.sketch import list_stages as list_passes

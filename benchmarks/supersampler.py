@@ -30,7 +30,7 @@ from rasterjit.accuracy.knobs import (
 from rasterjit.accuracy.results import STANDARD
 from rasterjit.accuracy.scenes import SCENES, MadeScene, make
 from rasterjit.accuracy.study import Studio
-from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.rendering.quality_selection import light_of, root_mean_square
 from rasterjit.scene.quality import LEVELS, PRESETS
 
 SIZE = (96, 72)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 import rasterjit as rj
 from rasterjit.scene.scene import EFFECT_FIELDS
-from rasterjit.survey.contents import base_color_of
+from rasterjit.survey.object_counts import base_color_of
 
 Floats = NDArray[np.float64]
 

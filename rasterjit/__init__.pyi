@@ -22,12 +22,12 @@ from rasterjit.outputs.frame import (
 )
 from rasterjit.outputs.grid import grid
 from rasterjit.rendering.batch import render_batch
-from rasterjit.rendering.budget import CalibrationWarning
-from rasterjit.rendering.notices import ViewWarning
-from rasterjit.rendering.peel import render_layers
-from rasterjit.rendering.plan import RenderPlan
+from rasterjit.rendering.depth_peeling import render_layers
+from rasterjit.rendering.planning import RenderPlan
+from rasterjit.rendering.quality_selection import CalibrationWarning
 from rasterjit.rendering.rasterize import RasterizedFaces, rasterize
 from rasterjit.rendering.renderer import Renderer, explain, render
+from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.arrows import Arrow, Arrows
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera

@@ -18,7 +18,7 @@ from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
 from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
 from rasterjit.rendering.batch import Progress
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.planning import Cull
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.scene.arrows import ArrowUnit
 from rasterjit.scene.background import Background

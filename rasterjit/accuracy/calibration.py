@@ -1,4 +1,4 @@
-"""Measure once the times and errors of the qualities of ``rendering.budget`` on this machine."""
+"""Measure once the times and errors of qualities on this machine, for ``quality_selection``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rasterjit.accuracy.knobs import Attempt
 from rasterjit.accuracy.scenes import make
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.timing import Progress, total
-from rasterjit.rendering.budget import (
+from rasterjit.rendering.quality_selection import (
     LADDER,
     Profile,
     QualityStep,

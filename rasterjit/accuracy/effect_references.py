@@ -26,7 +26,7 @@ from rasterjit.effects.ambient_occlusion import sized_occlusion
 from rasterjit.effects.environment import LIGHT
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.batch import render_batch
-from rasterjit.rendering.notices import ViewWarning
+from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.environment import Environment, Panorama
@@ -35,7 +35,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import with_field
-from rasterjit.survey.material_rows import with_materials
+from rasterjit.survey.material_features import with_materials
 
 Float64 = NDArray[np.float64]
 

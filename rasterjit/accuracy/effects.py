@@ -22,7 +22,7 @@ from rasterjit.accuracy.effect_references import Painter, Truth
 from rasterjit.accuracy.knobs import Attempt, in_words
 from rasterjit.accuracy.results import EffectCost, Errors
 from rasterjit.accuracy.timing import Contestant
-from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.rendering.quality_selection import light_of, root_mean_square
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rasterjit.accuracy.results import REFERENCE_SAMPLES, Errors
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.budget import CODES, light_of, root_mean_square
+from rasterjit.rendering.quality_selection import CODES, light_of, root_mean_square
 from rasterjit.scene.scene import Scene
 
 PICTURE_OUTPUTS = ("color", "linear")

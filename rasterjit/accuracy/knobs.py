@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from rasterjit.accuracy.results import COMBINATIONS
-from rasterjit.rendering.plan import RenderPlan
+from rasterjit.rendering.planning import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
 from rasterjit.scene.scene import Scene

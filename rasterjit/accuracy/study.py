@@ -42,8 +42,8 @@ from rasterjit.accuracy.timing import (
 )
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.budget import light_of, machine, root_mean_square
-from rasterjit.rendering.plan import choose_camera, settle_together
+from rasterjit.rendering.planning import choose_camera, settle_cameras
+from rasterjit.rendering.quality_selection import light_of, machine, root_mean_square
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera, MatrixCamera
@@ -217,7 +217,7 @@ def begin(
     """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
     scene, size = posed_scene(as_scene(what[0])), options.size
     camera = choose_camera(scene, what[1], size)
-    (camera,) = settle_together(scene, [camera], size, Quality.standard())
+    (camera,) = settle_cameras(scene, [camera], size, Quality.standard())
     plan = explain(scene, camera, size=size)
     studio = Studio(scene, camera, size, options.threads, lens)
     seconds, told = share * options.seconds, progress or _say_nothing

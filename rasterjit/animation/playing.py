@@ -14,7 +14,7 @@ from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering.plan import Cull, look_from, needs_settling
+from rasterjit.rendering.planning import Cull, look_from, needs_settling
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, settled

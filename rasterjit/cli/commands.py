@@ -437,7 +437,7 @@ def explain(
     if not measure:
         refuse_idle(["threads"], "nothing is drawn without --measure")
     from rasterjit.inspect.pixel import explain_pixel
-    from rasterjit.rendering.plan import describe as describe_plan
+    from rasterjit.rendering.planning import describe as describe_plan
 
     # The scene, as it would be drawn.
     effects.quality()

@@ -249,7 +249,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     title = look.scalars if asked.colorbar else None
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
-    from rasterjit.rendering.notices import ViewWarning, notices_of_frame
+    from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
     from rasterjit.runtime.ahead import beside
 
     quiet, start = asked.quiet, time.perf_counter()
@@ -274,7 +274,7 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
         rendered = time.perf_counter()
         chosen = write_files(frame, places, asked.scale, title)
     saved = time.perf_counter()
-    for notice in notices_of_frame(frame).values():
+    for notice in warnings_of_frame(frame).values():
         warn(notice, quiet)
     if quiet:
         return

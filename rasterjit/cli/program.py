@@ -29,7 +29,7 @@ from rasterjit.cli.report import let_streams_escape, say_error, warn
 from rasterjit.cli.values import background_type, color_type, size_type
 from rasterjit.interrupts import INTERRUPTED, raise_if_interrupted
 from rasterjit.outputs.table import row_of
-from rasterjit.rendering.plan import CULL_MODES
+from rasterjit.rendering.planning import CULL_MODES
 
 if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame

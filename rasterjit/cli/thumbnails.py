@@ -148,7 +148,7 @@ def _draw(
 ) -> list[str]:
     """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
-    from rasterjit.rendering.notices import ViewWarning, notices_of_frame
+    from rasterjit.rendering.view_warnings import ViewWarning, warnings_of_frame
 
     view, look, effects, _ = shown
     scene = load_scene(file, look.of_folder(), effects, quiet)
@@ -161,4 +161,4 @@ def _draw(
         frame = renderer.render(made.scene, **drawn)
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
-    return list(notices_of_frame(frame).values())
+    return list(warnings_of_frame(frame).values())

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.plan import choose_camera
+from rasterjit.rendering.planning import choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera

@@ -36,8 +36,8 @@ from rasterjit.io.whole import replacing, write_text
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.batch import check_arguments, share_threads
-from rasterjit.rendering.notices import ViewWarning
-from rasterjit.rendering.pool import draw_in_turns
+from rasterjit.rendering.renderer_pool import draw_in_turns
+from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.scene import Scene

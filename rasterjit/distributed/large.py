@@ -23,9 +23,9 @@ from rasterjit.distributed.clusters import (
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering import notices
-from rasterjit.rendering.plan import Cull
-from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
+from rasterjit.rendering import view_warnings
+from rasterjit.rendering.planning import Cull
+from rasterjit.rendering.regions import RegionRenderer, Survey, regions_of
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -103,7 +103,7 @@ def render_large(
     count = thread_count("threads", threads)
     own = None if client is None else check_client(client)
     renderer = RegionRenderer(what, threads=count, **arguments)
-    notices.warn(notices.notices_of(renderer.plan), set())
+    view_warnings.warn(view_warnings.warnings_of(renderer.plan), set())
     with renderer:
         whole = renderer.size
         if own is None:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import FrameRequest, plan_views
+from rasterjit.rendering import planning
+from rasterjit.rendering.planning import FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.runtime.threads import Workers
@@ -27,9 +27,9 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
 from rasterjit.survey.clip_planes import BesidePlanes
-from rasterjit.survey.contents import SMOOTH
 from rasterjit.survey.effect import SeesThrough
 from rasterjit.survey.facts import NORMAL_OUTPUTS
+from rasterjit.survey.object_counts import SMOOTH
 from rasterjit.survey.plan import RenderPlan
 
 LARGEST_FACE = 2**31 - 1

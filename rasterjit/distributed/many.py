@@ -24,8 +24,7 @@ from rasterjit.distributed.clusters import (
 )
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering import notices
-from rasterjit.rendering import plan as planning
+from rasterjit.rendering import planning, view_warnings
 from rasterjit.rendering.batch import (
     PROGRESS,
     Progress,
@@ -37,8 +36,14 @@ from rasterjit.rendering.batch import (
     share_threads,
     with_bar,
 )
-from rasterjit.rendering.plan import Cull, FrameRequest
-from rasterjit.rendering.pool import Artist, Begun, GrowingPace, LateFrame, RendererPool
+from rasterjit.rendering.planning import Cull, FrameRequest
+from rasterjit.rendering.renderer_pool import (
+    GrowingPace,
+    LazyFrame,
+    PoolWorker,
+    RendererPool,
+    ViewResult,
+)
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -143,7 +148,7 @@ def count_of(cameras: Iterable[Camera]) -> int | None:
     return len(cameras) if isinstance(cameras, Sequence) else None
 
 
-class FarFrame(LateFrame):
+class FarFrame(LazyFrame):
     """A frame that a worker drew; its plan is made here, when it is first asked for."""
 
     def __init__(self, drawn: Drawn, scene: Scene, camera: Camera, options: FrameRequest) -> None:
@@ -158,7 +163,7 @@ class FarFrame(LateFrame):
 
 def share_scene(scene: Scene, options: FrameRequest, threads: int) -> SharedScene:
     """Return what all frames have in common; ``threads`` are those of each task."""
-    return SharedScene(Artist, scene, options, threads)
+    return SharedScene(PoolWorker, scene, options, threads)
 
 
 def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | Exception]:
@@ -168,14 +173,14 @@ def draw_frames(shared: SharedScene, cameras: Sequence[Camera]) -> list[Drawn | 
     What there is to warn of goes to the caller; an error of another view than the first, too, in
     its place at the end.
     """
-    with shared.renderer() as artist:
-        begun = artist.draw(cameras)
+    with shared.renderer() as worker:
+        begun = worker.draw(cameras)
     if isinstance(begun[0].result, Exception):
         raise begun[0].result
     return [as_drawn(one) for one in begun]
 
 
-def as_drawn(one: Begun) -> Drawn | Exception:
+def as_drawn(one: ViewResult) -> Drawn | Exception:
     """Return what a worker sends back of a frame."""
     if isinstance(one.result, Exception):
         return one.result
@@ -241,7 +246,7 @@ class Farm:
         one = drawn.popleft()
         if isinstance(one, Exception):
             raise one
-        notices.warn(one[2], self._told)
+        view_warnings.warn(one[2], self._told)
         frame = FarFrame(one, self._scene, cameras.pop(0), self._options)
         self.pace.see(frame, None)
         return frame

@@ -25,10 +25,10 @@ from rasterjit.distributed.clusters import (
 )
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
-from rasterjit.rendering import notices
+from rasterjit.rendering import view_warnings
 from rasterjit.rendering.batch import check_arguments
-from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull, FrameRequest
+from rasterjit.rendering.effect_registry import EFFECTS
+from rasterjit.rendering.planning import Cull, FrameRequest
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
@@ -150,7 +150,7 @@ def render_partitions(
             # Parts that are not here show what planes that are left open would cut.
             layer = draw(layer.look.steps)
     frame = layer.frame()
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    view_warnings.warn(view_warnings.warnings_of(frame.plan, frame.stats), set())
     return frame
 
 

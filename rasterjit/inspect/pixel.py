@@ -33,9 +33,8 @@ from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.primitives import PointRule, primitives_of
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Cull, FrameRequest, choose_camera, cut_open
+from rasterjit.rendering import planning, shade, supersample
+from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, cut_open
 from rasterjit.rendering.renderer import render
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
@@ -48,9 +47,9 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size, index_below
 from rasterjit.survey import placement as placing
-from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.effect import with_field
+from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 

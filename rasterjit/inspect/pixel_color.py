@@ -21,16 +21,16 @@ from rasterjit.pipeline.surface.maps import EMITTED
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.primitives import Primitives
 from rasterjit.rendering import shade as shading
-from rasterjit.rendering.effects import prepare_effects
+from rasterjit.rendering.effect_registry import prepare_effects
 from rasterjit.rendering.renderer import find_visible
 from rasterjit.rendering.shade import look_behind
 from rasterjit.rendering.shading import Shading, light_vertices
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.arrays import SceneArrays
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, FrameContext
+from rasterjit.survey.packed_scene import SceneArrays
 from rasterjit.survey.plan import RenderPlan
 
 COLOR = slice(4, 7)

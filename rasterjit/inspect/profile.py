@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.budget import seconds_of
-from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull, FrameRequest, choose_camera, plan_frame
+from rasterjit.rendering import planning
+from rasterjit.rendering.effect_registry import EFFECTS
+from rasterjit.rendering.planning import Cull, FrameRequest, choose_camera, plan_frame
+from rasterjit.rendering.quality_selection import seconds_of
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background

@@ -38,7 +38,7 @@ from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
-    from rasterjit.survey.sections import Cut
+    from rasterjit.survey.cross_sections import Cut
 
 PIXELS_AT_ONCE = 1 << 15
 """Pixels that NumPy does at once: their float64 copies stay in L2."""

@@ -20,7 +20,7 @@ from rasterjit.pipeline.surface import fields
 from rasterjit.runtime.jit import Kernel
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.validation import question
-from rasterjit.survey.contents import Attribute
+from rasterjit.survey.object_counts import Attribute
 
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",

@@ -28,19 +28,18 @@ from rasterjit.outputs import table
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import Outputs, is_attribute, shape_of
-from rasterjit.rendering import notices, plan, together
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.notices import Told
-from rasterjit.rendering.plan import Cull, FrameRequest, naming, plan_views, settle_together
-from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.together import (
+from rasterjit.rendering import batch_scheduler, planning, view_warnings
+from rasterjit.rendering.batch_scheduler import (
+    BATCH_CACHES,
     COUNTED,
-    SHELF,
     BatchCache,
+    BatchScheduler,
     Projections,
-    Together,
-    can_share,
+    can_batch,
 )
+from rasterjit.rendering.planning import Cull, FrameRequest, naming, plan_views, settle_cameras
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.view_warnings import WarningsOfViews
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import Background, BackgroundImage, read_background
@@ -51,9 +50,8 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene, with_labelled
 from rasterjit.scene.transforms import product_of_each
 from rasterjit.scene.validation import image_size, in_short, number_array, one_of, thread_count
-from rasterjit.survey import contents
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.contents import find_attribute
+from rasterjit.survey.object_counts import check_scene, find_attribute
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 
@@ -75,7 +73,7 @@ WORK_PER_GROUP = 1 << 21
 WORK_PER_LARGE_GROUP = 1 << 22
 """The same of a batch: far less than a second's work."""
 
-MOST_WORK = 1 << 17
+MAX_WORK = 1 << 17
 """Faces and pixels of a view, about, beyond which groups and caches no longer pay."""
 
 PIXEL_BYTES = 4
@@ -190,7 +188,7 @@ def render_batch(
     places = from_posed(places, scene)
     workers, own = share_threads(threads, None)
     views = AllViews(scene, tuple(eyes), places, options, arrays)
-    drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
+    drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
     if eyes:
         kept = _take_up(what, scene, options.quality)
         if len(eyes) == 1:
@@ -202,8 +200,8 @@ def render_batch(
             with beside(partial(planning.list_tasks, first), workers * own):
                 drawn = _draw_all(views, kept, first, projections, workers)
         # After an error, drop the cache.
-        SHELF.put(what, kept)
-    notices.warn(drawn.told.named(), set())
+        BATCH_CACHES.put(what, kept)
+    view_warnings.warn(drawn.told.named(), set())
     *counts, covered = drawn.totals.tolist()
     named = dict(zip(COUNTED, counts, strict=False))
     seconds = {"all views": time.perf_counter() - since}
@@ -212,7 +210,7 @@ def render_batch(
 
 def _take_up(what: Any, scene: Scene, quality: Quality) -> BatchCache:
     """Return the cache of a scene, if still valid, or a new one."""
-    kept = SHELF.take(what)
+    kept = BATCH_CACHES.take(what)
     known = None if kept is None else kept.cache
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     if kept is None or not kept.holds(cache):
@@ -356,7 +354,7 @@ class ViewsDrawn(NamedTuple):
 
     totals: NDArray[np.int64]
     """(9,): the sums of ``COUNTED``."""
-    told: Told
+    told: WarningsOfViews
     """The warnings."""
 
     def add(self, others: ViewsDrawn) -> None:
@@ -368,7 +366,7 @@ class ViewsDrawn(NamedTuple):
 def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
     """Draw a single view: a small one by a renderer that is cached for the next call."""
     size, quality = views.options.size, views.options.quality
-    if work_of(size, views.scene) > MOST_WORK:
+    if work_of(size, views.scene) > MAX_WORK:
         with Renderer.of_many(size, quality, threads, kept.cache) as renderer:
             return _draw_alone(renderer, views, [0])
     renderer = kept.renderer
@@ -381,7 +379,7 @@ def _draw_one(views: AllViews, kept: BatchCache, threads: int) -> ViewsDrawn:
 
 def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> ViewsDrawn:
     """Draw some views one by one, each as `rasterjit.render` does."""
-    options, totals, told = views.options, np.zeros(len(COUNTED), np.int64), Told()
+    options, totals, told = views.options, np.zeros(len(COUNTED), np.int64), WarningsOfViews()
     for number in numbers:
         frame = renderer.render(
             views.scene_of(number), views.cameras[number], outputs=options.outputs,
@@ -390,7 +388,7 @@ def _draw_alone(renderer: Renderer, views: AllViews, numbers: Iterable[int]) -> 
         for name, array in frame.arrays().items():
             views.arrays[name][number] = array
         totals += [getattr(frame.stats, name) for name in COUNTED]
-        told.add(number, notices.notices_of_frame(frame))
+        told.add(number, view_warnings.warnings_of_frame(frame))
     return ViewsDrawn(totals, told)
 
 
@@ -402,14 +400,14 @@ def _draw_all(
     by_work = WORK_PER_LARGE_GROUP // work_of(views.options.size, views.scene)
     most = max(1, min(views_per_group(count, workers), by_work))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
-    make: Callable[[], Draws] = partial(OneByOne, views, cache)
-    is_possible = together.is_possible(views.options)
-    if is_possible and can_share(first, views.scene, cache):
-        shared = Together(
+    make: Callable[[], Draws] = partial(SingleViews, views, cache)
+    is_possible = batch_scheduler.is_possible(views.options)
+    if is_possible and can_batch(first, views.scene, cache):
+        shared = BatchScheduler(
             views.scene, kept, views.options, views.arrays, views.scene_of, projections
         )
-        make = partial(DrawInGroups, views, cache, shared)
-    total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
+        make = partial(GroupedViews, views, cache, shared)
+    total = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
     for drawn in in_threads(make, groups, workers):
         total.add(drawn)
     return total
@@ -484,7 +482,7 @@ def in_threads(
             is_over.set()
 
 
-class OneByOne:
+class SingleViews:
     """
     Draws views one by one, each as `rasterjit.render` does.
 
@@ -501,7 +499,7 @@ class OneByOne:
 
     def __call__(self, group: Iterable[int]) -> ViewsDrawn:
         """Draw some views."""
-        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), Told())
+        drawn = ViewsDrawn(np.zeros(len(COUNTED), np.int64), WarningsOfViews())
         for number in group:
             with naming(f"cameras[{number}]"):
                 drawn.add(_draw_alone(self._renderer, self._views, [number]))
@@ -512,7 +510,7 @@ class OneByOne:
         self._renderer.close()
 
 
-class DrawInGroups:
+class GroupedViews:
     """
     Draws groups of views by recorded calls, and ineligible views one by one.
 
@@ -521,12 +519,12 @@ class DrawInGroups:
     views : AllViews
     cache : SceneCache
         Of the scene.
-    shared : Together
+    shared : BatchScheduler
     """
 
-    def __init__(self, views: AllViews, cache: SceneCache, shared: Together) -> None:
+    def __init__(self, views: AllViews, cache: SceneCache, shared: BatchScheduler) -> None:
         self._views = views
-        self._drawer, self._alone = together.Drawer(shared), OneByOne(views, cache)
+        self._drawer, self._alone = batch_scheduler.GroupRenderer(shared), SingleViews(views, cache)
 
     def __call__(self, group: range) -> ViewsDrawn:
         """Draw some views."""
@@ -549,17 +547,17 @@ def check_arguments(
     quality: Quality | None,
     outputs: Outputs,
     background: Any,
-    cull: plan.Cull,
+    cull: planning.Cull,
 ) -> tuple[Scene, FrameRequest]:
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
     scene = posed_scene(as_scene(what))
-    contents.check_scene(scene)
+    check_scene(scene)
     size = image_size("size", size)
     if background is not None:
         background = read_background(background)
     if isinstance(background, BackgroundImage):
         background.check_size(size)
-    one_of("cull", cull, plan.CULL_MODES)
+    one_of("cull", cull, planning.CULL_MODES)
     names = table.check_outputs(outputs)
     for name in names:
         if name in table.MOTION_OUTPUTS:
@@ -614,7 +612,7 @@ def settle_all(scene: Scene, cameras: Iterable[Camera], options: FrameRequest) -
     Cameras of an iterator get theirs one by one, when each frame is planned.
     """
     if isinstance(cameras, Sequence):
-        cameras = settle_together(scene, cameras, options.size, options.quality)
+        cameras = settle_cameras(scene, cameras, options.size, options.quality)
     yield from cameras
 
 

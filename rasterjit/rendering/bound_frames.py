@@ -2,9 +2,9 @@
 Draw small frames of a reused `Renderer` from recorded calls (a command buffer).
 
 For small frames, Python overhead dominates. From the third frame of one kind on, the plan's kernels
-and stages are recorded with fixed memory (`desk.Desk`, as for batches). Then a frame copies its
+and stages are recorded with fixed memory (`CommandBuffer`, as for batches). Then a frame copies its
 matrices and lights there, and is drawn by one call into machine code. Frames that
-`together.can_share` rejects are drawn step by step, like the first two of each kind.
+`batch_scheduler.can_batch` rejects are drawn step by step, like the first two of each kind.
 """
 
 from __future__ import annotations
@@ -19,25 +19,31 @@ from numpy.typing import NDArray
 from rasterjit.outputs.frame import Frame, FrameStats
 from rasterjit.outputs.table import shape_of
 from rasterjit.pipeline.views import COVERED, CUT, LIT, LIT_WHITE
-from rasterjit.rendering.desk import LIGHT_ROWS, Desk, memory_of, view_fields
-from rasterjit.rendering.plan import PlannedFrame
-from rasterjit.rendering.together import KNOWN_CAMERAS, can_share, depth_way, kind_of_plan, serves
+from rasterjit.rendering.batch_scheduler import (
+    KNOWN_CAMERAS,
+    can_batch,
+    depth_conversion,
+    kind_of_plan,
+    serves,
+)
+from rasterjit.rendering.command_buffer import LIGHT_ROWS, CommandBuffer, memory_of, view_fields
+from rasterjit.rendering.planning import PlannedFrame
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Memory
-from rasterjit.survey.effect import InGroups
-from rasterjit.survey.many_views import Group, ManyViews
+from rasterjit.survey.batched_views import BatchedViews, Group
+from rasterjit.survey.effect import BatchedEffect
 from rasterjit.survey.plan import RenderPlan
 
-MOST_PIXELS = 1 << 15
+MAX_PIXELS = 1 << 15
 """Pixels of the largest pictures: of larger ones Python is a small part of the time."""
 
-MOST_FACES = 1 << 14
+MAX_FACES = 1 << 14
 """The same for faces."""
 
 FRAMES_BEFORE = 2
 """Frames of one kind before calls are recorded, which takes the time of about two."""
 
-MOST_MEMORY = 1 << 26
+MAX_MEMORY = 1 << 26
 """Bytes that one renderer may keep for this."""
 
 
@@ -50,7 +56,7 @@ class FrameDrawn(NamedTuple):
     """(9,): as ``pipeline/views.py`` counts."""
 
 
-class _Last(NamedTuple):
+class _LastFrame(NamedTuple):
     """The properties by which frames are compared; does not keep the scene alive."""
 
     plan: RenderPlan
@@ -62,60 +68,60 @@ class BoundFrames:
     """The recorded calls of a renderer, for one kind of frame at a time."""
 
     def __init__(self) -> None:
-        self._last: _Last | None = None
+        self._last: _LastFrame | None = None
         self._alike, self._clears = 0, 0
-        self._desk: Desk | None = None
+        self._commands: CommandBuffer | None = None
 
     @property
     def bytes(self) -> int:
         """Memory in which they draw, about, bytes."""
-        return 0 if self._desk is None else self._desk.bytes
+        return 0 if self._commands is None else self._commands.bytes
 
     def clear(self) -> None:
         """Release everything; another thread may still draw."""
         self._clears += 1
-        self._last, self._alike, self._desk = None, 0, None
+        self._last, self._alike, self._commands = None, 0, None
 
     def draw(self, planned: PlannedFrame, memory: Memory) -> FrameDrawn | None:
         """Draw a frame if its calls are recorded, or recording pays now; else return None."""
-        desk, outputs = self._desk_of(planned), {}
-        if desk is None:
+        commands, outputs = self._commands_of(planned), {}
+        if commands is None:
             return None
         memory.next_frame()
         for name in planned.plan.outputs:
             shape, dtype = shape_of(name, planned.plan.size, planned.plan.facts.attributes)
             outputs[name] = memory.empty(shape, np.dtype(dtype))
-        desk.write_to(outputs)
-        totals = desk.draw_one(dict(fields_of(planned)))
+        commands.write_to(outputs)
+        totals = commands.draw_one(dict(fields_of(planned)))
         if totals is None:
             # It exceeds the capacity, as the next of its kind probably would.
-            self._desk = None
+            self._commands = None
             return None
         return FrameDrawn(outputs, totals)
 
-    def _desk_of(self, planned: PlannedFrame) -> Desk | None:
+    def _commands_of(self, planned: PlannedFrame) -> CommandBuffer | None:
         """Return the memory that a frame is drawn in; make it when it pays."""
         plan, cache, clears = planned.plan, planned.cache, self._clears
-        last, self._last = self._last, _Last(plan, cache.shapes, cache.tables)
+        last, self._last = self._last, _LastFrame(plan, cache.shapes, cache.tables)
         if last is None or planned.earlier is not None or not _are_alike(last, self._last):
-            self._alike, self._desk = 0, None
+            self._alike, self._commands = 0, None
             return None
         self._alike += 1
         if self._alike == FRAMES_BEFORE and _can_be_bound(planned):
             count = 0 if plan.lighting is None else len(plan.lighting.lights)
             with suppress(MemoryError):
-                desk = Desk(plan, cache, range(count))
+                commands = CommandBuffer(plan, cache, range(count))
                 if clears == self._clears:
-                    self._desk = desk
-        return self._desk
+                    self._commands = commands
+        return self._commands
 
 
 def is_small(planned: PlannedFrame) -> bool:
     """Tell whether a frame is so small that it may pay to bind its calls."""
     width, height = planned.plan.size
     arrays = planned.cache.shapes.arrays
-    is_few = max(len(arrays.faces), len(arrays.positions)) <= MOST_FACES
-    return width * height <= MOST_PIXELS and is_few and not (jit.DISABLED or jit.CHECKED)
+    is_few = max(len(arrays.faces), len(arrays.positions)) <= MAX_FACES
+    return width * height <= MAX_PIXELS and is_few and not (jit.DISABLED or jit.CHECKED)
 
 
 def _can_be_bound(planned: PlannedFrame) -> bool:
@@ -123,13 +129,13 @@ def _can_be_bound(planned: PlannedFrame) -> bool:
     plan, cache = planned.plan, planned.cache
     return (
         type(plan.camera) in KNOWN_CAMERAS
-        and can_share(plan, planned.scene, cache)
-        and memory_of(plan, cache) <= MOST_MEMORY
+        and can_batch(plan, planned.scene, cache)
+        and memory_of(plan, cache) <= MAX_MEMORY
     )
 
 
-def _are_alike(one: _Last, other: _Last) -> bool:
-    """Tell whether two frames differ in nothing but what a `Desk` loads of each."""
+def _are_alike(one: _LastFrame, other: _LastFrame) -> bool:
+    """Tell whether two frames differ in nothing but what a `CommandBuffer` loads of each."""
     before, now = one.plan, other.plan
     if one.shapes is not other.shapes or one.tables is not other.tables:
         return False
@@ -141,7 +147,7 @@ def _are_alike(one: _Last, other: _Last) -> bool:
 
 
 def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
-    """Yield the arrays of a frame that its `Desk` loads, by name: `Together.prepare` of one."""
+    """Yield the arrays that commands read of a frame, by name: `BatchScheduler.prepare` of one."""
     plan, cache, views = planned.plan, planned.cache, planned.views
     axis = np.asarray(plan.camera.view_matrix())[2, :3]
     yield from view_fields(
@@ -152,13 +158,13 @@ def fields_of(planned: PlannedFrame) -> Iterator[tuple[str, Any]]:
     if plan.lighting is not None:
         yield LIGHT_ROWS, plan.lighting.lights
     if "depth" in plan.outputs:
-        way, *factors = depth_way(plan.camera)
-        yield "depth_way", way
+        way, *factors = depth_conversion(plan.camera)
+        yield "depth_conversion", way
         yield "depth_factors", factors
-    changed = [one.effect for one in plan.planned if isinstance(one.effect, InGroups)]
+    changed = [one.effect for one in plan.planned if isinstance(one.effect, BatchedEffect)]
     if changed:
         eye = np.asarray(plan.camera.eye_position(), np.float64)[np.newaxis]
-        own = ManyViews(
+        own = BatchedViews(
             views.relative_from_model[np.newaxis], views.clip_from_relative[np.newaxis],
             views.toward_viewer[np.newaxis], np.array([views.screen_turn]), np.ones(1, np.bool_),
         )  # fmt: skip

@@ -44,12 +44,12 @@ from rasterjit.pipeline.records import (
     Surface,
 )
 from rasterjit.pipeline.visibility.draw import Coverage
-from rasterjit.rendering.shading import AT_ONCE, AnyCalls, Shading, Sharing, no_color
+from rasterjit.rendering.shading import IMMEDIATE, AnyCalls, Shading, Sharing, no_color
 from rasterjit.runtime.threads import Kept, Memory, ReusedMemory, Workers
 from rasterjit.scene.imitation import shown_by_codes
-from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.transparency import PixelLayers
 
 ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and resolved together: their colours stay in L2."""
@@ -173,7 +173,7 @@ class Shader(NamedTuple):
         """Write the background of some rows, (R, W), in RGBA codes."""
         color[:] = encode.code_of(self.background, self.encoding)
         nothing = np.full(color.shape, -1, np.int32)
-        self.show_behind(AT_ONCE, nothing, first_row, no_linear(color), color)
+        self.show_behind(IMMEDIATE, nothing, first_row, no_linear(color), color)
 
     def code(self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]) -> None:
         """Write faces, (R, W) or (J, R, W), alone, in RGBA codes; 0 where no face is."""
@@ -185,7 +185,7 @@ class Shader(NamedTuple):
     ) -> None:
         """Write an image of faces, (R, W), and the background where no face is."""
         self.shading.shade(faces, first_row, no_linear(color), color)
-        self.show_behind(AT_ONCE, faces, first_row, no_linear(color), color)
+        self.show_behind(IMMEDIATE, faces, first_row, no_linear(color), color)
 
 
 class Tones(NamedTuple):
@@ -311,7 +311,7 @@ def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
     for part in parts_of(len(linear), ROWS_AT_ONCE):
         images = [*band.transparent[0, :, part], band.opaque[0, part]]
         first, target = band.first_row + part.start, linear[part]
-        lay_faces(AT_ONCE, shader, images, first, depths, target, memory)
+        lay_faces(IMMEDIATE, shader, images, first, depths, target, memory)
 
 
 def mix_areas(
@@ -320,9 +320,9 @@ def mix_areas(
     """Resolve one row of tiles of opaque faces by exact area coverage."""
     faces, shares, rest = find_areas(rows, lists, shader.finder, memory)
     mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
-    mixed[:] = shader.backdrop(AT_ONCE, rest.shape, rows[0], memory).transpose(0, 2, 1)
+    mixed[:] = shader.backdrop(IMMEDIATE, rest.shape, rows[0], memory).transpose(0, 2, 1)
     shader.shading.mix(faces, rows[0], shares, rest, mixed, shader.has_codes)
-    finish_mixed(AT_ONCE, shader, shares[0], rest, mixed, target)
+    finish_mixed(IMMEDIATE, shader, shares[0], rest, mixed, target)
 
 
 def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) -> None:
@@ -331,7 +331,7 @@ def mix_opaque(band: Band, shader: Shader, target: ColorRows, memory: Memory) ->
     for part in parts_of(len(target.color), most):
         some = ColorRows(target.linear[part], target.color[part])
         rows = part.start, part.start + len(some.color)
-        mix_samples(AT_ONCE, shader, band.opaque, rows, band.first_row, some, memory)
+        mix_samples(IMMEDIATE, shader, band.opaque, rows, band.first_row, some, memory)
 
 
 def mix_samples(
@@ -393,10 +393,10 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
         colors = memory.empty((count, *target.shape), np.float32)
         behind = memory.empty(target.shape, np.float32)
         if count > 0:
-            AT_ONCE.shade(shader.shading, shown[:count], first, colors)
+            IMMEDIATE.shade(shader.shading, shown[:count], first, colors)
         nothing = np.full(target.shape[:2], -1, np.int32)
-        AT_ONCE.shade(shader.shading, nothing, first, behind)
-        shader.show_behind(AT_ONCE, nothing, first, behind, no_color(behind))
+        IMMEDIATE.shade(shader.shading, nothing, first, behind)
+        shader.show_behind(IMMEDIATE, nothing, first, behind, no_color(behind))
         compositing.mix_samples(opaque, transparent, colors, behind, target)
 
 
@@ -490,7 +490,7 @@ def shade(
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if not at_once:
             shown = packed[first:last]
-            show_rows(AT_ONCE, tones, table, ColorRows(rows, shown), first, workers.memory)
+            show_rows(IMMEDIATE, tones, table, ColorRows(rows, shown), first, workers.memory)
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
 

@@ -22,18 +22,18 @@ from rasterjit.outputs.motion import Moment
 from rasterjit.outputs.table import MIXED_OUTPUTS
 from rasterjit.pipeline import encode, resampling
 from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.rendering import notices
-from rasterjit.rendering.lens_pictures import (
+from rasterjit.rendering import view_warnings
+from rasterjit.rendering.lens_views import (
     NOWHERE,
     LensSight,
-    Looks,
+    LensViews,
     Picture,
     camera_of,
     look,
     see,
     world_axes,
 )
-from rasterjit.rendering.plan import (
+from rasterjit.rendering.planning import (
     FrameRequest,
     PlannedFrame,
     choose_camera,
@@ -55,13 +55,13 @@ from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing
-from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.camera_view import ThroughLens
 from rasterjit.survey.clip_planes import join
 from rasterjit.survey.effect import Bends, FrameContext, Planned, look_around
+from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.view_summary import ThroughLens
 
 Float64 = NDArray[np.float64]
 Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, Seen]]
@@ -73,14 +73,14 @@ POINTS = ("now", "before")
 """Names of what motion is found from: where a point is, and was, in the axes of the lens."""
 
 
-class Lensed(NamedTuple):
+class LensPlan(NamedTuple):
     """A planned frame with a lens."""
 
     lens: Lens
     camera: Camera
     size: tuple[int, int]
     outputs: tuple[str, ...]
-    looks: Looks
+    looks: LensViews
     sight: LensSight
     pictures: tuple[PlannedFrame, ...]
     behind: Backdrop
@@ -99,8 +99,8 @@ def plan_lensed(
     camera: Camera | None,
     workers: Workers,
     known: SceneCache | None = None,
-    last: Lensed | None = None,
-) -> Lensed:
+    last: LensPlan | None = None,
+) -> LensPlan:
     """
     Check the arguments of a frame with a lens, and decide which pictures it takes.
 
@@ -174,12 +174,12 @@ def plan_lensed(
         with naming("previous.camera"):
             before = cut_alike(earlier[0], cut_open(scene))
             compared = before, earlier[1], see(lens, earlier[1], size)
-    return Lensed(
+    return LensPlan(
         lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
     )
 
 
-def through_lens(planned: Lensed) -> ThroughLens:
+def through_lens(planned: LensPlan) -> ThroughLens:
     """Return the projection of a frame's lens, for `CameraView`."""
     lens, sight = planned.lens, planned.sight
     axes = world_axes(planned.camera, planned.size)
@@ -211,13 +211,13 @@ def _mixed(shares: Float64, axes: Float64) -> Float64:
     return x * axes[0] + y * axes[1] + z * axes[2]
 
 
-def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
+def draw_lensed(planned: LensPlan, workers: Workers, draw: Draw) -> Frame:
     """
     Draw a frame with a lens.
 
     Parameters
     ----------
-    planned : Lensed
+    planned : LensPlan
     workers : Workers
     draw : callable
         Draws a frame that is decided on.
@@ -245,8 +245,8 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     # What draws over the finished picture of a lens reads the faces, no more.
     seen = seen._replace(coverage=seen.coverage._replace(face_id=targets["face_id"]))
     context = FrameContext(planned.plan, one.cache, placement, workers, seen)
-    lit = notices.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
-    share = 0.0 if lit is None else notices.white_share(lit, result["color"])
+    lit = view_warnings.lit_pixels(planned.plan.facts, one.cache, targets["face_id"])
+    share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
     for overlay in planned.plan.at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = FrameStats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
@@ -329,7 +329,7 @@ def _depth(picture: Picture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
 def _take(
     arrays: dict[str, Any],
     picture: Picture,
-    looks: Looks,
+    looks: LensViews,
     targets: dict[str, NDArray[Any]],
     workers: Workers,
 ) -> None:
@@ -390,7 +390,7 @@ def _straight(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
 def _finished(
     name: str,
     targets: dict[str, NDArray[Any]],
-    looks: Looks,
+    looks: LensViews,
     behind: Backdrop,
     workers: Workers,
 ) -> NDArray[Any]:
@@ -420,7 +420,7 @@ def _finished(
     return color
 
 
-def _compare(planned: Lensed) -> Comparison | None:
+def _compare(planned: LensPlan) -> Comparison | None:
     """Return what it takes to compare a frame with an earlier view; ``None`` without one."""
     if planned.compared is None:
         return None

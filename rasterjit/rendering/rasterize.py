@@ -13,7 +13,7 @@ from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.plan import CULL_MODES, Cull
+from rasterjit.rendering.planning import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.first_corners import least_first, listed_places
 from rasterjit.scene.mesh import face_array, value_rows

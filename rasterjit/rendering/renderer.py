@@ -27,12 +27,11 @@ from rasterjit.pipeline.records import Placement
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.pipeline.visibility.primitives import primitives_of
-from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
-from rasterjit.rendering import notices, shade, supersample
-from rasterjit.rendering import plan as planning
+from rasterjit.rendering import planning, shade, supersample, view_warnings
+from rasterjit.rendering import quality_selection as budgets
 from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
-from rasterjit.rendering.plan import Cull, FrameRequest, PlannedFrame, plan_views
+from rasterjit.rendering.planning import Cull, FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.clocks import StageClock
@@ -53,15 +52,15 @@ from rasterjit.scene.validation import (
 )
 from rasterjit.scene.view import PreviousView
 from rasterjit.survey import placement as placing
-from rasterjit.survey.arrays import SceneArrays, front_turns_of, placement_of
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.packed_scene import SceneArrays, front_turns_of, placement_of
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.view_summary import CameraView
 
-MOST_KEPT = drawing.VERTICES_PER_TASK
+MAX_KEPT = drawing.VERTICES_PER_TASK
 """Most faces, and vertices, of a scene whose buffers are reused for the next frame: for larger ones
 allocation costs little beside drawing, and the memory is better used otherwise."""
 
@@ -156,7 +155,7 @@ def render(
             frame = renderer._render_in_time(time_budget, what, camera, request, is_lone=True)
         else:
             frame = renderer._render_asked(max_error, time_budget, what, camera, request, lens)
-    notices.warn(notices.notices_of_frame(frame), set())
+    view_warnings.warn(view_warnings.warnings_of_frame(frame), set())
     return frame
 
 
@@ -239,7 +238,7 @@ def draw_frame(
     plan, cache, views = planned[:3]
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
     arrays = cache.shapes.arrays
-    if kept is not None and max(len(arrays.faces), len(arrays.positions)) > MOST_KEPT:
+    if kept is not None and max(len(arrays.faces), len(arrays.positions)) > MAX_KEPT:
         kept.clear()
         kept = None
 
@@ -261,13 +260,13 @@ def draw_frame(
             first_depth = workers.memory.empty(seen.coverage.face_id.shape, plan.depth_format.kind)
             seen = seen._replace(coverage=seen.coverage._replace(first_depth=first_depth))
         context = FrameContext(plan, cache, seen.placement, workers, seen)
-        lit = notices.lit_pixels(plan.facts, cache, seen.coverage.face_id)
+        lit = view_warnings.lit_pixels(plan.facts, cache, seen.coverage.face_id)
         # Prepare effects, shade, encode.
         if plan.pictures == 1:
             result = shade.shade_faces(shade.look_behind(context, find), kept, shared)
         else:
             result = supersample.shade_faces(context, accumulation, find, clock)
-        share = 0.0 if lit is None else notices.white_share(lit, result["color"])
+        share = 0.0 if lit is None else view_warnings.white_share(lit, result["color"])
         clock("shade, resolve")
         # Draw over it.
         for overlay in plan.at("overlay"):
@@ -508,7 +507,7 @@ class Renderer(Guarded):
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
         self._last: RenderPlan | None = None
-        self._lensed: lenses.Lensed | None = None
+        self._lensed: lenses.LensPlan | None = None
         self._kept, self._keeping = Kept(self._workers.memory), threading.Lock()
         self._bound, self._is_timed = BoundFrames(), False
         self.on_picture: Callable[[], None] | None = None
@@ -598,7 +597,7 @@ class Renderer(Guarded):
         request = self._request(outputs, background, cull, diagnose, previous)
         frame = self._render_asked(max_error, time_budget, what, camera, request, lens)
         if self.warned is not None:
-            notices.warn(notices.notices_of_frame(frame), self.warned)
+            view_warnings.warn(view_warnings.warnings_of_frame(frame), self.warned)
         return frame
 
     def _request(self, *asked: Any) -> FrameRequest:

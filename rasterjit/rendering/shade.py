@@ -26,8 +26,8 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import layers, shading
-from rasterjit.rendering.effects import prepare_effects
-from rasterjit.rendering.shading import AT_ONCE
+from rasterjit.rendering.effect_registry import prepare_effects
+from rasterjit.rendering.shading import IMMEDIATE
 from rasterjit.runtime import jit
 from rasterjit.runtime.threads import Kept, Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
@@ -44,7 +44,7 @@ from rasterjit.survey.facts import Facts
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
 
-LEAST_LIT_VERTICES = 4096
+MIN_LIT_VERTICES = 4096
 """Fewest vertices lit by one task."""
 
 
@@ -242,7 +242,7 @@ def light_vertices(
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
     count = len(placement.positions)
     lit = np.zeros((count, 2, 3), np.float32)
-    per_task = count_per_task(count, LEAST_LIT_VERTICES, workers)
+    per_task = count_per_task(count, MIN_LIT_VERTICES, workers)
 
     def light_some(first: int) -> None:
         some = first, min(first + per_task, count)
@@ -292,7 +292,7 @@ def shade_in_bands(
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
         shader.shading.shade(face_id[band], first, linear[band], packed[band])
-        shader.show_behind(AT_ONCE, face_id[band], first, linear[band], packed[band])
+        shader.show_behind(IMMEDIATE, face_id[band], first, linear[band], packed[band])
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
 

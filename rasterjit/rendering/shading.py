@@ -2,7 +2,7 @@
 Run the passes that shade a picture: over the samples of its pixels, and over its vertices.
 
 ``runtime/driver.py`` runs them. The same code draws frames and batches: it calls kernels and stages
-at once (`AT_ONCE`), or records them (`BoundCalls`) to be replayed for many views.
+at once (`IMMEDIATE`), or records them (`RecordedCalls`) to be replayed for many views.
 """
 
 from __future__ import annotations
@@ -347,7 +347,7 @@ class Sharing(NamedTuple):
     """(2, C): scratch memory."""
 
 
-class DirectCalls:
+class ImmediateCalls:
     """Calls kernels and stages at once."""
 
     def call(self, kernel: Any, *arguments: Any, when: When | None = None) -> None:
@@ -377,10 +377,10 @@ class DirectCalls:
         shading.mix(*found, mixed, has_codes)
 
 
-AT_ONCE = DirectCalls()
+IMMEDIATE = ImmediateCalls()
 
 
-class BoundCalls:
+class RecordedCalls:
     """
     Records kernels and stages with their arguments, as a table to be called in order.
 
@@ -419,7 +419,7 @@ class BoundCalls:
         self, shading: Shading, faces: NDArray[np.int32], first_row: int,
         linear: NDArray[np.float32], when: When | None = None,
     ) -> None:  # fmt: skip
-        """Do what `DirectCalls.shade` does."""
+        """Do what `ImmediateCalls.shade` does."""
         own = faces, first_row, len(faces), None, linear, no_color(linear)
         self.run_stages(shading.listed(*own), when)
 
@@ -427,7 +427,7 @@ class BoundCalls:
         self, shading: Shading, first_row: int, sharing: Sharing, behind: NDArray[np.float32],
         mixed: NDArray[np.float32], has_codes: bool,
     ) -> None:  # fmt: skip
-        """Do what `DirectCalls.mix` does."""
+        """Do what `ImmediateCalls.mix` does."""
         found = sharing.shown, first_row, sharing.shares, sharing.rest
         stages = shading.mixing(*found, mixed, has_codes)
         # How many images of faces there are is known when they are listed.
@@ -455,13 +455,13 @@ class BoundCalls:
         return when[0].ctypes.data, *when[1:]
 
 
-AnyCalls = DirectCalls | BoundCalls
+AnyCalls = ImmediateCalls | RecordedCalls
 
 
 class RecordingWorkers(Workers):
     """One thread that records what it is to run."""
 
-    def __init__(self, calls: BoundCalls) -> None:
+    def __init__(self, calls: RecordedCalls) -> None:
         super().__init__(1)
         self._calls = calls
 

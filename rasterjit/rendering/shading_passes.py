@@ -34,8 +34,8 @@ from rasterjit.pipeline.surface import (
 )
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.effect import Active, SeesThrough, acting
+from rasterjit.survey.transparency import PixelLayers
 
 DIFFUSE = rows.OUT_RED
 """First row of the light on vertices without highlights: what is seen is not known yet there."""
@@ -294,10 +294,10 @@ def bending_pass(kind: int) -> Pass:
     """Return the pass that applies normal maps: the base layer's, or the clearcoat's."""
 
     def bent(a: ShadingArrays) -> tuple[Any, ...]:
-        own, laid = a.surface.textures, a.surface.maps
-        uv = own.uv if laid.coordinates[kind] is None else laid.coordinates[kind]
+        own, maps = a.surface.textures, a.surface.maps
+        uv = own.uv if maps.coordinates[kind] is None else maps.coordinates[kind]
         if kind == textures.NORMAL:
-            return own.table, uv, laid.tangents, laid.factors, a.seen
+            return own.table, uv, maps.tangents, maps.factors, a.seen
         table, layers = own.table.copy(), a.surface.layers
         table[:, textures.NORMAL] = table[:, kind]
         return table, uv, layers.coat_tangents, layers.coat_scales, a.seen

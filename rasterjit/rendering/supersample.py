@@ -34,8 +34,8 @@ from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.passes import KernelRow, Rows, rows_where
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import layers, shade
-from rasterjit.rendering.lens_pictures import PictureCamera
-from rasterjit.rendering.shading import AT_ONCE
+from rasterjit.rendering.lens_views import PictureCamera
+from rasterjit.rendering.shading import IMMEDIATE
 from rasterjit.runtime.progress import PICTURES
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
@@ -480,7 +480,7 @@ def _average(
     def write_band(band: slice) -> None:
         weights.write_mean(sums[band], count, behind, linear[band])
         rows = layers.ColorRows(linear[band], packed[band])
-        layers.show_rows(AT_ONCE, tones, table, rows, band.start, workers.memory)
+        layers.show_rows(IMMEDIATE, tones, table, rows, band.start, workers.memory)
 
     workers.run(write_band, _bands(sums.shape, workers))
     return _wanted(plan, linear, color)

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from rasterjit.rendering.notices import STRONG
 from rasterjit.rendering.renderer import render
+from rasterjit.rendering.view_warnings import STRONG
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import MOST_STOPS

@@ -26,9 +26,10 @@ from rasterjit.scene.first_corners import listed_places
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.survey import arrays as plan_arrays
+from rasterjit.survey import packed_scene as plan_arrays
 from rasterjit.survey import placement
-from rasterjit.survey.arrays import (
+from rasterjit.survey.object_counts import SMOOTH, Attribute, Inventory
+from rasterjit.survey.packed_scene import (
     SceneArrays,
     join_alpha_tests,
     join_fields,
@@ -37,12 +38,11 @@ from rasterjit.survey.arrays import (
     join_microfacets,
     join_textures,
 )
-from rasterjit.survey.contents import SMOOTH, Attribute, Inventory
-from rasterjit.survey.overrides import look_of, meshes_under
 from rasterjit.survey.placement import Extents, Places, mesh_boxes
+from rasterjit.survey.quality_overrides import look_of, meshes_under
 
 if TYPE_CHECKING:
-    from rasterjit.survey.sections import Cut
+    from rasterjit.survey.cross_sections import Cut
 
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -30,8 +30,8 @@ from rasterjit.scene.points import Points
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node
 from rasterjit.scene.vectors import cross, dot, length
-from rasterjit.survey.arrays import writable
 from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
+from rasterjit.survey.packed_scene import writable
 from rasterjit.survey.placement import Boxes, along, is_between
 
 Float64 = NDArray[np.float64]
@@ -46,7 +46,7 @@ WIDENING = 1.0 + 2.0**-10
 UNBOXED = 1 << 13
 """Most faces of a mesh that are tested without boxes: it takes no longer."""
 
-MOST_KNOWN = 256
+MAX_KNOWN = 256
 """Most cached results of a mesh: one for each of its objects and cameras."""
 
 CHUNK = 1 << 16
@@ -382,7 +382,7 @@ def _look_at_spheres(
                     is_told = (low < planes[0]) | (high > planes[1])
                     least = min(least, float(low.min(where=is_told, initial=np.inf)))
                     most = max(most, float(high.max(where=is_told, initial=-np.inf)))
-        if len(known) >= MOST_KNOWN:
+        if len(known) >= MAX_KNOWN:
             known.clear()
         found = known[key] = least, most, 0.0, 0.0
     return found
@@ -487,7 +487,7 @@ def _look_at_mesh(
                 writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes,
                 CORNERS[mesh.primitive], told, np.empty((8, 4)),
             )  # fmt: skip
-        if len(known) >= MOST_KNOWN:
+        if len(known) >= MAX_KNOWN:
             known.clear()
         found = known[key] = tuple(told.tolist())
     return found

@@ -233,7 +233,7 @@ class Span(NamedTuple):
 
 _known: WeakKeyDictionary[Mesh, dict[Factors, Span]] = WeakKeyDictionary()
 
-MOST_KNOWN = 256
+MAX_KNOWN = 256
 """Most cached spans of a mesh: one for each of its objects and cameras."""
 
 
@@ -260,7 +260,7 @@ def _span(mesh: Mesh, factors: Factors) -> Span:
     span = known.get(factors)
     if span is None:
         span = _find_span(mesh, factors)
-        if len(known) >= MOST_KNOWN:
+        if len(known) >= MAX_KNOWN:
             known.clear()
         known[factors] = span
     return span

@@ -2,10 +2,10 @@
 Define the interface of effects: is it needed, what data it prepares, which passes it adds.
 
 An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
-in ``explain``. ``rendering/effects.py`` lists all of them, in the order of these rows. A frame
-asks each once (`Effect.answer`), unless an earlier answer still holds. Those needed prepare a
-record for every picture (`Effect.prepare`), and the functions in `Effect.places` turn that record
-into passes. Overlays prepare nothing: their record is the plan's data.
+in ``explain``. ``rendering/effect_registry.py`` lists all of them, in the order of these rows. Each
+is asked once for a frame (`Effect.answer`), unless an earlier answer still holds. Those needed
+prepare a record for every picture (`Effect.prepare`), and the functions in `Effect.places` turn
+that record into passes. Overlays prepare nothing: their record is the plan's data.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.cache import SceneCache
 
 if TYPE_CHECKING:
+    from rasterjit.survey.batched_views import Group
     from rasterjit.survey.facts import Facts
-    from rasterjit.survey.many_views import Group
     from rasterjit.survey.placement import Boxes
     from rasterjit.survey.plan import RenderPlan
 
@@ -52,7 +52,7 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - background: ``(record, calls, face_id, first_row, linear, color)``: writes pixels without a face.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 
-``calls`` are `Calls`: functions of `InGroups` call kernels only by them or by
+``calls`` are `Calls`: functions of `BatchedEffect` call kernels only by them or by
 ``context.workers.run``, so that batches can record the calls.
 
 ``passes`` is a list of `rasterjit.pipeline.passes.Pass`, ``needs`` are `ShadingNeeds`. Passes are
@@ -267,7 +267,7 @@ class HasModes(Effect):
         raise NotImplementedError
 
 
-class InGroups(Effect):
+class BatchedEffect(Effect):
     """
     An effect that batches and bound frames run as recorded calls, without Python in between.
 

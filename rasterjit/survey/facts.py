@@ -21,17 +21,23 @@ from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
-from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
-from rasterjit.survey.enclosure import Enclosures
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.lights import (
     NO_LIGHTS,
     PlannedLights,
     plan_lights,
 )
-from rasterjit.survey.many_views import Group
-from rasterjit.survey.overrides import lights_under
+from rasterjit.survey.object_counts import (
+    SMOOTH,
+    Attribute,
+    Inventory,
+    ObjectCounts,
+    find_attribute,
+)
 from rasterjit.survey.placement import Boxes, Views, are_even
+from rasterjit.survey.quality_overrides import lights_under
+from rasterjit.survey.transparency import NO_TRANSPARENCY, Transparency, find_transparency
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
@@ -58,9 +64,9 @@ class Facts:
     """What the objects are."""
     in_view: NDArray[np.bool_]
     """Which objects may be seen, (O,)."""
-    contents: Contents
+    contents: ObjectCounts
     """Of all objects."""
-    seen: Contents
+    seen: ObjectCounts
     """Of those in view."""
     has_lights: bool
     """Whether the scene has any light, but for its environment."""

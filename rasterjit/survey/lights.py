@@ -35,8 +35,8 @@ from rasterjit.scene.light import (
     SpotLight,
     unit_vector,
 )
-from rasterjit.survey.enclosure import Enclosures
-from rasterjit.survey.many_views import Group
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.blocked_lights import Enclosures
 from rasterjit.survey.placement import Boxes
 
 CastingLight: TypeAlias = DirectionalLight | PointLight | SpotLight
@@ -60,7 +60,7 @@ WIDEST_MAP = 60.0
 FILTER_TEXELS = 6.0
 """Texels that a filter looks aside at most, of a map that is fitted to more than is seen."""
 
-MOST_PAIRS = 1 << 20
+MAX_PAIRS = 1 << 20
 """Pairs of objects that are looked at: in scenes of more, something always lies between."""
 
 FIRST_ROWS, MORE_ROWS = 4, 8
@@ -254,7 +254,7 @@ class _Scenery:
             return True
         casters = np.flatnonzero(self.casts & self._boxes.is_known)
         receivers = np.flatnonzero(receives)
-        if len(receivers) * len(casters) > MOST_PAIRS:
+        if len(receivers) * len(casters) > MAX_PAIRS:
             return True
         low, high = self.ends
         if isinstance(light, DirectionalLight):

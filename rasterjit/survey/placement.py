@@ -144,7 +144,7 @@ class Extents:
         return np.ascontiguousarray(np.moveaxis(axes, (-2, -1), (0, 1)))
 
 
-class Measures(NamedTuple):
+class BoxMeasures(NamedTuple):
     """Positions of object boxes relative to a view's planes; (N, O) of N views for each (O,)."""
 
     inside: Float64
@@ -158,9 +158,9 @@ class Measures(NamedTuple):
     in_view: NDArray[np.bool_]
     """Which may be seen: not all beyond a plane of the view volume, (O,)."""
 
-    def of(self, views: int | list[int]) -> Measures:
+    def of(self, views: int | list[int]) -> BoxMeasures:
         """Return those of one of N views, or of some."""
-        return Measures(
+        return BoxMeasures(
             self.inside[..., views, :], self.widths[..., views, :], self.reach[..., views, :],
             self.beside[..., views, :], self.in_view[..., views, :],
         )  # fmt: skip
@@ -180,7 +180,7 @@ class Measures(NamedTuple):
 
 def measure_boxes(
     extents: Extents, relative_from_model: Float64, clip_from_relative: Float64
-) -> Measures:
+) -> BoxMeasures:
     """
     Test the boxes of objects against the planes of a view, or of each of N.
 
@@ -219,7 +219,7 @@ def measure_boxes(
         beyond = inside.reshape(2, 3, *inside.shape[1:]) < -ROUNDING * most
     across = np.logical_or.reduce(beyond, axis=0)
     beside = extents.is_nothing | across[0] | across[1]
-    return Measures(inside, halves[2::3], most, beside, ~(beside | across[2]))
+    return BoxMeasures(inside, halves[2::3], most, beside, ~(beside | across[2]))
 
 
 class Boxes:
@@ -234,7 +234,7 @@ class Boxes:
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
     clip_from_relative : (4, 4) float64
-    measures : Measures, optional
+    measures : BoxMeasures, optional
         Of these boxes, if they are known.
     beyond : ((O,) bool, float, float), optional
         Which objects reach beyond their boxes in the picture, and by how much of half its width and
@@ -247,7 +247,7 @@ class Boxes:
 
     def __init__(
         self, extents: Extents, eye: Float64, relative_from_model: Float64,
-        clip_from_relative: Float64, measures: Measures | None = None,
+        clip_from_relative: Float64, measures: BoxMeasures | None = None,
         beyond: tuple[NDArray[np.bool_], float, float] | None = None,
     ) -> None:  # fmt: skip
         self.eye = eye
@@ -303,7 +303,7 @@ class Boxes:
         return is_between(*self._extents.around, row, near, far)
 
     @cached_property
-    def _measures(self) -> Measures:
+    def _measures(self) -> BoxMeasures:
         """How the boxes lie to the planes of the view."""
         if self._given is not None:
             return self._given

@@ -1,4 +1,4 @@
-"""Define a frame's plan as plain data; ``rendering.plan`` makes it."""
+"""Define a frame's plan as plain data; ``rendering.planning`` makes it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from rasterjit.pipeline.visibility.draw import Region, Wanted
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.preview import Printed
 from rasterjit.scene.quality import Quality, differences
-from rasterjit.survey.blending import PixelLayers
-from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, BesidePlanes, describe_planes
-from rasterjit.survey.contents import in_words
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, LooksAround, Planned, look_around
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.object_counts import in_words
 from rasterjit.survey.shading_needs import shading_needs
+from rasterjit.survey.transparency import PixelLayers
+from rasterjit.survey.view_summary import CameraView
 
 Cull: TypeAlias = Literal["none", "back", "front"]
 

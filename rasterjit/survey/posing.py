@@ -24,7 +24,7 @@ from rasterjit.scene.normals import unit_rows
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.skin import Posable, Skin
 from rasterjit.scene.validation import read_only
-from rasterjit.survey.arrays import writable
+from rasterjit.survey.packed_scene import writable
 
 FAR = 64.0
 """Distance from the origin, in extents of the mesh, from which on it is stored from its middle on:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rasterjit.pipeline.passes import ImitatedNeeds, ShadingNeeds
 from rasterjit.pipeline.records import Imitated, Lighting
-from rasterjit.survey.blending import PixelLayers
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.transparency import PixelLayers
 
 SMOOTH_AT_PIXELS = frozenset(("phong", "pbr"))
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.planning import Cull
 from rasterjit.runtime import progress
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera

@@ -5,8 +5,8 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 
-from rasterjit.rendering.budget import seconds_of
-from rasterjit.rendering.effects import EFFECTS, effect_named
+from rasterjit.rendering.effect_registry import EFFECTS, effect_named
+from rasterjit.rendering.quality_selection import seconds_of
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality

@@ -2,10 +2,10 @@
 The viewer, without a window: events and time go in, pictures come out.
 
 `Viewer.draw` returns a picture at once: while something moves, in the quality that
-``rendering.budget`` chooses for the time there is, or in draft quality until the times of the scene
-are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures more
-times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes windows,
-notebooks and terminals of these two, ``tab`` pages.
+``quality_selection`` chooses for the time there is, or in draft quality until the times of the
+scene are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures
+more times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes
+windows, notebooks and terminals of these two, ``tab`` pages.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering import budget
-from rasterjit.rendering.plan import Cull, choose_camera
+from rasterjit.rendering import quality_selection
+from rasterjit.rendering.planning import Cull, choose_camera
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
@@ -481,7 +481,7 @@ class Viewer:
             version = self.version
             start = perf_counter()
             drawn = self._draw_in_time()
-            self._drawing = budget.seconds_of(drawn)
+            self._drawing = quality_selection.seconds_of(drawn)
             # A step may have been faster, and its picture is better.
             frame = self._keep(drawn, version, perf_counter() - start, is_best=False)
         picture = picture_of(frame, self.kind, self.numbers if self._hidden else None)
@@ -500,14 +500,14 @@ class Viewer:
             if self._coarse is None:
                 self._coarse = _renderer(_half(self.size), self._threads)
             frame = draw(FASTEST, self._coarse)
-            self._fastest = SIDES * SIDES * budget.seconds_of(frame)
+            self._fastest = SIDES * SIDES * quality_selection.seconds_of(frame)
         elif is_known:
-            frame = budget.draw_as_known(self._budget, self._times, draw)
+            frame = quality_selection.draw_as_known(self._budget, self._times, draw)
         else:
             frame = draw(FASTEST)
         if frame.plan.size == self.size:
             # Two in a row are slow: not by chance, nor because the first one gets memory.
-            seconds = budget.seconds_of(frame) if frame.plan.quality == FASTEST else 0.0
+            seconds = quality_selection.seconds_of(frame) if frame.plan.quality == FASTEST else 0.0
             self._fastest, self._latest = min(seconds, self._latest), seconds
         return frame
 
@@ -525,7 +525,7 @@ class Viewer:
             self._coarse.close()
         self._coarse, self._fastest, self._latest = None, 0.0, 0.0
 
-    def _new_times(self) -> budget.Times:
+    def _new_times(self) -> quality_selection.Times:
         """
         Return what is known of a scene that was not seen yet: nothing.
 
@@ -533,8 +533,8 @@ class Viewer:
         something moves, and compiled then.
         """
         # Light for each vertex is hardly faster, and shows.
-        better = [one for one in budget.known_ladder() if one.shading == "pixel"]
-        return budget.Times((FASTEST, *better), {})
+        better = [one for one in quality_selection.known_ladder() if one.shading == "pixel"]
+        return quality_selection.Times((FASTEST, *better), {})
 
     def step(self) -> bool:
         """
@@ -619,7 +619,7 @@ class Viewer:
 
     def _timed_drawer(
         self, renderer: Renderer, version: int, scene: Scene, camera: Camera
-    ) -> budget.Draw:
+    ) -> quality_selection.Draw:
         """Return what draws a scene in a quality, to be timed."""
 
         def draw(quality: Quality) -> Frame:

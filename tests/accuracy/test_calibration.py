@@ -8,8 +8,8 @@ from click.testing import CliRunner
 import rasterjit as rj
 from rasterjit.accuracy import calibration
 from rasterjit.cli.commands import program
-from rasterjit.rendering import budget as profiles
-from rasterjit.rendering.budget import load_profile
+from rasterjit.rendering import quality_selection as profiles
+from rasterjit.rendering.quality_selection import load_profile
 from rasterjit.scene.quality import Quality
 
 SMALL_LADDER = (Quality.draft(), Quality.standard(), Quality(samples=4), Quality.reference())

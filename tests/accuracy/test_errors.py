@@ -6,7 +6,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.accuracy import errors as errors_module
 from rasterjit.accuracy.errors import PICTURE_OUTPUTS, buffers_of, compare, reference_of
-from rasterjit.rendering import budget as measures
+from rasterjit.rendering import quality_selection as measures
 
 SIZE = (40, 30)
 TEXELS = (16, 8)

@@ -8,7 +8,7 @@ import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.results import STANDARD
 from rasterjit.accuracy.study import Studio
-from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.rendering.quality_selection import light_of, root_mean_square
 
 study_module = importlib.import_module("rasterjit.accuracy.study")
 

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import rasterjit as rj
-from rasterjit.rendering import budget
+from rasterjit.rendering import quality_selection
 
 sys.path.append(str(Path(__file__).parents[2]))
 program = importlib.import_module("benchmarks.dial")
@@ -19,7 +19,7 @@ program = importlib.import_module("benchmarks.dial")
 
 @pytest.fixture(autouse=True)
 def one_small_scene(tmp_path, monkeypatch):
-    monkeypatch.setattr(budget, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(quality_selection, "cache_folder", lambda: tmp_path)
     made = rj.accuracy.make("wireframe")
     orbit = program.Orbit("ground", made.scene, made.camera)
     monkeypatch.setattr(program, "orbits", lambda: iter([orbit]))
@@ -41,7 +41,9 @@ def test_it_tells_times_and_errors_of_every_frame():
 
 
 def test_an_error_beyond_its_bound_is_a_fault(monkeypatch):
-    monkeypatch.setattr(budget.Reference, "error_of", lambda reference, frame: (0.0, 0.0))
+    monkeypatch.setattr(
+        quality_selection.Reference, "error_of", lambda reference, frame: (0.0, 0.0)
+    )
     done = run("--budget", "30")
     assert done.exit_code == 1
     assert "NO" in done.output

@@ -15,7 +15,7 @@ import rasterjit as rj
 from rasterjit.compat import pyrender
 from rasterjit.compat.pyrender import drawing
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.rendering.plan import describe
+from rasterjit.rendering.planning import describe
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.quality import Quality
 

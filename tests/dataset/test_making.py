@@ -22,8 +22,8 @@ from rasterjit.dataset import recipe as dataset
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.io import folders
 from rasterjit.outputs import masks
-from rasterjit.rendering import batch, pool, together
-from rasterjit.rendering.notices import ViewWarning
+from rasterjit.rendering import batch, batch_scheduler, renderer_pool
+from rasterjit.rendering.view_warnings import ViewWarning
 
 MODELS = Path(__file__).parents[2] / "models"
 W, H = SIZE = (24, 16)
@@ -267,7 +267,7 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
         rj.Renderer, "render", lambda *a, **k: steps.append("render") or render(*a, **k)
     )
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
-    monkeypatch.setattr(batch, "MOST_WORK", 0)
+    monkeypatch.setattr(batch, "MAX_WORK", 0)
     recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
     mesh.render_views(two_boxes("ab"), tmp_path, recipe)
     assert steps == ["render", "annotate"] * 4
@@ -276,13 +276,13 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
 @pytest.fixture
 def goes(monkeypatch):
     """Return how many views were drawn in each go, and None for each that was annotated."""
-    steps, draw, coco = [], together.Drawer.draw, masks.coco
+    steps, draw, coco = [], batch_scheduler.GroupRenderer.draw, masks.coco
 
     def noted(self, numbers, *arguments):
         steps.append(len(numbers))
         return draw(self, numbers, *arguments)
 
-    monkeypatch.setattr(together.Drawer, "draw", noted)
+    monkeypatch.setattr(batch_scheduler.GroupRenderer, "draw", noted)
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append(None) or coco(*a))
     return steps
 
@@ -290,7 +290,7 @@ def goes(monkeypatch):
 @in_groups
 def test_small_views_are_drawn_a_few_in_one_go_and_then_annotated(tmp_path, monkeypatch, goes):
     """So few are kept: the memory that a data set takes does not grow with its views."""
-    monkeypatch.setattr(pool, "BYTES_AT_ONCE", 3 * 8 * W * H)
+    monkeypatch.setattr(renderer_pool, "BYTES_AT_ONCE", 3 * 8 * W * H)
     recipe = Recipe(views=9, size=SIZE, outputs=("color", "coco"))
     mesh.render_views(two_boxes("ab"), tmp_path, recipe, threads=1)
     # The first is drawn alone.
@@ -322,7 +322,7 @@ def test_files_are_the_same_whether_views_are_drawn_alone(
     mesh.render_views(two_boxes("ab"), tmp_path / "few", recipe, threads=threads)
     assert sorted(one for one in goes if one is not None) == expected
     goes.clear()
-    monkeypatch.setattr(batch, "MOST_WORK", 0)
+    monkeypatch.setattr(batch, "MAX_WORK", 0)
     mesh.render_views(two_boxes("ab"), tmp_path / "one", recipe, threads=threads)
     assert not any(goes)
     files = contents(tmp_path / "few")
@@ -351,7 +351,7 @@ def test_a_view_that_fails_ends_its_mesh_after_those_before_it(
         assert len(chosen) > 1
         raise ValueError("a group is refused")
 
-    monkeypatch.setattr(together.Desk, "draw", fail)
+    monkeypatch.setattr(batch_scheduler.CommandBuffer, "draw", fail)
     with pytest.raises(mesh.MeshError, match=r"^camera is refused$"):
         mesh.render_views(scene, tmp_path, recipe, threads=threads)
     assert any(goes)

@@ -100,7 +100,7 @@ def test_file_is_replaced_whole_or_kept(scene, view, tmp_path, monkeypatch, suff
     place = tmp_path / f"large{suffix}"
     rj.distributed.render_large(scene, view, SIZE, place, tile=64)
     before = read(place)
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     drawn, render_region = [], RegionRenderer.render_region
 
@@ -250,7 +250,7 @@ def test_full_disk_names_the_array(scene, view, tmp_path, monkeypatch):
 def test_drawing_ends_when_the_writer_fails(scene, view, tmp_path, monkeypatch):
     import zarr
 
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     ended, render_regions = [], RegionRenderer.render_regions
 
@@ -277,7 +277,7 @@ def test_drawing_ends_when_the_writer_fails(scene, view, tmp_path, monkeypatch):
 def test_no_more_than_two_tiles_are_held(scene, view, tmp_path, monkeypatch, suffix):
     import tifffile
 
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     # As on a machine with many processors.
     monkeypatch.setattr(tifffile.TIFF, "MAXWORKERS", 8, raising=False)

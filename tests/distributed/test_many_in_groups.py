@@ -12,27 +12,27 @@ import pytest
 from ways import ALL, around, in_groups, mixed_scene
 
 import rasterjit as rj
-from rasterjit.rendering import batch, pool, together
+from rasterjit.rendering import batch, batch_scheduler, renderer_pool
 from rasterjit.rendering.batch import AHEAD, check_arguments
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.pool import LateFrame
+from rasterjit.rendering.planning import FrameRequest
+from rasterjit.rendering.renderer_pool import LazyFrame
 from rasterjit.survey.cache import prepare
 
 SIZE = (40, 28)
-COUNTED = together.COUNTED
+COUNTED = batch_scheduler.COUNTED
 
 
 @pytest.fixture
 def groups(monkeypatch):
     """Return how many views each call drew in a group, and how many of them had no place there."""
-    found, draw = [], together.Drawer.draw
+    found, draw = [], batch_scheduler.GroupRenderer.draw
 
     def noted(self, numbers, *arguments):
         outcome = draw(self, numbers, *arguments)
         found.append((len(numbers), int((~outcome.is_drawn).sum())))
         return outcome
 
-    monkeypatch.setattr(together.Drawer, "draw", noted)
+    monkeypatch.setattr(batch_scheduler.GroupRenderer, "draw", noted)
     return found
 
 
@@ -58,11 +58,11 @@ def same(frame, scene, camera, **options):
     [
         # The first of each thread are drawn alone, and what is left as one.
         ((1, 1), ("color",), 37, [9, 9, 9, 6]),
-        ((40, 28), tuple(together.BY_KERNEL), 37, [9, 9, 9, 6]),
+        ((40, 28), tuple(batch_scheduler.BY_KERNEL), 37, [9, 9, 9, 6]),
         ((40, 28), ("color", "depth"), 150, [32, 32, 32, 32, 18]),
-        ((131, 67), tuple(together.BY_KERNEL), 21, [5, 5, 5, 2]),
+        ((131, 67), tuple(batch_scheduler.BY_KERNEL), 21, [5, 5, 5, 2]),
         ((256, 200), ("color", "uv"), 32, [7, 7, 7, 7]),
-        ((256, 200), tuple(together.BY_KERNEL), 22, []),
+        ((256, 200), tuple(batch_scheduler.BY_KERNEL), 22, []),
         ((40, 28), ("color",), 5, []),
         ((40, 28), ("color",), 8, []),
         ((40, 28), ("color",), 9, [2, 2]),
@@ -113,7 +113,7 @@ def test_what_has_no_place_in_a_group_is_drawn_alone(groups):
         for frame, camera in zip(frames, cameras, strict=True)
     )
     assert sum(alone for _, alone in groups) == 7
-    assert sum(type(frame) is LateFrame for frame in frames) == 24 - AHEAD - 7
+    assert sum(type(frame) is LazyFrame for frame in frames) == 24 - AHEAD - 7
 
 
 @in_groups
@@ -153,7 +153,7 @@ def test_what_fails_in_a_group_alone_is_drawn_alone(monkeypatch):
     def fail(self, *arguments):
         raise MemoryError
 
-    monkeypatch.setattr(together.Drawer, "draw", fail)
+    monkeypatch.setattr(batch_scheduler.GroupRenderer, "draw", fail)
     scene, cameras = mixed_scene(), around(20)
     frames = list(rj.render_many(scene, cameras, size=SIZE, threads=2))
     assert all(
@@ -165,15 +165,15 @@ def test_what_fails_in_a_group_alone_is_drawn_alone(monkeypatch):
 def test_a_worker_draws_a_group_larger_than_those_before(groups):
     scene, cameras = mixed_scene(), around(24)
     checked, options = check_arguments(scene, SIZE, None, ("color", "depth"), None, "none")
-    artist = pool.Artist(checked, options, 1)
+    pool_worker = renderer_pool.PoolWorker(checked, options, 1)
     for count in (3, 24, 2):
-        begun = artist.draw(cameras[:count])
+        begun = pool_worker.draw(cameras[:count])
         assert len(begun) == count
         assert all(
             same(one.result, scene, camera, size=SIZE, outputs=options.outputs)
             for one, camera in zip(begun, cameras, strict=False)
         )
-    artist.close()
+    pool_worker.close()
     assert len(groups) == 3
 
 
@@ -203,7 +203,7 @@ def test_frames_are_their_own_and_can_be_pickled():
     outputs = "color", "face_id", "barycentric", "position"
     frames = list(rj.render_many(scene, cameras, size=SIZE, outputs=outputs, threads=1))
     last = frames[-1]
-    assert type(last) is LateFrame
+    assert type(last) is LazyFrame
     before = frames[-2].color.tobytes()
     last.color[...] = 7
     assert frames[-2].color.tobytes() == before
@@ -239,7 +239,7 @@ def decided(scene, size=SIZE, threads=1, room=32, **options):
     )  # fmt: skip
     frame = rj.render(scene, around(1)[0], size=size, **options)
     cache = prepare(scene.nodes, None, chosen.quality, scene.environment is not None)
-    return pool.views_at_once(frame.plan, scene, cache, chosen, threads, room)
+    return renderer_pool.views_at_once(frame.plan, scene, cache, chosen, threads, room)
 
 
 @in_groups

@@ -18,7 +18,7 @@ from pieces import blob, joined
 
 import rasterjit as rj
 from rasterjit.distributed import layers
-from rasterjit.rendering.plan import FrameRequest
+from rasterjit.rendering.planning import FrameRequest
 from rasterjit.scene.scene import EFFECT_FIELDS
 
 SIZE = (48, 36)

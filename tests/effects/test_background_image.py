@@ -8,7 +8,7 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene import background
 from rasterjit.viewer.viewer import Viewer
 

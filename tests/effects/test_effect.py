@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.survey.effect import PLACES, Effect
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.distributed.large import render_large
-from rasterjit.rendering.tiles import Region, RegionRenderer
+from rasterjit.rendering.regions import Region, RegionRenderer
 
 SIZE = (61, 40)
 LOOK = {"eye": (2.0, 3.0, 5.0), "target": (0.0, 0.0, 0.0), "near": 0.5, "far": 30.0}

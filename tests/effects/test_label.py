@@ -16,7 +16,7 @@ import rasterjit as rj
 from rasterjit.distributed import render_partitions
 from rasterjit.effects.label import LABELS, box_of
 from rasterjit.io import fonts, lettering
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 from rasterjit.scene.label import ANCHORS
 

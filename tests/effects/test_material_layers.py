@@ -23,7 +23,7 @@ from rasterjit.pipeline.passes import Pass, ShadingArrays, ShadingNeeds, bind, f
 from rasterjit.pipeline.records import Layers, Lighting, Microfacets, Surface
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.rendering import shading_passes
-from rasterjit.rendering.plan import list_passes
+from rasterjit.rendering.planning import list_passes
 from rasterjit.scene.material import LAYER_TEXTURES
 
 SIZE = (20, 20)

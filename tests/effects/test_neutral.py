@@ -7,7 +7,7 @@ import switched_off
 from cubes import CUBE_FACES, CUBE_VERTICES
 
 import rasterjit as rj
-from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.survey.effect import Effect
 
 SIZE = (61, 40)

@@ -16,8 +16,8 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.effects.section import SECTION, SECTION_LINES
-from rasterjit.survey import sections
-from rasterjit.survey.sections import cut
+from rasterjit.survey import cross_sections
+from rasterjit.survey.cross_sections import cut
 
 SIZE = (64, 48)
 NEAR = 1e-9
@@ -262,7 +262,7 @@ def seen_through(scene, eyes, ways):
 
     A cap is seen where a ray meets a plane inside of a solid.
     """
-    planes = sections.planes_of(scene.section)
+    planes = cross_sections.planes_of(scene.section)
     nearest = np.full(len(eyes), np.inf)
     owners, faces = np.full(len(eyes), -1), np.full(len(eyes), -99)
 
@@ -319,7 +319,7 @@ def test_what_is_seen_through_the_cut_is_what_rays_find(name, parallel):
     eyes, ways = (part.reshape(-1, 3) for part in camera.rays(SIZE))
     owners, faces, far = seen_through(scene, eyes, ways)
     starts = np.cumsum([0, *(len(node.mesh.faces) for node in scene.nodes)])
-    count = len(sections.planes_of(scene.section))
+    count = len(cross_sections.planes_of(scene.section))
     numbers = np.where(owners < 0, -1, np.where(faces >= 0, starts[owners] + faces, 0))
     is_cap = (owners >= 0) & (faces < 0)
     numbers[is_cap] = starts[-1] + count * owners[is_cap] - 1 - faces[is_cap]
@@ -338,7 +338,7 @@ def test_what_is_seen_through_the_cut_is_what_rays_find(name, parallel):
     assert (frame.object_id.ravel() == owners)[same.ravel()].all()
     points = (eyes + far[:, np.newaxis] * ways).reshape(*SIZE[::-1], 3)
     np.testing.assert_allclose(frame.position[same], points[same], atol=5e-3)
-    for number, plane in enumerate(sections.planes_of(scene.section)):
+    for number, plane in enumerate(cross_sections.planes_of(scene.section)):
         cap = same & ((wanted - starts[-1]) % count == number) & (wanted >= starts[-1])
         facing = np.sign(-(ways.reshape(*SIZE[::-1], 3)[cap] @ plane.normal))
         np.testing.assert_allclose(
@@ -950,7 +950,7 @@ def test_a_scene_without_section_imports_nothing_of_it():
     program = (
         "import sys, numpy as np, rasterjit as rj\n"
         "rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(8, 8), threads=1)\n"
-        "own = 'rasterjit.survey.sections', 'rasterjit.pipeline.geometry.section_caps'\n"
+        "own = 'rasterjit.survey.cross_sections', 'rasterjit.pipeline.geometry.section_caps'\n"
         "print([name for name in own if name in sys.modules])"
     )
     done = subprocess.run(
@@ -960,7 +960,7 @@ def test_a_scene_without_section_imports_nothing_of_it():
 
 
 def test_parts_of_a_picture_are_those_of_the_whole():
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     scene = scene_with(
         (*solid("nested"), turned(3)), planes=rj.SectionPlane((0, 0, 0), (0.1, 0, 1))

@@ -15,7 +15,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.effects.transmission import halve_again_and_again, level_table
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.pixels import clip_from_relative
 

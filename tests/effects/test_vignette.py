@@ -78,7 +78,7 @@ def test_threads_and_parts_give_the_bits_of_the_whole(cube, camera):
     scene.vignette = rj.Vignette(0.8, 0.1)
     whole = rj.render(scene, camera, size=(200, 150), threads=1).color
     assert np.array_equal(rj.render(scene, camera, size=(200, 150), threads=3).color, whole)
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     with RegionRenderer(scene, camera, size=(200, 150), threads=1) as renderer:
         part = renderer.render_region((128, 64, 72, 86)).color

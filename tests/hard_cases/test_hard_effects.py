@@ -25,11 +25,10 @@ from rasterjit.outputs import fill, motion, table
 from rasterjit.pipeline.geometry import clipping
 from rasterjit.pipeline.surface import fields
 from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade, supersample
+from rasterjit.rendering import planning, shade, supersample
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.texture import Pyramid
-from rasterjit.survey import arrays
+from rasterjit.survey import packed_scene
 
 rendering = importlib.import_module("rasterjit.rendering.renderer")  # rj.render is the function
 
@@ -382,7 +381,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
     up = [(0, 0, 1)] * 4
     smooth = draw(scene_of(square("phong", up, specular=0.5), lights=[SUN]))
     assert smooth.plan.facts.needs_normals
-    forbid(arrays, "join_normals")
+    forbid(packed_scene, "join_normals")
     flat = draw(scene_of(square("flat", up, specular=0.5), lights=[SUN]))
     assert not flat.plan.facts.needs_normals
     assert same(flat, smooth)
@@ -390,7 +389,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
 
 @pytest.mark.case("G06")
 def test_one_normal_that_leans_is_seen(calls):
-    joined = calls(arrays, "join_normals")
+    joined = calls(packed_scene, "join_normals")
     up = [(0, 0, 1)] * 3
     frames = [
         draw(scene_of(square("phong", [*up, last]), lights=[SUN]))
@@ -646,7 +645,7 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
         forbid(shade, name)
     forbid(wireframe, "draw_edges")
     for name in ("join_normals", "join_surface"):
-        forbid(arrays, name)
+        forbid(packed_scene, name)
     frame = draw(scene, camera, ("depth", "face_id"))
     assert frame.plan.lighting is None
     assert not any(effect.used for effect in frame.plan.effects)
@@ -659,7 +658,7 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
     unlit = rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "orange"))
     dark = draw(unlit, camera)
     forbid(planning, "lighting_of")
-    forbid(arrays, "join_normals")
+    forbid(packed_scene, "join_normals")
     forbid(shade, "light_vertices")
     frame = draw(scene_of(unlit, lights=[SUN, rj.PointLight((0, 0, 3))]), camera)
     assert frame.plan.lighting is None
@@ -675,8 +674,8 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     wanted = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
     everything = draw(mesh, camera, wanted)
     for module, name in (
-        (fill, "fill_rows"), (fill, "list_fills"), (arrays, "join_uv"),
-        (arrays, "join_normals"), (fill, "metric_depth"),
+        (fill, "fill_rows"), (fill, "list_fills"), (packed_scene, "join_uv"),
+        (packed_scene, "join_normals"), (fill, "metric_depth"),
         (fill, "box_matrices"), (fill, "material_numbers"),
         (supersample, "cover_pixels"), (motion, "moment_of"), (fields, "fill_scalars"),
     ):  # fmt: skip

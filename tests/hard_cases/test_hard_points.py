@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.regions import RegionRenderer
 
 SIDE = 32
 SIZE = SIDE, SIDE

@@ -16,7 +16,7 @@ import pytest
 from kernel_files import kernel_files, kernel_modules
 
 import rasterjit as rj
-from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.effect_registry import EFFECTS
 
 PACKAGE = Path(rj.__file__).parent
 ROOT = PACKAGE.parent
@@ -225,7 +225,7 @@ def test_rendering_names_no_effect_but_in_the_list_of_them():
     names |= {effect.field for effect in EFFECTS if effect.field}
     named = re.compile(rf"\b(?:{'|'.join(map(re.escape, sorted(names)))})\b")
     for path in (PACKAGE / "rendering").rglob("*.py"):
-        if path.name == "effects.py":
+        if path.name == "effect_registry.py":
             continue
         tree = ast.parse(path.read_text())
         told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}

@@ -14,8 +14,8 @@ from kernel_files import kernel_modules
 import rasterjit as rj
 from rasterjit.inspect import profile
 from rasterjit.pipeline.passes import short_name
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering import planning
+from rasterjit.rendering.effect_registry import EFFECTS
 from rasterjit.runtime import jit
 from rasterjit.runtime.driver import StageList
 from rasterjit.scene.material import CORE_TEXTURES

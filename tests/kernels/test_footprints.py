@@ -24,7 +24,7 @@ from rasterjit.inspect import oracle
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.texture import ANISOTROPIES, FILTERS, turned_over
-from rasterjit.survey.arrays import join_textures
+from rasterjit.survey.packed_scene import join_textures
 
 UV = np.array([(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)])
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.survey import sections
+from rasterjit.survey import cross_sections
 
 
 def filled(points, tails, heads):
     """Return the triangles that fill outlines, (T, 3, 2), and how often each counts."""
-    cutter = sections._Cutter.__new__(sections._Cutter)
+    cutter = cross_sections._Cutter.__new__(cross_sections._Cutter)
     cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(len(points))])
     cutter.distances, cutter.places = np.zeros((len(points), 1)), np.arange(len(points))
     cutter.steps = []
-    found = sections._Outlines(cutter, 0).filled(tails, heads, np.ones(len(tails), np.int64))
+    found = cross_sections._Outlines(cutter, 0).filled(tails, heads, np.ones(len(tails), np.int64))
     return cutter.world[found[:, :3], :2], found[:, 3]
 
 
@@ -72,10 +72,10 @@ def test_each_point_inside_lies_in_one_triangle(seed, on_grid):
 
 def test_outlines_that_do_not_close_are_not_filled():
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    cutter = sections._Cutter.__new__(sections._Cutter)
+    cutter = cross_sections._Cutter.__new__(cross_sections._Cutter)
     cutter.planes = (rj.SectionPlane((0, 0, 0), (0, 0, 1)),)
     cutter.world = np.column_stack([points, np.zeros(4)])
     cutter.distances, cutter.places, cutter.steps = np.zeros((4, 1)), np.arange(4), []
-    outlines = sections._Outlines(cutter, 0)
+    outlines = cross_sections._Outlines(cutter, 0)
     ends = np.array([0, 1, 2]), np.array([1, 2, 3])
     assert outlines.filled(*ends, np.ones(3, np.int64)) is None

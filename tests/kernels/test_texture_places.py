@@ -43,9 +43,9 @@ from rasterjit.pipeline.surface.textures import vertex_place
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.rendering import shading_passes
-from rasterjit.rendering.plan import list_passes
+from rasterjit.rendering.planning import list_passes
+from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.rendering.shading import BLOCK, BLOCKS
-from rasterjit.rendering.tiles import Region, RegionRenderer
 from rasterjit.runtime import threads
 from rasterjit.runtime.driver import StageList, Step
 from rasterjit.runtime.jit import stage

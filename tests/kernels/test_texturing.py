@@ -29,7 +29,7 @@ from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.runtime.intrinsics import HALVES
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.texture import FILTERS
-from rasterjit.survey.arrays import WRAPS
+from rasterjit.survey.packed_scene import WRAPS
 
 BITS = ("linear", "color")
 WHITE = np.ones((1, 1))

@@ -7,7 +7,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline import views
-from rasterjit.rendering.together import depth_way
+from rasterjit.rendering.batch_scheduler import depth_conversion
 
 FACES = np.array([[0, -1, 2], [3, 3, -1]], np.int32)
 
@@ -54,7 +54,7 @@ def test_white_is_counted_where_it_is_lit():
 )  # fmt: skip
 def test_depths_have_the_bits_of_the_camera(camera):
     stored = np.random.default_rng(1).random((2, 3)).astype(np.float32)
-    way, *factors = depth_way(camera)
+    way, *factors = depth_conversion(camera)
     found = np.zeros((2, 2, 3), np.float32)
     views.measure_depths(1, np.array([way]), np.array(factors), stored, FACES, found)
     wanted = np.where(FACES >= 0, camera.view_depth(stored), np.inf).astype(np.float32)

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import rasterjit as rj
 from rasterjit.accuracy.scenes import SCENES, MadeScene, make
-from rasterjit.rendering.budget import light_of
+from rasterjit.rendering.quality_selection import light_of
 
 sys.path.append(str(Path(__file__).parents[2]))
 program = importlib.import_module("benchmarks.supersampler")

@@ -14,8 +14,8 @@ import rasterjit as rj
 from rasterjit.distributed import layers
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.plan import FrameRequest, describe
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.planning import FrameRequest, describe
+from rasterjit.rendering.regions import RegionRenderer
 
 T = rj.transforms
 SIZE = (48, 36)

@@ -14,7 +14,7 @@ from rasterjit.outputs import diagnostics_stage
 from rasterjit.outputs.table import OUTPUTS
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime import threads as sharing
-from rasterjit.survey import arrays as plan_arrays
+from rasterjit.survey import packed_scene as plan_arrays
 from rasterjit.survey import placement
 
 SIZE = (128, 64)

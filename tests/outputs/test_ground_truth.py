@@ -14,7 +14,7 @@ import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.material import SHADINGS
 
 SIZE = (48, 36)

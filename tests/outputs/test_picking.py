@@ -12,8 +12,8 @@ from rasterjit.distributed import layers
 from rasterjit.distributed.many import FarFrame
 from rasterjit.outputs.frame import PICKED
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.plan import FrameRequest
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.planning import FrameRequest
+from rasterjit.rendering.regions import RegionRenderer
 
 T = rj.transforms
 SIZE = (48, 36)

@@ -19,7 +19,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.cli import warmup
 from rasterjit.pipeline import encode
-from rasterjit.rendering.plan import list_tasks
+from rasterjit.rendering.planning import list_tasks
 from rasterjit.runtime import ahead, driver, jit, store
 from rasterjit.runtime.ahead import Task
 

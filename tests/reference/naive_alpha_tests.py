@@ -14,7 +14,7 @@ import numpy as np
 
 from rasterjit.inspect import oracle
 from rasterjit.io.meshes import as_scene
-from rasterjit.rendering.plan import FrameRequest, plan_views
+from rasterjit.rendering.planning import FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.quality import check_quality

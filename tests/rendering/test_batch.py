@@ -252,7 +252,7 @@ import rasterjit as rj
 from rasterjit.rendering import batch
 
 threads, drawn, sent = int(sys.argv[1]), [], []
-draw = batch.DrawInGroups.__call__
+draw = batch.GroupedViews.__call__
 
 def noted(self, group):
     drawn.append(group)
@@ -264,7 +264,7 @@ def end(*_):
     sent.append(len(drawn))
     raise KeyboardInterrupt
 
-batch.DrawInGroups.__call__ = noted
+batch.GroupedViews.__call__ = noted
 signal.signal(signal.SIGINT, end)
 scene = rj.load(sys.argv[2])
 camera = rj.PerspectiveCamera((0, 1, 9), (0, 0, 0))

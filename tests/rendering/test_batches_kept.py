@@ -11,14 +11,14 @@ import pytest
 from ways import MODELS, SIZE, around, check, in_groups, mixed_scene
 
 import rasterjit as rj
-from rasterjit.rendering import together
+from rasterjit.rendering import batch_scheduler
 
 
 @pytest.fixture(autouse=True)
 def shelf(monkeypatch):
     """Return a shelf on which nothing lies yet."""
-    own = together.Shelf()
-    monkeypatch.setattr("rasterjit.rendering.batch.SHELF", own)
+    own = batch_scheduler.BatchCaches()
+    monkeypatch.setattr("rasterjit.rendering.batch.BATCH_CACHES", own)
     return own
 
 
@@ -31,13 +31,13 @@ def scene():
 @pytest.fixture
 def made(monkeypatch):
     """Return the plans that memory is made for."""
-    plans, make = [], together.Desk.__init__
+    plans, make = [], batch_scheduler.CommandBuffer.__init__
 
     def noted(self, plan, *others):
         plans.append(plan)
         make(self, plan, *others)
 
-    monkeypatch.setattr(together.Desk, "__init__", noted)
+    monkeypatch.setattr(batch_scheduler.CommandBuffer, "__init__", noted)
     return plans
 
 
@@ -84,7 +84,7 @@ def test_what_is_kept_goes_with_the_scene(shelf):
 
 @in_groups
 def test_of_many_scenes_the_last_are_kept(shelf, monkeypatch):
-    monkeypatch.setattr(together, "MOST_KEPT", 3 << 20)
+    monkeypatch.setattr(batch_scheduler, "MAX_KEPT", 3 << 20)
     scenes = [mixed_scene() for _ in range(9)]
     for scene in scenes:
         rj.render_batch(scene, around(2), size=SIZE, threads=1)
@@ -105,7 +105,7 @@ def test_batches_of_one_view_are_drawn_by_calls_that_are_kept(shelf, scene):
 
 @in_groups
 def test_memory_of_all_threads_is_bounded(scene, made, monkeypatch):
-    monkeypatch.setattr(together, "MOST_BYTES", 1 << 10)
+    monkeypatch.setattr(batch_scheduler, "MAX_BYTES", 1 << 10)
     check(scene, around(4), threads=2)
     assert made == []
 

@@ -13,7 +13,7 @@ import ways
 
 import rasterjit as rj
 from rasterjit.rendering import bound_frames
-from rasterjit.rendering.desk import Desk
+from rasterjit.rendering.command_buffer import CommandBuffer
 
 pytestmark = ways.in_groups
 
@@ -24,14 +24,14 @@ OUTPUTS = ("color", "linear", "depth", "distance", "position", "normal", "object
 @pytest.fixture
 def draws(monkeypatch):
     """The frames that bound calls drew: whether each fitted in its memory."""
-    fits, draw = [], Desk.draw_one
+    fits, draw = [], CommandBuffer.draw_one
 
-    def noted(desk, values):
-        totals = draw(desk, values)
+    def noted(commands, values):
+        totals = draw(commands, values)
         fits.append(totals is not None)
         return totals
 
-    monkeypatch.setattr(Desk, "draw_one", noted)
+    monkeypatch.setattr(CommandBuffer, "draw_one", noted)
     return fits
 
 
@@ -93,7 +93,7 @@ def test_each_kind_of_camera_has_its_own_depth(draws):
 
 
 def test_frames_that_do_not_fit_are_drawn_step_by_step(draws, monkeypatch):
-    monkeypatch.setattr("rasterjit.rendering.desk.room_to_cut", lambda faces: (1, 8))
+    monkeypatch.setattr("rasterjit.rendering.command_buffer.clip_capacity", lambda faces: (1, 8))
     scene = ways.mixed_scene()
     inside = rj.PerspectiveCamera((0.0, 0.1, 0.3), (0.0, 0.0, -1.0), fov_y=110.0, near=0.25)
     with rj.Renderer(SIZE, threads=1) as renderer:
@@ -122,7 +122,7 @@ def test_large_and_watched_frames_are_drawn_step_by_step(draws, monkeypatch):
         for _ in range(4):
             large.render(scene, ways.CAMERA)
             watched.render(scene, ways.CAMERA)
-    monkeypatch.setattr(bound_frames, "MOST_MEMORY", 10_000)
+    monkeypatch.setattr(bound_frames, "MAX_MEMORY", 10_000)
     with rj.Renderer(SIZE, threads=1) as poor:
         for _ in range(4):
             poor.render(scene, ways.CAMERA)
@@ -148,7 +148,7 @@ def test_threads_that_share_a_renderer_have_frames_of_their_own(draws):
     assert draws
 
 
-@pytest.mark.parametrize("place", ["shape_of", "Desk"])
+@pytest.mark.parametrize("place", ["shape_of", "CommandBuffer"])
 def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, place):
     renderer, scene = rj.Renderer(SIZE, threads=1), ways.mixed_scene()
     original = getattr(bound_frames, place)
@@ -160,7 +160,7 @@ def test_a_renderer_that_is_closed_while_it_draws_keeps_nothing(monkeypatch, pla
     renderer.render(scene, ways.CAMERA)
     monkeypatch.setattr(bound_frames, place, closing)
     frames = [renderer.render(scene, ways.CAMERA) for _ in range(2)]
-    assert renderer._bound._desk is None or place == "shape_of"
+    assert renderer._bound._commands is None or place == "shape_of"
     monkeypatch.undo()
     assert all(same(frame, renderer.render(scene, ways.CAMERA)) for frame in frames)
 
@@ -176,4 +176,4 @@ def test_scenes_are_let_go_that_nobody_draws_any_more():
         assert gone() is None
         renderer.size = (400, 400)
         renderer.render(ways.mixed_scene(), camera)
-        assert renderer._bound._desk is None
+        assert renderer._bound._commands is None

@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.camera_view import spread_points
+from rasterjit.survey.view_summary import spread_points
 
 SIZE = (320, 240)
 GOOD = rj.PerspectiveCamera((4, 5, 9), (0, 1.5, 0), fov_y=40.0)

@@ -14,7 +14,7 @@ from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw as stages
 from rasterjit.pipeline.visibility import nearest as visibility
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.plan import list_buffers, list_kernels
+from rasterjit.rendering.planning import list_buffers, list_kernels
 from rasterjit.runtime import threads
 from rasterjit.scene import transforms
 from rasterjit.scene.quality import LEVELS

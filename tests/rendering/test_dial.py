@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering import budget as dial
-from rasterjit.rendering.budget import (
+from rasterjit.rendering import quality_selection as dial
+from rasterjit.rendering.quality_selection import (
     ERROR_LADDER,
     LADDER,
     Profile,
@@ -184,11 +184,11 @@ def test_no_quality_of_many_pictures_is_drawn_that_must_take_too_long():
 
 
 def test_the_oldest_scenes_are_forgotten_of_very_many():
-    scenes = [rj.Scene() for _ in range(dial.MOST_KNOWN + 3)]
+    scenes = [rj.Scene() for _ in range(dial.MAX_KNOWN + 3)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.CalibrationWarning)
         known = [dial.times_of(scene, None) for scene in scenes]
-        assert len(dial._TIMES) == dial.MOST_KNOWN
+        assert len(dial._TIMES) == dial.MAX_KNOWN
         assert dial.times_of(scenes[-1], None) is known[-1]
 
 

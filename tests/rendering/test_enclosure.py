@@ -12,7 +12,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.scene import transforms as tf
-from rasterjit.survey.enclosure import crossings
+from rasterjit.survey.blocked_lights import crossings
 
 SIZE = (64, 36)
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)

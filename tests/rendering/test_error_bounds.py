@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.budget import ERROR_LADDER, LADDER
+from rasterjit.rendering.quality_selection import ERROR_LADDER, LADDER
 
 sys.path.append(str(Path(__file__).parents[2]))
 program = importlib.import_module("benchmarks.dial")

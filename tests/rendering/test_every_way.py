@@ -13,7 +13,7 @@ from ways import ALL, MODELS, around, mixed_scene
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility import draw
-from rasterjit.rendering import batch, together
+from rasterjit.rendering import batch, batch_scheduler
 from rasterjit.runtime import jit
 from rasterjit.runtime import threads as sharing
 
@@ -189,7 +189,7 @@ def case(scene=plain, change=None, cameras=AROUND, outputs=("color", "depth"), *
 
 LIGHT = ("linear", "color")
 SAMPLES = QUALITY(samples=4)
-EVERYTHING = tuple(together.BY_KERNEL)
+EVERYTHING = tuple(batch_scheduler.BY_KERNEL)
 CUT = [*NEAR_BY, *around(1)]
 LAMPS = [
     rj.PointLight((2, 3, 1), "red"), rj.DirectionalLight(intensity=0.0),
@@ -198,7 +198,7 @@ LAMPS = [
 SUN = [rj.DirectionalLight((1, -2, -1)), rj.AmbientLight(intensity=0.2)]
 TONES = {"tone_map": rj.ToneMap()}
 
-IN_GROUPS = {
+BATCHED_EFFECTS = {
     "visible alpha": case(glassy, quality=QUALITY(visible_alpha=0.5), outputs=ALL[:6]),
     "all outputs": case(outputs=EVERYTHING),
     "float32": case(quality=QUALITY(precision="float32"), cameras=CUT),
@@ -301,19 +301,19 @@ def alone(monkeypatch):
     """Share small frames among threads, and return the views of batches drawn one by one."""
     monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
     monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
-    numbers, draw_alone = [], batch.OneByOne.__call__
+    numbers, draw_alone = [], batch.SingleViews.__call__
 
     def noted(self, group):
         numbers.extend(group)
         return draw_alone(self, group)
 
-    monkeypatch.setattr(batch.OneByOne, "__call__", noted)
+    monkeypatch.setattr(batch.SingleViews, "__call__", noted)
     return numbers
 
 
-@pytest.mark.parametrize("name", IN_GROUPS)
+@pytest.mark.parametrize("name", BATCHED_EFFECTS)
 def test_what_is_drawn_in_groups_has_the_same_bits_in_every_way(name, alone):
-    IN_GROUPS[name]()
+    BATCHED_EFFECTS[name]()
     assert alone == [] or jit.CHECKED
 
 

@@ -10,8 +10,8 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.plan import describe
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering.planning import describe
+from rasterjit.rendering.regions import RegionRenderer
 from rasterjit.scene.mesh import with_face_values
 
 T = rj.transforms

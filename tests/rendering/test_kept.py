@@ -105,7 +105,7 @@ def test_stages_and_drawers_are_made_once_for_many_cameras(monkeypatch):
 
 
 def test_large_scenes_leave_nothing(scene, monkeypatch):
-    monkeypatch.setattr("rasterjit.rendering.renderer.MOST_KEPT", 10)
+    monkeypatch.setattr("rasterjit.rendering.renderer.MAX_KEPT", 10)
     screens = counted(monkeypatch, draw, "screen_arrays")
     with rj.Renderer(SIZE, threads=1) as renderer:
         for number in range(3):

@@ -9,8 +9,8 @@ import pytest
 
 import rasterjit as rj
 from rasterjit import transforms
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.rendering import planning
+from rasterjit.rendering.regions import RegionRenderer
 
 SIZE = (150, 100)
 CAMERA = rj.PerspectiveCamera((2.5, 2.0, 3.5), (0, 0, 0), fov_y=50.0)

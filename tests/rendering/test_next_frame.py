@@ -12,7 +12,7 @@ import ways
 from changes import CHANGES, EFFECTS, FAR_OFF, SIZE, Asked, changing_scene, placed, walk
 
 import rasterjit as rj
-from rasterjit.rendering import together
+from rasterjit.rendering import batch_scheduler
 
 pytestmark = pytest.mark.needs_jit
 
@@ -28,8 +28,8 @@ CAMERAS = {
 @pytest.fixture(autouse=True)
 def shelf(monkeypatch):
     """Return the shelf of batches, on which nothing lies yet."""
-    own = together.Shelf()
-    monkeypatch.setattr("rasterjit.rendering.batch.SHELF", own)
+    own = batch_scheduler.BatchCaches()
+    monkeypatch.setattr("rasterjit.rendering.batch.BATCH_CACHES", own)
     return own
 
 
@@ -130,14 +130,14 @@ def test_frames_after_any_changes_are_those_of_a_fresh_renderer(outputs):
 
 
 def test_frames_of_cameras_of_all_kinds_are_those_of_a_fresh_renderer():
-    scene, asked = changing_scene(), Asked(together.BY_KERNEL)
+    scene, asked = changing_scene(), Asked(batch_scheduler.BY_KERNEL)
     with renderers() as drawing:
         for camera in CAMERAS.values():
             drawing.check(scene, [walk(1), camera, walk(2), camera, camera], asked)
 
 
 def test_frames_of_one_eye_are_cut_at_the_planes_of_each():
-    scene, asked = changing_scene(), Asked(together.BY_KERNEL)
+    scene, asked = changing_scene(), Asked(batch_scheduler.BY_KERNEL)
     planes = [{}, {"near": 3.0, "far": 4.5}, {"near": 4.0, "far": 5.5}, {"near": 3.5}]
     cameras = [replace(walk(1), **own) for own in planes]
     with renderers() as drawing:

@@ -8,7 +8,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.effects.shadows import maps, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.rendering.plan import list_kernels
+from rasterjit.rendering.planning import list_kernels
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.survey import facts
@@ -94,7 +94,7 @@ def test_nothing_is_prepared_for_what_is_out_of_view(monkeypatch):
     scene = scene_of(PLAIN, (square(**fields), AWAY))
     for name in ("join_textures", "join_maps", "join_microfacets", "join_alpha_tests"):
         monkeypatch.setattr(f"rasterjit.survey.cache.{name}", refuse)
-    monkeypatch.setattr("rasterjit.survey.arrays.join_normals", refuse)
+    monkeypatch.setattr("rasterjit.survey.packed_scene.join_normals", refuse)
     frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",), threads=1)
     alone = rj.render(scene_of(PLAIN), CAMERA, size=SIZE, outputs=("linear",), threads=1)
     assert frame.linear.tobytes() == alone.linear.tobytes()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.pipeline.geometry import skinning
-from rasterjit.rendering import plan as planning
+from rasterjit.rendering import planning
 from rasterjit.survey.cache import prepare
 from rasterjit.survey.posing import posed_scene
 from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, translate
@@ -233,7 +233,7 @@ def test_threads_change_no_bit(bent):
 
 def test_regions_have_the_bits_of_the_whole(bent):
     from rasterjit.pipeline.visibility.draw import Region
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     whole = rj.render(bent, size=SIZE).color
     with RegionRenderer(bent, size=SIZE) as renderer:

@@ -8,8 +8,8 @@ import sys
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering import budget as profiles
-from rasterjit.rendering.budget import (
+from rasterjit.rendering import quality_selection as profiles
+from rasterjit.rendering.quality_selection import (
     LADDER,
     Profile,
     QualityStep,

@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.pipeline.visibility.draw import Region
-from rasterjit.rendering.tiles import RegionRenderer, check_region, regions_of
+from rasterjit.rendering.regions import RegionRenderer, check_region, regions_of
 from rasterjit.scene.validation import MAX_SIZE, MAX_UNITS, whole_size
 
 SIZE = (150, 100)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.plan import FrameRequest, plan_views
-from rasterjit.survey.contents import Inventory
+from rasterjit.rendering.planning import FrameRequest, plan_views
 from rasterjit.survey.effect import Effect
+from rasterjit.survey.object_counts import Inventory
 
 SIZE = (48, 40)
 

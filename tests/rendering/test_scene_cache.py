@@ -10,9 +10,9 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.outputs.table import OUTPUTS
-from rasterjit.survey import arrays as plan_arrays
 from rasterjit.survey import cache, placement
-from rasterjit.survey.contents import Inventory
+from rasterjit.survey import packed_scene as plan_arrays
+from rasterjit.survey.object_counts import Inventory
 
 SIZE = (48, 40)
 

@@ -17,7 +17,7 @@ from rasterjit.outputs.table import OUTPUTS as ALL_OUTPUTS
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.quality import LEVELS
-from rasterjit.survey.overrides import COARSER, filter_of
+from rasterjit.survey.quality_overrides import COARSER, filter_of
 
 SIZE = (72, 56)
 OUTPUTS = tuple(name for name in ALL_OUTPUTS if name not in ("uv", "scalar"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering.plan import FrameRequest, plan_views
+from rasterjit.rendering.planning import FrameRequest, plan_views
 
 SIZE = 300, 240
 """Large enough for several bands of rows."""

@@ -14,7 +14,7 @@ import rasterjit as rj
 from rasterjit.effects.shadows import maps
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.pipeline.visibility import draw as drawing
-from rasterjit.rendering import plan as plan_resources
+from rasterjit.rendering import planning as plan_resources
 from rasterjit.rendering import shade as shade_passes
 from rasterjit.rendering import supersample
 from rasterjit.rendering.supersample import MovedCamera, sample_offsets, sample_spacing

@@ -10,10 +10,10 @@ import pytest
 from ways import around, check, in_groups, mixed_scene, random_cameras
 
 import rasterjit as rj
-from rasterjit.rendering import batch, desk, together
+from rasterjit.rendering import batch, batch_scheduler, command_buffer
 from rasterjit.scene import transforms
 from rasterjit.survey import placement
-from rasterjit.survey.many_views import place_many, view_many
+from rasterjit.survey.batched_views import place_many, view_many
 
 
 @pytest.fixture
@@ -25,13 +25,13 @@ def scene():
 @pytest.fixture
 def alone(monkeypatch):
     """Return the numbers of the views that are drawn one by one."""
-    numbers, draw = [], batch.OneByOne.__call__
+    numbers, draw = [], batch.SingleViews.__call__
 
     def noted(self, group):
         numbers.extend(group)
         return draw(self, group)
 
-    monkeypatch.setattr(batch.OneByOne, "__call__", noted)
+    monkeypatch.setattr(batch.SingleViews, "__call__", noted)
     return numbers
 
 
@@ -55,7 +55,7 @@ def test_cameras_that_look_away_from_some_objects_are(scene, alone):
 @in_groups
 @pytest.mark.filterwarnings("ignore::rasterjit.ViewWarning")
 def test_more_faces_to_cut_than_there_is_room_for_are_drawn_one_by_one(alone, monkeypatch):
-    monkeypatch.setattr(desk, "room_to_cut", lambda faces: (1, 28))
+    monkeypatch.setattr(command_buffer, "clip_capacity", lambda faces: (1, 28))
     cameras = [
         replace(camera, near=near) for camera, near in zip(around(4), (0.1, 3.9) * 2, strict=True)
     ]
@@ -77,7 +77,7 @@ def test_more_layers_than_there_is_room_for_are_drawn_one_by_one(alone):
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
     glass = rj.Material("unlit", (0.9, 0.5, 0.2, 0.2), alpha_mode="blend")
     scene = rj.Scene()
-    for n in range(desk.MOST_LAYERS):
+    for n in range(command_buffer.MAX_LAYERS):
         pane = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], material=glass)
         scene.add(pane, rj.transforms.translate((0.1 * n, 0.0, -0.1 * n)))
     camera = rj.PerspectiveCamera((0.4, 0.1, 4.0), (0.4, 0.0, 0.0))
@@ -120,7 +120,7 @@ def test_longer_lists_of_samples_than_there_is_room_for_are_drawn_one_by_one(alo
 
 @in_groups
 def test_kinds_of_views_beyond_those_kept_are_drawn_one_by_one(scene, alone, monkeypatch):
-    monkeypatch.setattr(together, "MOST_KINDS", 1)
+    monkeypatch.setattr(batch_scheduler, "MAX_KINDS", 1)
     cameras = [
         rj.PerspectiveCamera((1.4, 0.2, 4.0), (1.4, 0.2, 0.0), fov_y=3.0),
         rj.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.survey.arrays import MANY_VERTICES, VERTEX_BLOCK, join_geometry
+from rasterjit.survey.packed_scene import MANY_VERTICES, VERTEX_BLOCK, join_geometry
 
 OUTPUTS = "color", "linear", "depth", "face_id", "position", "normal", "barycentric"
 CAMERA = rj.PerspectiveCamera(eye=(2.0, 1.5, 3.0), target=(0.0, 0.0, 0.0), near=2.9)

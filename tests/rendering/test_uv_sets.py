@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.rendering import plan as planning
+from rasterjit.rendering import planning
 from rasterjit.scene.material import CORE_TEXTURES
-from rasterjit.survey import arrays
+from rasterjit.survey import packed_scene
 
 SIZE = (72, 54)
 CAMERA = rj.PerspectiveCamera(eye=(1.6, 1.1, 2.4), target=(0.1, -0.1, 0.0), near=0.2, far=60.0)
@@ -219,13 +219,13 @@ def test_output_uv_is_the_first_set():
 
 
 def test_scenes_of_one_set_join_and_run_nothing_more(monkeypatch):
-    joined, original = [], arrays.join_uv
+    joined, original = [], packed_scene.join_uv
 
     def join(meshes, kind=None):
         joined.append(kind)
         return original(meshes, kind)
 
-    monkeypatch.setattr(arrays, "join_uv", join)
+    monkeypatch.setattr(packed_scene, "join_uv", join)
     stages = {}
     for sets in ((0,) * 5, (1,) * 5, (0, 0, 0, 1, 0)):
         joined.clear()

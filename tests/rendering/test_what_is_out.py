@@ -14,8 +14,8 @@ import pytest
 import random_scenes as scenes
 
 import rasterjit as rj
-from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.tiles import Region, RegionRenderer
+from rasterjit.rendering.effect_registry import EFFECTS
+from rasterjit.rendering.regions import Region, RegionRenderer
 
 FEW, MANY = 25, 1200
 """Scenes of a quick run, and of a long one."""

@@ -293,7 +293,7 @@ def test_frames_of_an_animation_have_one_near_plane():
 
 
 def test_tiles_have_the_bits_of_the_whole_picture():
-    from rasterjit.rendering.tiles import RegionRenderer
+    from rasterjit.rendering.regions import RegionRenderer
 
     scene, camera, size = scene_with_a_close_ball(), rj.PerspectiveCamera(**LOOK), (192, 128)
     whole = draw(scene, camera, size=size)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import rasterjit as rj
 from rasterjit.cli import commands
-from rasterjit.rendering import notices
+from rasterjit.rendering import view_warnings
 
 SQUARE = rj.Mesh(
     [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2), (0, 2, 3)],
@@ -220,7 +220,7 @@ def test_a_batch_names_the_first_view_that_is_burnt_out():
 
 
 def test_frames_in_weak_light_are_not_looked_at(monkeypatch):
-    monkeypatch.delattr(notices, "white_share")
+    monkeypatch.delattr(view_warnings, "white_share")
     rj.render(lit_by(), NEAR, size=(16, 16))
     rj.render(lit_by(rj.DirectionalLight((0, 0, -1))), NEAR, size=(16, 16))
 

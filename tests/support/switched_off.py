@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 import rasterjit as rj
-from rasterjit.rendering.plan import list_kernels, list_passes
+from rasterjit.rendering.planning import list_kernels, list_passes
 from rasterjit.scene.material import TEXTURE_FIELDS
 
 SIZE = (8, 6)

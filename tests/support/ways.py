@@ -12,8 +12,8 @@ import pytest
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.rendering import bound_frames
-from rasterjit.rendering.tiles import Region, RegionRenderer
-from rasterjit.rendering.together import COUNTED
+from rasterjit.rendering.batch_scheduler import COUNTED
+from rasterjit.rendering.regions import Region, RegionRenderer
 from rasterjit.runtime import jit
 
 MODELS = Path(__file__).parents[2] / "models"

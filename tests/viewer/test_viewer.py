@@ -15,10 +15,10 @@ import pytest
 import rasterjit as rj
 from rasterjit.cli.commands import program
 from rasterjit.inspect import pixel
-from rasterjit.rendering import budget
+from rasterjit.rendering import quality_selection
 from rasterjit.rendering import renderer as rendering
-from rasterjit.rendering.budget import LADDER
-from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.effect_registry import EFFECTS
+from rasterjit.rendering.quality_selection import LADDER
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import COMPILE_CLOCK
 from rasterjit.viewer import switches
@@ -41,7 +41,7 @@ def _patient(monkeypatch):
 @pytest.fixture
 def viewer(cube, monkeypatch):
     """A viewer whose dial never comes to know anything: what moves is a draft."""
-    monkeypatch.setattr(budget.Times, "calibrate", lambda *_: iter(()))
+    monkeypatch.setattr(quality_selection.Times, "calibrate", lambda *_: iter(()))
     viewer = Viewer(cube, size=SIZE)
     yield viewer
     viewer.close()
@@ -457,7 +457,7 @@ def test_keys_fly(viewer):
 def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
     key(viewer, "c")
     viewer.handle({"event_type": "key_down", "key": "w"})
-    monkeypatch.setattr(budget, "seconds_of", lambda frame: 0.4)
+    monkeypatch.setattr(quality_selection, "seconds_of", lambda frame: 0.4)
     viewer.draw()
     expected = viewer.controls.advance(0.4)
     viewer.advance(0.4)
@@ -520,7 +520,7 @@ def test_line_tells_true_times_while_another_thread_compiles(viewer, monkeypatch
 
     monkeypatch.setattr(Renderer, "_draw", slow)
     frame = viewer._draw_in_time()
-    assert budget.seconds_of(frame) < 0.02
+    assert quality_selection.seconds_of(frame) < 0.02
     viewer.draw()
     assert said(viewer)[1] >= 0.02
     assert "with compiling" in viewer.line
@@ -535,7 +535,7 @@ def test_times_are_not_those_of_frames_during_which_anything_compiled(cube, came
         drawn.append(quality)
         return frame
 
-    times = budget.Times(LADDER[:1], {})
+    times = quality_selection.Times(LADDER[:1], {})
     list(times.calibrate(0.1, draw))
     assert len(drawn) == 2
     assert times.predict(LADDER[0]) >= 0.4
@@ -544,7 +544,7 @@ def test_times_are_not_those_of_frames_during_which_anything_compiled(cube, came
 def test_scene_that_takes_too_long_moves_in_half_as_many_pixels_a_side(viewer, monkeypatch):
     viewer.resize((41, 31))
     seconds = [0.1]
-    monkeypatch.setattr(budget, "seconds_of", lambda frame: seconds[0])
+    monkeypatch.setattr(quality_selection, "seconds_of", lambda frame: seconds[0])
     monkeypatch.setattr(viewing, "TOO_LONG", 1.5)
     viewer.draw()
     drag(viewer)
@@ -727,8 +727,8 @@ def timed(cube, monkeypatch):
         asked.append(frame.plan.quality)
         return 1e-3 * MILLISECONDS[frame.plan.quality]
 
-    monkeypatch.setattr(budget, "load_profile", lambda: None)
-    monkeypatch.setattr(budget, "seconds_of", seconds_of)
+    monkeypatch.setattr(quality_selection, "load_profile", lambda: None)
+    monkeypatch.setattr(quality_selection, "seconds_of", seconds_of)
     viewer = Viewer(cube, size=SIZE, time_budget=0.02)
     yield viewer, asked
     viewer.close()
@@ -823,7 +823,7 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     while viewer.step():
         pass
     assert viewer.is_moving
-    assert asked.count(LADDER[1]) == 1 + budget.FRAMES
+    assert asked.count(LADDER[1]) == 1 + quality_selection.FRAMES
     assert LADDER[2] not in asked
     # Of what it knows by now that is the best.
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[1]))
@@ -833,7 +833,7 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
         pass
     # Measured before.
     assert LADDER[1] not in asked
-    assert asked.count(LADDER[2]) == 1 + budget.FRAMES
+    assert asked.count(LADDER[2]) == 1 + quality_selection.FRAMES
     drag(viewer)
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rasterjit.scene.quality import Quality
-from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import OfQuality
 from rasterjit.survey.facts import Facts
+from rasterjit.survey.transparency import mixing_note
 
 SAMPLES_TO_TRY = 4
 """Samples per pixel suggested where edges are aliased."""

@@ -29,9 +29,9 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Calls, Field, FrameContext, InGroups, Planning, with_field
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.effect import BatchedEffect, Calls, Field, FrameContext, Planning, with_field
 from rasterjit.survey.facts import Facts, unlit_reason
-from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
 
 RAYS = "rays through the background"
@@ -120,7 +120,7 @@ class SeenAlone(Environment):
     lights = False
 
 
-class EnvironmentLight(InGroups):
+class EnvironmentLight(BatchedEffect):
     """Light what is seen from all around."""
 
     name = "environment light"
@@ -193,7 +193,7 @@ class EnvironmentLight(InGroups):
     places: ClassVar = {"around": shed}
 
 
-class EnvironmentBackground(InGroups):
+class EnvironmentBackground(BatchedEffect):
     """Show the environment where no face is."""
 
     name = "environment background"

@@ -28,7 +28,7 @@ from rasterjit.effects.environment.stage import EnvironmentRecord, Irradiance, R
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.environment import Environment, Panorama, SkyGradient
 from rasterjit.scene.transforms import sine_cosine
-from rasterjit.survey.arrays import writable
+from rasterjit.survey.packed_scene import writable
 
 NARROWEST, WIDEST = 64, 1024
 """Columns of the coarsest and the finest copy of a picture: 5.6 and 0.35 degrees a texel."""

@@ -18,9 +18,9 @@ from rasterjit.pipeline.surface import attributes
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.effect import Field, InGroups, Planning
+from rasterjit.survey.batched_views import Group
+from rasterjit.survey.effect import BatchedEffect, Field, Planning
 from rasterjit.survey.facts import Facts, is_fog_in_reach
-from rasterjit.survey.many_views import Group
 from rasterjit.survey.plan import RenderPlan
 
 HALVINGS = 1.4426950408889634
@@ -52,7 +52,7 @@ def _heights(fog: Fog, eyes: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.clip(eyes - (fog.height or 0.0), -LARGEST, LARGEST).astype(np.float32)
 
 
-class FogEffect(InGroups):
+class FogEffect(BatchedEffect):
     """Cover lit samples."""
 
     name = "fog"

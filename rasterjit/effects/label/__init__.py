@@ -22,7 +22,6 @@ from rasterjit.scene.color import decoding_table
 from rasterjit.scene.label import Label
 from rasterjit.scene.pixels import clip_from_relative, project
 from rasterjit.scene.scene import Scene, with_labelled
-from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import (
     Absent,
     Bends,
@@ -33,6 +32,7 @@ from rasterjit.survey.effect import (
 )
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.transparency import mixing_note
 
 SHARES = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 """Where an anchor lies in a box, of its width or height; else in the middle."""

@@ -1,7 +1,7 @@
 """
 Cross sections: report them, and draw section lines.
 
-The cut itself is geometry, made before planning (`rasterjit.survey.sections`). Section lines are
+The cut itself is geometry, made before planning (``survey/cross_sections.py``). Section lines are
 drawn over the finished picture, in 8-bit colour: like edges of a wireframe, occluded by nearer
 surfaces and by the cut solid, each pixel widened to a disc like those of outlines.
 """

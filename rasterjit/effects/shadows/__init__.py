@@ -29,9 +29,9 @@ from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import FrameContext, LooksAround, Planning, with_field
 from rasterjit.survey.facts import Facts, settings_asked
 from rasterjit.survey.lights import TEXEL_BYTES, CastingLight, has_cube
-from rasterjit.survey.overrides import shadow_under
 from rasterjit.survey.placement import place_boxes
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.quality_overrides import shadow_under
 
 MOST_TEXELS_TO_TRY = 1 << 26
 """Of the shadow maps that are tried where nobody asked for them: 268 MB."""

@@ -19,7 +19,7 @@ from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.survey.effect import Calls, InGroups, Planning, add_to_field
+from rasterjit.survey.effect import BatchedEffect, Calls, Planning, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -40,7 +40,7 @@ def tone_record(tone_map: ToneMap) -> ToneRecord:
     )
 
 
-class ToneMapping(InGroups):
+class ToneMapping(BatchedEffect):
     """Map what is shown in 8 bits."""
 
     name = "tone mapping"

@@ -22,10 +22,10 @@ from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.contents import in_words
 from rasterjit.survey.effect import FrameContext, SeesThrough
 from rasterjit.survey.facts import Facts, unlit_reason
-from rasterjit.survey.material_rows import without_transmission
+from rasterjit.survey.material_features import without_transmission
+from rasterjit.survey.object_counts import in_words
 from rasterjit.survey.plan import RenderPlan
 
 LEAST_SIDE = 2

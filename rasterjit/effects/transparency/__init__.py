@@ -8,10 +8,10 @@ sample are sorted, shaded and composited; see ``rendering.layers``.
 from __future__ import annotations
 
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import Effect
 from rasterjit.survey.facts import Facts, settings_asked
-from rasterjit.survey.material_rows import made_opaque
+from rasterjit.survey.material_features import made_opaque
+from rasterjit.survey.transparency import mixing_note
 
 
 class Blending(Effect):

@@ -20,12 +20,12 @@ from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vignette import Vignette
-from rasterjit.survey.effect import FrameContext, InGroups, add_to_field
+from rasterjit.survey.effect import BatchedEffect, FrameContext, add_to_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
 
-class Vignetting(InGroups):
+class Vignetting(BatchedEffect):
     """Darken the corners of the finished picture."""
 
     name = "vignette"

@@ -25,10 +25,10 @@ from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import FrameContext, HasModes, LooksAround, with_field
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.transparency import mixing_note
 
 EDGES_PER_TASK = 1 << 14
 """Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""

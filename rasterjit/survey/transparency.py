@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.survey.contents import in_words
+from rasterjit.survey.object_counts import in_words
 
 
 class PixelLayers(NamedTuple):

@@ -21,7 +21,7 @@ from rasterjit.effects.transmission import TRANSMISSION
 from rasterjit.effects.transparency import TRANSPARENCY
 from rasterjit.effects.vignette import VIGNETTE
 from rasterjit.effects.wireframe import WIREFRAME
-from rasterjit.survey import material_rows as rows
+from rasterjit.survey import material_features as rows
 from rasterjit.survey.effect import (
     Absent,
     Active,
@@ -68,7 +68,7 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
-BEYOND_FACTS = tuple(n for n, effect in enumerate(EFFECTS) if not effect.follows_facts)
+DECIDED_ANEW = tuple(n for n, effect in enumerate(EFFECTS) if not effect.follows_facts)
 """Numbers of effects that are decided anew for each frame."""
 
 
@@ -77,7 +77,7 @@ def effect_named(name: str) -> Effect:
     return next(effect for effect in EFFECTS if effect.name == name)
 
 
-def answer_effects(
+def decide_effects(
     facts: Facts, planning: Planning, known: tuple[Planned | Absent, ...] | None = None
 ) -> tuple[Planned | Absent, ...]:
     """
@@ -89,7 +89,7 @@ def answer_effects(
     if known is None:
         return tuple([effect.answer(facts, planning) for effect in EFFECTS])
     changed = {}
-    for n in BEYOND_FACTS:
+    for n in DECIDED_ANEW:
         answer = EFFECTS[n].answer(facts, planning)
         if answer.used or known[n].used:
             changed[n] = answer

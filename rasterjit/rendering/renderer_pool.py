@@ -2,9 +2,9 @@
 A pool of renderers: draw frames of one scene in several threads, small ones in groups.
 
 `views_at_once` chooses the size of groups after the first frame: its plan tells whether views of
-the scene are eligible. Groups are drawn by recorded calls (``together.py``); ineligible views are
-drawn alone, and so is a group in which anything fails, so that an error is raised for its view,
-after the frames before it.
+the scene are eligible. Groups are drawn by recorded calls (``batch_scheduler.py``), other views
+alone, and so is a group in which anything fails: an error is raised for its view, after the frames
+before it.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs.frame import Frame, FrameStats
-from rasterjit.rendering import batch, notices, together
+from rasterjit.rendering import batch, batch_scheduler, view_warnings
 from rasterjit.rendering.batch import AHEAD, Pace, scene_at
-from rasterjit.rendering.plan import FrameRequest, plan_frame
-from rasterjit.rendering.renderer import Renderer
-from rasterjit.rendering.together import (
+from rasterjit.rendering.batch_scheduler import (
     COUNTED,
     BatchCache,
-    Drawer,
+    BatchScheduler,
+    GroupRenderer,
     Projections,
-    Together,
-    can_share,
+    can_batch,
 )
+from rasterjit.rendering.planning import FrameRequest, plan_frame
+from rasterjit.rendering.renderer import Renderer
 from rasterjit.runtime.clocks import StageClock
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Scene
@@ -48,8 +48,8 @@ BYTES_AT_ONCE = 1 << 23
 
 def may_gain(scene: Scene, options: FrameRequest, threads: int, room: int) -> bool:
     """Tell, without a plan, whether views may be drawn in one go: see `views_at_once`."""
-    is_small = batch.work_of(options.size, scene) <= batch.MOST_WORK
-    return threads == 1 and room > 1 and is_small and together.is_possible(options)
+    is_small = batch.work_of(options.size, scene) <= batch.MAX_WORK
+    return threads == 1 and room > 1 and is_small and batch_scheduler.is_possible(options)
 
 
 def views_at_once(
@@ -63,7 +63,7 @@ def views_at_once(
     """
     Return how many views a thread draws in one go; 1: each is drawn alone.
 
-    Alone are views that share too little (`can_share`: see there), that several threads draw
+    Alone are views that share too little (`can_batch`: see there), that several threads draw
     together, of which there is no room for some, or so large that a group of them would take long
     or much memory, and gain nothing.
 
@@ -80,7 +80,7 @@ def views_at_once(
     room : int
         Most that may be drawn in one go.
     """
-    if not may_gain(scene, options, threads, room) or not can_share(plan, scene, cache):
+    if not may_gain(scene, options, threads, room) or not can_batch(plan, scene, cache):
         return 1
     work = batch.work_of(options.size, scene)
     shapes = batch.shapes_of(scene, 1, options).values()
@@ -142,7 +142,7 @@ def prepare_for(scene: Scene, options: FrameRequest) -> SceneCache:
     return prepare(scene.nodes, None, options.quality, scene.environment is not None)
 
 
-class Begun(NamedTuple):
+class ViewResult(NamedTuple):
     """The result of a view: its frame and warnings, or an error."""
 
     result: Frame | Exception
@@ -152,7 +152,7 @@ class Begun(NamedTuple):
         """Return the frame and issue new warnings, or raise the error."""
         if isinstance(self.result, Exception):
             raise self.result
-        notices.warn(self.notices, told)
+        view_warnings.warn(self.notices, told)
         return self.result
 
 
@@ -177,7 +177,7 @@ class Shared(NamedTuple):
         return cls(kept, Projections(options.size), own, group_size)
 
 
-class Artist:
+class PoolWorker:
     """
     Draws views of a scene in one thread of the pool.
 
@@ -199,7 +199,7 @@ class Artist:
         # The pool tells once, for all of them.
         self._renderer = Renderer.of_many(options.size, options.quality, threads, cache)
         self._arrays: dict[str, NDArray[Any]] = {}
-        self._group: tuple[Drawer, Shared] | None = None
+        self._group: tuple[GroupRenderer, Shared] | None = None
 
     def close(self) -> None:
         """Release its threads and its memory."""
@@ -207,7 +207,7 @@ class Artist:
         if self._group is not None:
             self._group[0].close()
 
-    def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[Begun]:
+    def draw(self, cameras: Sequence[Camera], shared: Shared | None = None) -> deque[ViewResult]:
         """
         Draw views until one fails.
 
@@ -217,21 +217,21 @@ class Artist:
         shared : Shared, optional
             Default: nothing is shared with other threads.
         """
-        found: dict[int, Begun] = {}
+        found: dict[int, ViewResult] = {}
         if len(cameras) > 1:
             try:
-                found = self._draw_together(cameras, shared)
+                found = self._draw_group(cameras, shared)
             except Exception:
                 # Drawn alone, the view that it is of raises it, after those before it.
                 found = {}
-        begun: deque[Begun] = deque()
+        begun: deque[ViewResult] = deque()
         for n, camera in enumerate(cameras):
             begun.append(found.pop(n) if n in found else self._draw_alone(camera))
             if isinstance(begun[-1].result, Exception):
                 break
         return begun
 
-    def _draw_alone(self, camera: Camera) -> Begun:
+    def _draw_alone(self, camera: Camera) -> ViewResult:
         """Draw a view as `rasterjit.render` does."""
         asked = self._options
         try:
@@ -240,10 +240,12 @@ class Artist:
                 cull=asked.cull,
             )  # fmt: skip
         except Exception as error:
-            return Begun(error, {})
-        return Begun(frame, notices.notices_of_frame(frame))
+            return ViewResult(error, {})
+        return ViewResult(frame, view_warnings.warnings_of_frame(frame))
 
-    def _draw_together(self, cameras: Sequence[Camera], shared: Shared | None) -> dict[int, Begun]:
+    def _draw_group(
+        self, cameras: Sequence[Camera], shared: Shared | None
+    ) -> dict[int, ViewResult]:
         """Draw those views, by their numbers, that have a place in a group."""
         clock = StageClock()
         drawer, own = self._drawer_of(len(cameras), shared)
@@ -258,10 +260,10 @@ class Artist:
             seconds = {stage: of_all / len(drawn) for stage, of_all in clock.seconds.items()}
             stats = FrameStats(**named, seconds=seconds, face_id=covered)
             plan = partial(own.moment.plan, cameras[n])
-            found[n] = Begun(LateFrame(arrays, plan, stats, starts), told.of(n))
+            found[n] = ViewResult(LazyFrame(arrays, plan, stats, starts), told.of(n))
         return found
 
-    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[Drawer, Shared]:
+    def _drawer_of(self, count: int, shared: Shared | None) -> tuple[GroupRenderer, Shared]:
         """Return what draws groups of so many views or fewer, and what it shares."""
         if self._group is not None and count > self._group[1].group_size:
             # A worker drew a smaller group before.
@@ -272,12 +274,12 @@ class Artist:
             self._group = self._make_drawer(shared), shared
         return self._group
 
-    def _make_drawer(self, shared: Shared) -> Drawer:
+    def _make_drawer(self, shared: Shared) -> GroupRenderer:
         """Return what draws groups, into memory of its own."""
         shapes = batch.shapes_of(self._scene, shared.group_size, self._options)
         self._arrays = {name: np.empty(*of_all) for name, of_all in shapes.items()}
-        return Drawer(
-            Together(
+        return GroupRenderer(
+            BatchScheduler(
                 self._scene, shared.kept, self._options, self._arrays, lambda _: self._scene,
                 shared.projections,
             )
@@ -306,8 +308,8 @@ class RendererPool:
         self._workers, self._threads = workers, threads
         self.pace = pace
         self._process = os.getpid()
-        self._idle: queue.SimpleQueue[Artist] = queue.SimpleQueue()
-        self._artists: list[Artist] = []
+        self._idle: queue.SimpleQueue[PoolWorker] = queue.SimpleQueue()
+        self._pool_workers: list[PoolWorker] = []
         self._told: set[str] = set()
         self._shared: Shared | None = None
 
@@ -317,9 +319,9 @@ class RendererPool:
         # They share what follows from the scene alone.
         self._cache = prepare_for(self._scene, self._options)
         for _ in range(self._workers):
-            artist = Artist(self._scene, self._options, self._threads, self._cache)
-            self._artists.append(artist)
-            self._idle.put(artist)
+            pool_worker = PoolWorker(self._scene, self._options, self._threads, self._cache)
+            self._pool_workers.append(pool_worker)
+            self._idle.put(pool_worker)
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -327,14 +329,14 @@ class RendererPool:
         if self._process != os.getpid():
             return
         self._pool.shutdown(wait=True, cancel_futures=True)
-        for artist in self._artists:
-            artist.close()
+        for pool_worker in self._pool_workers:
+            pool_worker.close()
 
-    def submit(self, cameras: list[Camera]) -> Future[deque[Begun]]:
+    def submit(self, cameras: list[Camera]) -> Future[deque[ViewResult]]:
         """Begin the frames of some cameras, in one go."""
         return self._pool.submit(self._draw, cameras)
 
-    def take(self, begun: Future[deque[Begun]]) -> Frame:
+    def take(self, begun: Future[deque[ViewResult]]) -> Frame:
         """Return the next of frames that were begun in one go, when they are done."""
         if self._process != os.getpid():
             raise RuntimeError(
@@ -349,13 +351,13 @@ class RendererPool:
             )
         return frame
 
-    def _draw(self, cameras: list[Camera]) -> deque[Begun]:
+    def _draw(self, cameras: list[Camera]) -> deque[ViewResult]:
         """Draw frames in one go."""
-        artist = self._idle.get()
+        pool_worker = self._idle.get()
         try:
-            return artist.draw(cameras, self._shared)
+            return pool_worker.draw(cameras, self._shared)
         finally:
-            self._idle.put(artist)
+            self._idle.put(pool_worker)
 
 
 def draw_in_turns(
@@ -370,32 +372,32 @@ def draw_in_turns(
     cache = prepare_for(scene, options)
     told: set[str] = set()
     with ExitStack() as stack:
-        alone = stack.enter_context(closing(Artist(scene, options, threads, cache)))
+        alone = stack.enter_context(closing(PoolWorker(scene, options, threads, cache)))
         first = alone.draw(cameras[:1]).popleft().taken(told)
         room = -(-(len(cameras) - 1) // threads)
         count = views_at_once(first.plan, scene, cache, options, 1, room)
         shared = Shared.of(scene, cache, options, count, first.plan)
         yield first
-        artists: list[Artist] = [alone]
-        each: Callable[..., Iterator[deque[Begun]]] = map
+        pool_workers: list[PoolWorker] = [alone]
+        each: Callable[..., Iterator[deque[ViewResult]]] = map
         if count > 1:
-            artists = [
-                stack.enter_context(closing(Artist(scene, options, 1, cache)))
+            pool_workers = [
+                stack.enter_context(closing(PoolWorker(scene, options, 1, cache)))
                 for _ in range(threads)
             ]
             if threads > 1:
                 pool = ThreadPoolExecutor(threads, thread_name_prefix="rasterjit-turns")
                 each = stack.enter_context(pool).map
-        for start in range(1, len(cameras), count * len(artists)):
-            starts = range(start, start + count * len(artists), count)
+        for start in range(1, len(cameras), count * len(pool_workers)):
+            starts = range(start, start + count * len(pool_workers), count)
             groups = [cameras[n : n + count] for n in starts]
-            drawn = each(lambda artist, group: artist.draw(group, shared), artists, groups)
+            drawn = each(lambda one, group: one.draw(group, shared), pool_workers, groups)
             for begun in list(drawn):
                 while begun:
                     yield begun.popleft().taken(told)
 
 
-class LateFrame(Frame):
+class LazyFrame(Frame):
     """
     A frame whose plan is made when it is first asked for.
 

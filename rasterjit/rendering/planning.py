@@ -23,7 +23,7 @@ from rasterjit.pipeline.passes import KernelRow, Pass, Rows
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
 from rasterjit.rendering import shade, shading_passes, supersample
-from rasterjit.rendering.effects import answer_effects
+from rasterjit.rendering.effect_registry import decide_effects
 from rasterjit.runtime import ahead
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
@@ -40,9 +40,8 @@ from rasterjit.scene.validation import (
     whole_size,
 )
 from rasterjit.scene.view import PreviousView
-from rasterjit.survey import clip_planes, contents, posing
+from rasterjit.survey import clip_planes, posing
 from rasterjit.survey import placement as placing
-from rasterjit.survey.blending import layers_of
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.clip_planes import (
     BesidePlanes,
@@ -51,21 +50,22 @@ from rasterjit.survey.clip_planes import (
     look_at_planes,
     spheres_beyond,
 )
-from rasterjit.survey.contents import (
-    Inventory,
-    check_scene,
-    may_have_holes,
-    refuse_masked_field,
-    refuse_texture,
-    take_inventory,
-)
 from rasterjit.survey.depth_format import REVERSED_TYPES, check_near, depth_format
 from rasterjit.survey.effect import Absent, Active, Planned, Planning
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight_row, imitated_lighting, lighting_of
+from rasterjit.survey.object_counts import (
+    Inventory,
+    check_scene,
+    inventory_of,
+    may_have_holes,
+    refuse_masked_field,
+    refuse_texture,
+)
 from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import Cull, RenderPlan
 from rasterjit.survey.posing import posed_scene
+from rasterjit.survey.transparency import layers_of
 
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 """Which faces are dropped: none; those that show their back; their front."""
@@ -116,7 +116,7 @@ def plan_frame(
     # Analyse the scene.
     if known is None:
         check_scene(scene)
-        known = take_inventory(scene.nodes, quality, scene.environment is not None)
+        known = inventory_of(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     inventory, extents = known
@@ -146,7 +146,7 @@ def plan_frame(
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Decide on each effect.
     answers = last.effects if last is not None and facts is last.facts else None
-    effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
+    effects = decide_effects(facts, Planning(scene, camera, boxes), answers)
     layers = layers_of(
         facts.transparency,
         facts.mixes_samples,
@@ -190,7 +190,7 @@ def _refuse(scene: Scene, facts: Facts) -> None:
     contents, quality = facts.contents, facts.quality
     if facts.imitation is not None:
         _refuse_imitating(scene, facts.imitation)
-    if "uv" in facts.outputs and contents.laid == 0:
+    if "uv" in facts.outputs and contents.with_uv == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if "scalar" in facts.outputs and not any(node.mesh.field for node in scene.nodes):
         raise ValueError("outputs has 'scalar', but no mesh of the scene has scalars")
@@ -198,11 +198,11 @@ def _refuse(scene: Scene, facts: Facts) -> None:
         _refuse_points(scene, facts)
     if contents.masked_fields:
         refuse_masked_field(scene.nodes)
-    if facts.colors_faces and contents.unlaid:
+    if facts.colors_faces and contents.without_uv:
         refuse_texture(scene.nodes, quality)
-    if contents.unlaid_holes and facts.finds_faces:
+    if contents.cutouts_without_uv and facts.finds_faces:
         refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
-    if facts.hits_are_visible and contents.unlaid:
+    if facts.hits_are_visible and contents.without_uv:
         clear = np.flatnonzero(facts.inventory.is_see_through).tolist()
         refuse_texture([scene.nodes[number] for number in clear], quality)
 
@@ -451,7 +451,7 @@ def plan_views(
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, scene, before)
 
 
-def settle_together(
+def settle_cameras(
     scene: Scene,
     cameras: Sequence[Camera],
     size: tuple[int, int],
@@ -493,7 +493,7 @@ def cut_open(scene: Scene) -> Scene:
     """Return a scene cut by its section; the scene itself without one."""
     if scene.section is None:
         return scene
-    from rasterjit.survey.sections import cut
+    from rasterjit.survey.cross_sections import cut
 
     return cut(scene)
 
@@ -502,9 +502,9 @@ def cut_alike(earlier: Scene, scene: Scene) -> Scene:
     """Return an earlier scene, cut where a scene that `cut_open` returned is."""
     if scene.section is None:
         return earlier
-    from rasterjit.survey import sections
+    from rasterjit.survey import cross_sections
 
-    return sections.cut_alike(earlier, scene)
+    return cross_sections.cut_alike(earlier, scene)
 
 
 def needs_settling(camera: Camera | None) -> bool:
@@ -547,7 +547,7 @@ def _are_moved(before: Camera, after: Camera) -> bool:
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
     """Return the camera given, else the scene's own, else one that fits the scene."""
-    contents.check_scene(scene)
+    check_scene(scene)
     if camera is None:
         camera = scene.camera
     if camera is None:
@@ -582,7 +582,7 @@ def find_earlier(
     if previous.scene is not None:
         with naming("previous.scene"):
             earlier = posed_scene(as_scene(previous.scene))
-            contents.check_scene(earlier)
+            check_scene(earlier)
         motion.check_same_objects(_whole(scene), earlier.nodes)
     if previous.camera is not None:
         with naming("previous.camera"):

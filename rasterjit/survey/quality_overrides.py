@@ -26,7 +26,7 @@ AS_MESHES_SAY = ("pixel", None, False)
 """`look_of` what leaves all meshes as they are."""
 
 
-class Relooked:
+class OverriddenMesh:
     """A proxy of a mesh with another material."""
 
     def __init__(self, mesh: Mesh, material: Material) -> None:
@@ -66,7 +66,7 @@ def meshes_under(
         own = quality if mesh.primitive != "points" else replace(quality, shading="pixel")
         material = _material_under(material, own, textures)
         same = material is mesh.material
-        found[mesh] = mesh if same else cast(Mesh, Relooked(mesh, material))
+        found[mesh] = mesh if same else cast(Mesh, OverriddenMesh(mesh, material))
     return [found[mesh] for mesh in meshes]
 
 

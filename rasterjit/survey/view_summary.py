@@ -32,7 +32,7 @@ FACES = 1 << 16
 OBJECTS = 1024
 """Most objects sampled; of more every n-th."""
 
-LEAST_FACES = 16
+MIN_FACES = 16
 """Fewest faces measured of each object, if it has as many."""
 
 STEPS = 0.7548776662466927, 0.5698402909980532
@@ -178,7 +178,7 @@ def spread_points(nodes: Sequence[Node], eye: Float64) -> Float64:
     The same for the same scene; none where no face is finite.
     """
     nodes = nodes[:: -(-len(nodes) // OBJECTS) or 1]
-    most = max(LEAST_FACES, FACES // max(1, len(nodes)))
+    most = max(MIN_FACES, FACES // max(1, len(nodes)))
     found, weights = [np.empty((0, 3, 3))], [np.empty(0)]
     for node in nodes:
         faces = node.mesh.faces

@@ -26,9 +26,8 @@ from rasterjit.pipeline.fragments.fragments import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.nearest import empty_depth
-from rasterjit.rendering import notices, shade
-from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import Cull, FrameRequest, PlannedFrame, plan_views
+from rasterjit.rendering import planning, shade, view_warnings
+from rasterjit.rendering.planning import Cull, FrameRequest, PlannedFrame, plan_views
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.clocks import StageClock
@@ -113,7 +112,7 @@ def render_layers(
             frame = _draw_layers(planned, int(k), workers, clock)
     finally:
         workers.close()
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    view_warnings.warn(view_warnings.warnings_of(frame.plan, frame.stats), set())
     return frame
 
 

@@ -21,14 +21,14 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Cull, FrameRequest, plan_views
+from rasterjit.rendering.planning import Cull, FrameRequest, plan_views
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
-from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.effect import FrameContext, SeesThrough, context_of, look_around
+from rasterjit.survey.packed_scene import placement_of
 from rasterjit.survey.plan import RenderPlan
 from rasterjit.survey.posing import posed_scene
 

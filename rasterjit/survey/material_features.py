@@ -18,7 +18,6 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
-from rasterjit.survey.contents import SMOOTH, Contents, in_words
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning
 from rasterjit.survey.facts import (
     NORMAL_OUTPUTS,
@@ -28,6 +27,7 @@ from rasterjit.survey.facts import (
     settings_asked,
     unlit_reason,
 )
+from rasterjit.survey.object_counts import SMOOTH, ObjectCounts, in_words
 
 
 class MaterialRow(Effect):
@@ -216,7 +216,7 @@ class CountedRow(MaterialRow):
 
     none = ""
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects have it."""
         raise NotImplementedError
 
@@ -242,7 +242,7 @@ class ScalarFields(CountedRow):
     name = "scalar fields"
     none = "no mesh has scalars of its vertices"
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects show some."""
         return contents.with_field
 
@@ -259,7 +259,7 @@ class MicrofacetRow(CountedRow):
     name = "microfacets"
     none = "no material is shaded pbr"
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects are shaded so."""
         return contents.pbr
 
@@ -284,7 +284,7 @@ class Map(CountedRow):
         self.name, self._texture = name, texture
         self.none = f"no lit material has {'an' if texture[0] in 'aeiou' else 'a'} {texture}"
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects have one that is read."""
         return contents.textured[self._texture]
 
@@ -299,7 +299,7 @@ class Emission(CountedRow):
     name = "emission"
     none = "no material is emissive"
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects send out light."""
         return contents.emitting
 
@@ -319,7 +319,7 @@ class LayerRow(CountedRow):
     none : str
         What there is if no material has it.
     counted : str
-        The field of `Contents` that counts it.
+        The field of `ObjectCounts` that counts it.
     lacking : dict
         Fields of a material that has none.
     """
@@ -327,7 +327,7 @@ class LayerRow(CountedRow):
     def __init__(self, name: str, none: str, counted: str, lacking: dict[str, Any]) -> None:
         self.name, self.none, self._counted, self._lacking = name, none, counted, lacking
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects have it."""
         return getattr(contents, self._counted)
 
@@ -364,7 +364,7 @@ class SingleSided(CountedRow):
     name = "single-sided objects"
     none = "every material is double_sided"
 
-    def count(self, contents: Contents) -> int:
+    def count(self, contents: ObjectCounts) -> int:
         """Return how many objects are single-sided."""
         return contents.single_sided
 

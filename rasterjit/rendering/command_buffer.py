@@ -2,7 +2,7 @@
 Record all calls of a frame once (a command buffer), to replay them for views of the same kind.
 
 Each kernel and stage is bound to fixed memory. For each view its arrays are copied there
-(`Desk.draw`), then all are called by address (``pipeline/views.py``).
+(`CommandBuffer.draw`), then all are called by address (``pipeline/views.py``).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
-from rasterjit.rendering import notices, shade
+from rasterjit.rendering import shade, view_warnings
 from rasterjit.rendering.layers import (
     ROWS_AT_ONCE,
     ROWS_MIXED_AT_ONCE,
@@ -47,29 +47,29 @@ from rasterjit.rendering.layers import (
     parts_of,
     show_rows,
 )
-from rasterjit.rendering.shading import BoundCalls, RecordingWorkers, no_color, vertex_steps
+from rasterjit.rendering.shading import RecordedCalls, RecordingWorkers, no_color, vertex_steps
 from rasterjit.runtime.driver import StageList
 from rasterjit.runtime.jit import Bound
 from rasterjit.runtime.state import WORD
 from rasterjit.runtime.threads import Memory, ReusedMemory
-from rasterjit.survey.blending import PixelLayers
+from rasterjit.survey.batched_views import BatchedViews
 from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, FrameContext, InGroups, acting
+from rasterjit.survey.effect import Active, BatchedEffect, FrameContext, acting
 from rasterjit.survey.facts import Facts
-from rasterjit.survey.many_views import ManyViews
 from rasterjit.survey.placement import Places, Views, culled_turns
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.transparency import PixelLayers
 
 Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 LIGHT_ROWS = "light_rows"
-"""Name of the field with the rows of all lights; a desk reads those that reach its views."""
+"""Name of the field with the rows of all lights; commands read those that reach their views."""
 
-MOST_CUT = 1024
+MAX_CUT = 1024
 """Capacity for clipped faces of a view, besides one in 16 of all."""
 
-MOST_LAYERS = 8
+MAX_LAYERS = 8
 """Capacity for transparent layers of a pixel; few have more."""
 
 
@@ -77,13 +77,13 @@ FIRST_VIEW, NO_LOADS = np.zeros((1, 2), np.int64), np.zeros((0, 4), np.int64)
 
 
 def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
-    """Return how much memory a desk takes, about, bytes."""
+    """Return how much memory a command buffer takes, about, bytes."""
     arrays, (width, height) = cache.shapes.arrays, plan.size
-    _, new_vertices = room_to_cut(len(arrays.faces))
+    _, new_vertices = clip_capacity(len(arrays.faces))
     of_face, of_vertex, of_new, of_pixel = 24, 32 + 48 + 32, 32 + 32 + 48, 64
     of_column = 0
     if plan.layers is not None and plan.layers.has_blended:
-        of_column = (8 * MOST_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
+        of_column = (8 * MAX_LAYERS + 4) * TILE_SIZE + 4 * 16 * ROWS_AT_ONCE
     elif plan.layers is not None:
         of_sample = 4 * TILE_SIZE + 8 * ROWS_MIXED_AT_ONCE
         of_column = int(plan.layers.samples) * of_sample + 52 * ROWS_MIXED_AT_ONCE
@@ -93,9 +93,9 @@ def memory_of(plan: RenderPlan, cache: SceneCache) -> int:
     )  # fmt: skip
 
 
-def room_to_cut(faces: int) -> tuple[int, int]:
-    """Return a desk's capacity for clipped faces and new vertices, given the number of faces."""
-    cuts = min(faces, MOST_CUT + faces // 16)
+def clip_capacity(faces: int) -> tuple[int, int]:
+    """Return the capacity for clipped faces and new vertices, given the number of faces."""
+    cuts = min(faces, MAX_CUT + faces // 16)
     # Mostly one plane clips a face, and leaves three or four vertices.
     return cuts, min(clipping.MOST_VERTICES * cuts, 5 * cuts + draw.SPARE_VERTICES)
 
@@ -112,7 +112,7 @@ def words_of(values: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def view_fields(
-    views: Views | ManyViews,
+    views: Views | BatchedViews,
     places: Views | Places,
     world_from_model: Float64,
     turn: Any,
@@ -121,7 +121,7 @@ def view_fields(
     axis: Float64,
 ) -> dict[str, NDArray[Any]]:
     """
-    Return the arrays that a `Desk` loads of a view, or of each of many, (N, ...) or (1, ...).
+    Return the arrays that commands read of a view, or of each of many, (N, ...) or (1, ...).
 
     Those of lights, effects and depth are missing. ``turn`` is ``screen_turn``, (N, 1) of many;
     ``axis`` the one that a camera looks back along, (..., 3).
@@ -167,7 +167,7 @@ class BoundLists(NamedTuple):
     """(M,)."""
 
 
-class Desk:
+class CommandBuffer:
     """
     A frame's recorded calls with their memory: draws views of one kind of plan, in one thread.
 
@@ -181,7 +181,7 @@ class Desk:
     """
 
     def __init__(self, plan: RenderPlan, cache: SceneCache, lights: Sequence[int]) -> None:
-        self._plan, self._cache, self._calls = plan, cache, BoundCalls()
+        self._plan, self._cache, self._calls = plan, cache, RecordedCalls()
         self.bytes = memory_of(plan, cache)
         """Its memory, about."""
         self._lights = list(lights)
@@ -285,7 +285,7 @@ class Desk:
         positions = cache.shapes.positions(plan.quality.precision)
         kind, count, objects = positions.dtype, len(positions), len(arrays.face_starts) - 1
         viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
-        _, room = room_to_cut(len(arrays.faces))
+        _, room = clip_capacity(len(arrays.faces))
         screen = draw.screen_arrays(count + room, Memory())
         clip_positions = np.empty((count, 4), np.float64)
         faces = Faces(arrays.faces, np.empty((room, 3), np.int32), np.empty(room, np.int32))
@@ -345,7 +345,7 @@ class Desk:
             How many new vertices there is memory for.
         """
         whole, count = faces[0], len(clip_positions)
-        cuts, _ = room_to_cut(len(whole))
+        cuts, _ = clip_capacity(len(whole))
         cut, new_positions = np.empty(cuts, np.int32), np.empty((room, 4), np.float64)
         vertex_counts, starts = np.empty(cuts, np.int64), np.empty((2, cuts + 1), np.int64)
         polygons = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
@@ -455,7 +455,7 @@ class Desk:
         effects = tuple(
             Active(one.effect, one.effect.share(plan, one.data, self._field))
             for one in plan.planned
-            if one.effect.places and isinstance(one.effect, InGroups)
+            if one.effect.places and isinstance(one.effect, BatchedEffect)
         )
         placement = shade.placement_to_light(plan, self._placement)
 
@@ -513,7 +513,7 @@ class Desk:
         calls, lists = self._calls, self._lists
         viewport, samples = shader.geometry.viewport, int(layers.samples)
         # Partition the lists: opaque faces first.
-        parted, middles, room = lists.binned, lists.starts[1:], MOST_LAYERS * layers.has_blended
+        parted, middles, room = lists.binned, lists.starts[1:], MAX_LAYERS * layers.has_blended
         if layers.has_blended:
             parted = np.empty_like(lists.binned)
             middles = np.empty(len(lists.starts) - 1, np.int64)
@@ -566,8 +566,8 @@ class Desk:
 
     def _look_at_lit(self) -> tuple[int, NDArray[np.int32] | None]:
         """Record which sampled pixels are lit, if any may be white; return their step, and them."""
-        step = notices.step_of(self._face_id.shape)
-        lit_faces = notices.lit_faces(self._plan.facts, self._cache)
+        step = view_warnings.step_of(self._face_id.shape)
+        lit_faces = view_warnings.lit_faces(self._plan.facts, self._cache)
         if lit_faces is None:
             return step, None
         lit = np.empty((1, *self._face_id[::step, ::step].shape), np.int32)
@@ -582,7 +582,8 @@ class Desk:
             self._keep("face_id", self._face_id)
         if "depth" in plan.outputs:
             self._write(
-                "depth", drawing_views.measure_depths, self._field("depth_way", (1,), np.int64),
+                "depth", drawing_views.measure_depths,
+                self._field("depth_conversion", (1,), np.int64),
                 self._field("depth_factors", (3,), np.float64), self._depth, self._face_id,
                 np.empty((0, height, width), np.float32),
             )  # fmt: skip

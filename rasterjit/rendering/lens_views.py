@@ -32,10 +32,10 @@ SAMPLES = 2.0
 NOWHERE = 255
 """Picture number of a pixel without a ray."""
 
-LEAST_COSINE = 0.2
+MIN_COSINE = 0.2
 """Of the angle between the axis and what a single picture shows: some 78 degrees."""
 
-MOST_AREA = 12.0
+MAX_AREA = 12.0
 """Of a single picture, in units of the plane at distance 1: three faces of the cube."""
 
 ROWS_AT_ONCE = 16
@@ -153,7 +153,7 @@ class Picture(NamedTuple):
         return [(a * right[k] + b * down[k]) + ahead[k] for k in range(3)]
 
 
-class Looks(NamedTuple):
+class LensViews(NamedTuple):
     """Where the pixels of a picture look."""
 
     number: NDArray[np.uint8]
@@ -228,7 +228,7 @@ def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
     return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, far]]
 
 
-def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) -> Looks:
+def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) -> LensViews:
     """
     Find where all pixels look, and the pictures that show it.
 
@@ -270,7 +270,7 @@ def look(lens: Lens, size: tuple[int, int], sight: LensSight, workers: Workers) 
         for n, axes in enumerate(faces)
         if low[n, 0] <= high[n, 0]
     ]
-    return Looks(number, place, spread, tuple(pictures), cosine)
+    return LensViews(number, place, spread, tuple(pictures), cosine)
 
 
 def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
@@ -284,10 +284,10 @@ def _fits_one(lens: Lens, size: tuple[int, int], sight: LensSight) -> bool:
     border = lens.directions(np.concatenate(sides))
     _refuse_folds(lens, border)
     x, y, z = border.T
-    if not (z > LEAST_COSINE * np.sqrt(x * x + y * y + z * z)).all():
+    if not (z > MIN_COSINE * np.sqrt(x * x + y * y + z * z)).all():
         return False
     x, y = x / z, y / z
-    return bool((x.max() - x.min()) * (y.max() - y.min()) <= MOST_AREA)
+    return bool((x.max() - x.min()) * (y.max() - y.min()) <= MAX_AREA)
 
 
 def _refuse_folds(lens: Lens, directions: Float64) -> None:

@@ -52,7 +52,7 @@ from rasterjit.scene.validation import read_only
 from rasterjit.scene.vectors import cross
 from rasterjit.scene.warning import EACH_FRAME, warn_caller
 from rasterjit.survey.cache import Shapes, are_same
-from rasterjit.survey.contents import base_color_of
+from rasterjit.survey.object_counts import base_color_of
 from rasterjit.survey.placement import mesh_boxes, place_boxes, place_objects
 
 Float64 = NDArray[np.float64]
@@ -73,7 +73,7 @@ DARKER = 0.5
 NEAR_END = 4
 """Steps of the grid from an end of an edge within which a crossing is that end."""
 
-MOST_ROUNDS = 16
+MAX_ROUNDS = 16
 """How often outlines are split where they meet; rounding makes new contacts next to never."""
 
 NO_WEIGHTS = np.zeros((0, 3, 3))
@@ -1016,7 +1016,7 @@ class _Outlines:
         vertices, places = np.unique(np.concatenate([tails, heads]), return_inverse=True)
         grid = self._on_grid(vertices)
         low, high = places.ravel().reshape(2, -1)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             grid, vertices, low, high, sums = self._in_order(grid, vertices, low, high, sums)
             edges = np.ascontiguousarray(np.stack([low, high, sums], axis=1))
             contacts = _contacts(grid, edges)

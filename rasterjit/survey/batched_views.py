@@ -21,7 +21,7 @@ from rasterjit.survey.placement import Places, place_boxes, place_objects
 Float64 = NDArray[np.float64]
 
 
-class ManyViews(NamedTuple):
+class BatchedViews(NamedTuple):
     """`placement.Views` of each view."""
 
     relative_from_model: Float64
@@ -47,7 +47,7 @@ class Group:
     size : (int, int)
         Width and height of the pictures, pixels.
     eyes : (N, 3) float64, world space
-    views : ManyViews
+    views : BatchedViews
     in_view : (N, O) bool
         Which objects may be seen.
     bounds : (O, 2, 3) float64
@@ -55,7 +55,7 @@ class Group:
     """
 
     def __init__(
-        self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64, views: ManyViews,
+        self, cameras: Sequence[Camera], size: tuple[int, int], eyes: Float64, views: BatchedViews,
         in_view: NDArray[np.bool_], bounds: Float64,
     ) -> None:  # fmt: skip
         self.cameras, self.size = cameras, size
@@ -97,7 +97,7 @@ def place_many(world_from_model: Float64) -> Places:
 
 def view_many(
     world_from_model: Float64, eyes: Float64, view_from_world: Float64, clip_from_view: Float64
-) -> ManyViews:
+) -> BatchedViews:
     """
     Return the matrices that take objects to the screen, as `placement.view_places` finds them.
 
@@ -124,7 +124,7 @@ def view_many(
     handedness = _turns(screen) * _turns(view_from_relative[:, :3, :3])
     clip_from_relative = transforms.product_of_each(clip_from_view, view_from_relative)
     finite = (view_from_relative, clip_from_relative)
-    return ManyViews(
+    return BatchedViews(
         relative, clip_from_relative, toward_viewer, np.where(handedness < 0.0, 1, -1),
         np.all([np.isfinite(one).all(axis=(1, 2)) for one in finite], axis=0),
     )  # fmt: skip

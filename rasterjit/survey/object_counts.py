@@ -20,8 +20,8 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, WEIGHTED, AlphaUse, Texture
 from rasterjit.scene.validation import cut_short
-from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import Extents, mesh_boxes
+from rasterjit.survey.quality_overrides import meshes_under
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Shading models that read vertex normals."""
@@ -30,7 +30,7 @@ BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
 """Shading models that have a Blinn-Phong highlight."""
 
 
-class Contents(NamedTuple):
+class ObjectCounts(NamedTuple):
     """
     Numbers of objects with each property that decides what a frame needs.
 
@@ -43,9 +43,9 @@ class Contents(NamedTuple):
     phong: int
     pbr: int
     objects: int
-    laid: int
+    with_uv: int
     """With texture coordinates."""
-    unlaid: int
+    without_uv: int
     """With a texture, but without its texture coordinates."""
     highlights: int
     """With a specular highlight."""
@@ -57,7 +57,7 @@ class Contents(NamedTuple):
     """That can fail the alpha test somewhere."""
     textured_holes: int
     """Of those, with a base colour texture."""
-    unlaid_holes: int
+    cutouts_without_uv: int
     """Of those, without texture coordinates."""
     blended: int
     """Whose material is blended."""
@@ -107,7 +107,7 @@ class Contents(NamedTuple):
     """With a texture that is read, by field of the material, in the order of ``TEXTURE_FIELDS``."""
 
     @classmethod
-    def from_row(cls, row: Sequence[int]) -> Contents:
+    def from_row(cls, row: Sequence[int]) -> ObjectCounts:
         """Build from a row of numbers."""
         plain = len(cls._fields) - 1
         return cls(*row[:plain], dict(zip(TEXTURE_FIELDS, row[plain:], strict=True)))
@@ -174,22 +174,22 @@ class Inventory:
         self._scales = [None if mesh.field is None else mesh.field.scale for mesh in numbers]
 
     @cached_property
-    def contents(self) -> Contents:
+    def contents(self) -> ObjectCounts:
         """Counts over all objects."""
         return self._counted(self._numbers)
 
-    def contents_of(self, chosen: NDArray[np.bool_]) -> Contents:
+    def contents_of(self, chosen: NDArray[np.bool_]) -> ObjectCounts:
         """Return the counts over some objects, (O,) bool."""
         return self.contents if chosen.all() else self._counted(self._numbers[chosen])
 
-    def _counted(self, numbers: NDArray[np.int64]) -> Contents:
+    def _counted(self, numbers: NDArray[np.int64]) -> ObjectCounts:
         """Add up the rows of some meshes."""
         counts = np.bincount(numbers, minlength=len(self._rows))
-        return Contents.from_row((counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
+        return ObjectCounts.from_row((counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
 
     def _having(self, field: str) -> NDArray[np.bool_]:
-        """Tell of each object, (O,), whether it counts in a field of `Contents`."""
-        return self._rows[self._numbers, Contents._fields.index(field)] > 0
+        """Tell of each object, (O,), whether it counts in a field of `ObjectCounts`."""
+        return self._rows[self._numbers, ObjectCounts._fields.index(field)] > 0
 
     @cached_property
     def is_bare(self) -> NDArray[np.bool_]:
@@ -276,23 +276,23 @@ class Inventory:
         return [_described(*one) for one in each]
 
 
-def _contents_of(mesh: Mesh) -> Contents:
+def _contents_of(mesh: Mesh) -> ObjectCounts:
     """Return the counts for one object with a mesh."""
     material = mesh.material
     read = textures_read(material)
-    unlaid = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
+    without_uv = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
     is_painted, has_hole, field = (
         "base_color_texture" in read,
         may_have_holes(mesh),
         mesh.vertex_field,
     )
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
-    return Contents(
+    return ObjectCounts(
         # Shading and textures.
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
-        laid=mesh.uv is not None,
-        unlaid=bool(unlaid),
+        with_uv=mesh.uv is not None,
+        without_uv=bool(without_uv),
         highlights=shines,
         tinted_highlights=(
             (is_painted or mesh.face_colors is not None or field is not None)
@@ -303,7 +303,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         masked=material.alpha_mode == "mask",
         cut_out=has_hole,
         textured_holes=has_hole and is_painted,
-        unlaid_holes=has_hole and "base_color_texture" in unlaid,
+        cutouts_without_uv=has_hole and "base_color_texture" in without_uv,
         blended=material.alpha_mode == "blend",
         see_through=is_see_through(mesh),
         emitting=material.emits,
@@ -443,7 +443,7 @@ def _several(count: int, kind: str) -> str:
     return f"{count} {kind}{'s' if count != 1 else ''}"
 
 
-def take_inventory(
+def inventory_of(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
 ) -> tuple[Inventory, Extents]:
     """

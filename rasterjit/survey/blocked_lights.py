@@ -19,7 +19,7 @@ from rasterjit.scene.mesh import Mesh
 
 Float64 = NDArray[np.float64]
 
-MOST_FACES = 1 << 14
+MAX_FACES = 1 << 14
 """Most faces of an object that is tested, which takes 5 ms a frame; larger ones are left to shadow
 maps."""
 
@@ -101,7 +101,7 @@ class Enclosures:
     def _shell(self, k: int) -> Float64 | None:
         """Return the corners, (3, F, 3), of an object if it is closed and not clipped."""
         mesh, matrix = self._meshes[k], self._relative_from_model[k]
-        if len(mesh.faces) > MOST_FACES or not mesh.is_closed():
+        if len(mesh.faces) > MAX_FACES or not mesh.is_closed():
             return None
         places = transforms.transform_points(matrix, mesh.vertices)[:, :3]
         clip = transforms.transform_points(self._clip_from_relative, places)

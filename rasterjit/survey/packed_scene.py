@@ -36,7 +36,7 @@ from rasterjit.scene.mip_levels import level_sizes
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.points import Points
 from rasterjit.scene.texture import WEIGHTED, AlphaUse, Pyramid, Texture
-from rasterjit.survey.contents import (
+from rasterjit.survey.object_counts import (
     Attribute,
     alpha_use_of,
     base_color_of,

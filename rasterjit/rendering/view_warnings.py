@@ -34,7 +34,7 @@ class ViewWarning(UserWarning):
     """
 
 
-class Told:
+class WarningsOfViews:
     """Warnings of many views: for each kind, the first view that has it."""
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class Told:
         """Return the warnings that a view is the first to have, by kind."""
         return {kind: text for kind, (first, text) in self._found.items() if first == number}
 
-    def join(self, other: Told) -> None:
+    def join(self, other: WarningsOfViews) -> None:
         """Add the warnings of other views."""
         for kind, (number, text) in other._found.items():
             self.add(number, {kind: text})
@@ -68,7 +68,7 @@ def shows_anything(plan: RenderPlan, stats: FrameStats) -> bool:
     return stats.drawn > 0 and (not plan.facts.tests_hits or stats.pixels_covered > 0)
 
 
-def notices_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, str]:
+def warnings_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, str]:
     """
     Return the warnings of a picture, by kind.
 
@@ -86,9 +86,9 @@ def notices_of(plan: RenderPlan, stats: FrameStats | None = None) -> dict[str, s
     return found
 
 
-def notices_of_frame(frame: Frame) -> dict[str, str]:
+def warnings_of_frame(frame: Frame) -> dict[str, str]:
     """Return the warnings of a drawn frame, by kind."""
-    found = notices_of(frame.plan, frame.stats)
+    found = warnings_of(frame.plan, frame.stats)
     return found | burnt_out(frame.plan.facts, frame._white_share)
 
 

@@ -72,7 +72,7 @@ count."""
 OWN_MEMORY = 0.6
 """Weight of the old estimate of a quality's own time when a frame updates it."""
 
-MOST_SHARE = 2.0
+MAX_SHARE = 2.0
 """Largest ratio, either way, of a frame's time to the expected one that counts for its quality."""
 
 PATIENCE = 32
@@ -82,7 +82,7 @@ machine was busy; twice as many after each trial that takes too long."""
 WORTH_TRYING = 3.0
 """Times over the budget that a quality may be expected to take if it is tried again."""
 
-MOST_KNOWN = 64
+MAX_KNOWN = 64
 """Most scenes, each in its circumstances, whose times are remembered; the oldest go first."""
 
 FALL = 0.4
@@ -318,7 +318,7 @@ class Times:
         late = seconds / (own * self._load)
         self._late.append(late)
         if quality != self._last:
-            rest = min(max(late, 1.0 / MOST_SHARE), MOST_SHARE)
+            rest = min(max(late, 1.0 / MAX_SHARE), MAX_SHARE)
             own *= OWN_MEMORY + (1.0 - OWN_MEMORY) * rest
         self._seconds[quality], self._last = own, quality
         self._loads.append(seconds / own)
@@ -557,7 +557,7 @@ def times_of(what: Any, circumstances: Any) -> Times:
         _TIMES[key] = times = Times(ladder, ratios)
         # Another scene may come to lie at the same address.
         weakref.finalize(what, _TIMES.pop, key, None)
-        while len(_TIMES) > MOST_KNOWN:
+        while len(_TIMES) > MAX_KNOWN:
             del _TIMES[next(iter(_TIMES))]
     if profile is None:
         warn_caller(

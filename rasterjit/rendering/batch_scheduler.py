@@ -4,13 +4,13 @@ Schedule batches: group views by kind, prepare their arrays, and draw them from 
 A plan depends on the camera in three ways only: the kinds of objects in view (not which), the
 lights that reach them, and effects that depend on the view, such as fog that begins at a distance.
 These are the kind of a view (`kinds_of`), and views of one kind share a plan. Each thread has
-recorded calls with their memory (``desk.py``); matrices, lights and the like are computed with
-NumPy for the whole group (`Prepared`), and copied there view by view (``pipeline/views.py``).
+recorded calls with their memory (``command_buffer.py``); matrices, lights and the like are computed
+with NumPy for the whole group (`Prepared`), and copied there view by view (``pipeline/views.py``).
 
 Only plans whose stages read nothing else of a view are eligible: no shadows, no effects that
-analyse the picture; see `can_share`. The caller draws other views one by one.
+analyse the picture; see `can_batch`. The caller draws other views one by one.
 
-Results are cached until the scene is gone, or other scenes need the memory (`MOST_KEPT`), and
+Results are cached until the scene is gone, or other scenes need the memory (`MAX_KEPT`), and
 reused as far as a new plan confirms that they are valid (`serves`).
 """
 
@@ -28,11 +28,11 @@ from rasterjit import forks
 from rasterjit.outputs.table import is_attribute
 from rasterjit.pipeline import views as drawing_views
 from rasterjit.pipeline.views import BETWEEN, RATIO, SCALED
-from rasterjit.rendering import notices
-from rasterjit.rendering.desk import Desk, memory_of, view_fields, words_of
-from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.notices import NOTHING_IN_VIEW, Told
-from rasterjit.rendering.plan import FrameRequest, plan_views
+from rasterjit.rendering import view_warnings
+from rasterjit.rendering.command_buffer import CommandBuffer, memory_of, view_fields, words_of
+from rasterjit.rendering.effect_registry import EFFECTS
+from rasterjit.rendering.planning import FrameRequest, plan_views
+from rasterjit.rendering.view_warnings import NOTHING_IN_VIEW, WarningsOfViews
 from rasterjit.runtime import jit
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import (
@@ -50,11 +50,17 @@ from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.points import Points
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.vectors import length
-from rasterjit.survey.blending import PixelLayers
+from rasterjit.survey.batched_views import (
+    BatchedViews,
+    Group,
+    are_between,
+    boxes_around,
+    place_many,
+    view_many,
+)
 from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.clip_planes import CLEARANCE, look_at_planes, margins_of, spheres_beyond
-from rasterjit.survey.contents import Contents
-from rasterjit.survey.effect import InGroups
+from rasterjit.survey.effect import BatchedEffect
 from rasterjit.survey.lights import (
     FARTHEST_LIGHT,
     HEADLIGHT_DIRECTION,
@@ -62,22 +68,16 @@ from rasterjit.survey.lights import (
     lighting_of,
     reach,
 )
-from rasterjit.survey.many_views import (
-    Group,
-    ManyViews,
-    are_between,
-    boxes_around,
-    place_many,
-    view_many,
-)
+from rasterjit.survey.object_counts import ObjectCounts
 from rasterjit.survey.placement import (
     Boxes,
+    BoxMeasures,
     Extents,
-    Measures,
     Places,
     measure_boxes,
 )
 from rasterjit.survey.plan import RenderPlan
+from rasterjit.survey.transparency import PixelLayers
 
 Float64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
@@ -89,14 +89,14 @@ COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "inva
            "clipped", "pixels_covered")  # fmt: skip
 """What is counted of each view: names of ``FrameStats``."""
 
-LEAST_SHARE = 1e-30
+MIN_SHARE = 1e-30
 """Least ratio of near plane to farthest distance; smaller ones are checked view by view, as the
 depth format may not resolve the far end."""
 
-MOST_PROJECTIONS = 256
+MAX_PROJECTIONS = 256
 """Most projection matrices that are remembered."""
 
-MOST_SETS = 4096
+MAX_SETS = 4096
 """Most sets of objects in view that are remembered."""
 
 
@@ -106,22 +106,22 @@ BY_KERNEL = (
 )  # fmt: skip
 """Outputs that kernels fill without NumPy work per view; vertex attributes, too."""
 
-IN_GROUPS = tuple(one for one in EFFECTS if isinstance(one, InGroups))
+BATCHED_EFFECTS = tuple(one for one in EFFECTS if isinstance(one, BatchedEffect))
 """Effects that views in groups may have."""
 
-OWN_ANSWERS = tuple(one for one in IN_GROUPS if not one.follows_facts)
+VIEW_DEPENDENT = tuple(one for one in BATCHED_EFFECTS if not one.follows_facts)
 """Effects of groups that depend on more than facts."""
 
 LIGHTS = AmbientLight, DirectionalLight, PointLight, SpotLight
 """Kinds of lights whose rows are found for many views at once."""
 
-MOST_BYTES = 1 << 29
+MAX_BYTES = 1 << 29
 """Most memory of all threads; beyond it views are drawn one by one."""
 
-MOST_KEPT = 1 << 26
+MAX_KEPT = 1 << 26
 """Most memory cached between calls, of all scenes, bytes."""
 
-MOST_KINDS = 8
+MAX_KINDS = 8
 """Most kinds of plans that are kept."""
 
 
@@ -149,7 +149,7 @@ class Projections:
         found = self._known.get(key)
         if found is None:
             found = camera.projection_matrix(self._size)
-            if len(self._known) < MOST_PROJECTIONS:
+            if len(self._known) < MAX_PROJECTIONS:
                 self._known[key] = found
         return found
 
@@ -158,7 +158,8 @@ class Prepared(NamedTuple):
     """The per-view arrays of a group."""
 
     fields: dict[str, NDArray[np.int64]]
-    """The words of each array of a `Desk`: (N, words), or (1, words) if all views have the same."""
+    """The words of each array that commands read: (N, words), or (1, words) if all views have the
+    same."""
     lights: NDArray[np.float32]
     """(N, L, 13): the rows of all lights."""
     kinds: list[tuple | None]
@@ -167,7 +168,7 @@ class Prepared(NamedTuple):
     """Warnings of views in which a given plane clips something, by index."""
 
 
-class Together:
+class BatchScheduler:
     """
     State shared by the threads that draw views of a scene.
 
@@ -199,7 +200,7 @@ class Together:
         boxes, places = self.cache.shapes.boxes, self.cache.places.world_from_model
         self._whole = boxes_around(boxes, places[np.newaxis])
 
-    def take_desk(self, kind: tuple, number: int, camera: Camera) -> Desk | None:
+    def acquire_commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """
         Return memory for a kind of views, of which one is given.
 
@@ -208,13 +209,13 @@ class Together:
         plan = self._plan_of(kind, number, camera)
         if plan is None:
             return None
-        desk = self._kept.take(kind)
-        if desk is None:
+        commands = self._kept.take(kind)
+        if commands is None:
             if not self._kept.reserve(memory_of(plan, self.cache)):
                 return None
-            desk = Desk(plan, self.cache, self._rows_of(plan))
-        desk.write_to(self._arrays)
-        return desk
+            commands = CommandBuffer(plan, self.cache, self._rows_of(plan))
+        commands.write_to(self._arrays)
+        return commands
 
     def _rows_of(self, plan: RenderPlan) -> list[int]:
         """Return the rows of lights that shine in views of a plan, of those that are prepared."""
@@ -222,19 +223,19 @@ class Together:
             return [0]
         return [row for row, n in enumerate(self.lights) if n in plan.facts.lights.numbers]
 
-    def give_back(self, kind: tuple, desk: Desk) -> None:
-        """Take back what `take_desk` returned."""
-        self._kept.give_back(kind, desk)
+    def give_back(self, kind: tuple, commands: CommandBuffer) -> None:
+        """Take back what `acquire_commands` returned."""
+        self._kept.give_back(kind, commands)
 
     def _plan_of(self, kind: tuple, number: int, camera: Camera) -> RenderPlan | None:
         """Return the plan of a kind of views, of which one is given; None: they share none."""
         with self._lock:
-            if kind not in self._plans and len(self._plans) < MOST_KINDS:
+            if kind not in self._plans and len(self._plans) < MAX_KINDS:
                 plan = self._kept.first
                 if plan is None or kind_of_plan(plan) != kind:
                     scene, known = self._scene_of(number), self._kept.plan_of(kind)
                     plan = plan_views(self.options, scene, camera, self.cache, known).plan
-                fits = kind_of_plan(plan) == kind and can_share(plan, self.scene, self.cache)
+                fits = kind_of_plan(plan) == kind and can_batch(plan, self.scene, self.cache)
                 self._plans[kind] = self._kept.use(kind, plan) if fits else None
             return self._plans.get(kind)
 
@@ -267,7 +268,7 @@ class Together:
             boxes = Boxes(own, eyes[n], relative, clip, of_all, beyond)
             look = look_at_planes(seen[n], boxes, self.scene.nodes, clip, self.options.quality)
             if look.cut:
-                cuts[n] = notices.cuts_of(look)
+                cuts[n] = view_warnings.cuts_of(look)
             if any(look.steps):
                 seen[n] = settled(seen[n], *look.steps)
                 projection[n] = self.projections.of(seen[n])
@@ -279,7 +280,7 @@ class Together:
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
         near = coefficients[:, 0]
         farthest = np.where(np.isinf(far), 0.0, transforms.LEAST_NEAR * far)
-        is_held = (near >= LEAST_SHARE * measures.largest_w()) & (near >= farthest)
+        is_held = (near >= MIN_SHARE * measures.largest_w()) & (near >= farthest)
         is_plain = views.is_finite & ((near <= 0.0) | is_held)
         seen_of = [self._contents(in_view) for in_view in measures.in_view]
         group = Group(
@@ -294,7 +295,7 @@ class Together:
             for kind, plain, camera in zip(kinds, is_plain, seen, strict=True)
         ]
         fields = self._fields(seen, known, views, view)
-        for effect in IN_GROUPS if self.is_colored else ():
+        for effect in BATCHED_EFFECTS if self.is_colored else ():
             fields |= effect.differ(self.scene, group)
         fields["coefficients"] = coefficients
         words = {name: words_of(values) for name, values in fields.items()}
@@ -330,7 +331,7 @@ class Together:
 
     def _find_crossed(
         self, cameras: Sequence[Camera], is_asked: NDArray[np.bool_],
-        beyond_boxes: NDArray[np.bool_], views: ManyViews, measures: Measures,
+        beyond_boxes: NDArray[np.bool_], views: BatchedViews, measures: BoxMeasures,
     ) -> list[int]:  # fmt: skip
         """Return the views, of those asked for, where an object may reach over a plane."""
         asked = [
@@ -354,7 +355,7 @@ class Together:
         contents = self.cache.tables.inventory.contents_of(in_view)
         own = kind_of(contents) if contents.objects else None
         found = own, contents.unlit < contents.objects
-        if len(kinds) < MOST_SETS:
+        if len(kinds) < MAX_SETS:
             kinds[key] = found
         return found
 
@@ -365,9 +366,9 @@ class Together:
         return light_rows([self.scene.lights[n] for n in self.lights], camera, eyes)
 
     def _fields(
-        self, cameras: Sequence[Camera], places: Places, views: ManyViews, view: Float64
+        self, cameras: Sequence[Camera], places: Places, views: BatchedViews, view: Float64
     ) -> dict[str, NDArray[Any]]:
-        """Return all arrays of a desk but those of lights and effects, (N, ...) or (1, ...)."""
+        """Return all arrays of a view but those of lights and effects, (N, ...) or (1, ...)."""
         cache, options = self.cache, self.options
         fields = view_fields(
             views, places, places.world_from_model, views.screen_turn[:, np.newaxis],
@@ -382,8 +383,8 @@ class Together:
             for name, kind in kinds.items():
                 fields[name] = fields[name].astype(kind, copy=False)
         if "depth" in self.options.outputs:
-            ways = [depth_way(camera) for camera in cameras]
-            fields["depth_way"] = np.array([[way] for way, *_ in ways], np.int64)
+            ways = [depth_conversion(camera) for camera in cameras]
+            fields["depth_conversion"] = np.array([[way] for way, *_ in ways], np.int64)
             fields["depth_factors"] = np.array([factors for _, *factors in ways])
         return fields
 
@@ -395,7 +396,7 @@ def exact_last_rows(places: Float64) -> Float64:
     return places
 
 
-def depth_way(camera: Any) -> tuple[int, float, float, float]:
+def depth_conversion(camera: Any) -> tuple[int, float, float, float]:
     """Return how a stored depth becomes metric, as `measure_depths` takes it."""
     if isinstance(camera, PerspectiveCamera):
         return RATIO, usual_near(camera.near, camera.far), 1.0, 0.0
@@ -429,19 +430,19 @@ def headlight_rows(camera: Camera, view_from_world: Float64) -> NDArray[np.float
     return rows
 
 
-class GroupOutcome(NamedTuple):
+class GroupResult(NamedTuple):
     """Counts and warnings of a group's views."""
 
     counts: NDArray[np.int64]
     """(N, 9): ``COUNTED`` of each; anything of those that were not drawn."""
     is_drawn: NDArray[np.bool_]
     """(N,): False for those that must be drawn alone."""
-    told: Told
+    told: WarningsOfViews
     """Warnings of those that were drawn."""
 
 
 def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
-    """Return ``COUNTED`` of views, (N, 9), given what `Desk.draw` counted; each has all faces."""
+    """Return ``COUNTED`` of views, (N, 9), by the totals of `CommandBuffer.draw`."""
     lost = totals[:, : drawing_views.COVERED]
     outside, degenerate, culled, unsampled, invalid = lost.T
     of_all = np.full(len(totals), faces)
@@ -454,28 +455,28 @@ def counts_of(totals: NDArray[np.int64], faces: int) -> NDArray[np.int64]:
     )  # fmt: skip
 
 
-class Drawer:
+class GroupRenderer:
     """
     Draws groups of views in one thread.
 
     Parameters
     ----------
-    shared : Together
+    shared : BatchScheduler
     """
 
-    def __init__(self, shared: Together) -> None:
+    def __init__(self, shared: BatchScheduler) -> None:
         self._shared = shared
-        self._desks: dict[tuple, Desk] = {}
+        self._free_commands: dict[tuple, CommandBuffer] = {}
 
     def close(self) -> None:
         """Give back what it drew in."""
-        for taken in self._desks.items():
+        for taken in self._free_commands.items():
             self._shared.give_back(*taken)
-        self._desks.clear()
+        self._free_commands.clear()
 
     def draw(
         self, numbers: range, cameras: Sequence[Camera], places: Float64 | None
-    ) -> GroupOutcome:
+    ) -> GroupResult:
         """
         Draw views; leave out those that must be drawn alone.
 
@@ -489,24 +490,26 @@ class Drawer:
             Where the objects stand in each; None: as in the scene.
         """
         prepared = self._shared.prepare(cameras, places)
-        counts, told = np.zeros((len(numbers), len(COUNTED)), np.int64), Told()
+        counts, told = np.zeros((len(numbers), len(COUNTED)), np.int64), WarningsOfViews()
         is_drawn = np.zeros(len(numbers), np.bool_)
         of_kinds: dict[tuple | None, list[int]] = {}
         for n, kind in enumerate(prepared.kinds):
             of_kinds.setdefault(kind, []).append(n)
         for kind, chosen in of_kinds.items():
-            desk = (
-                None if kind is None else self._desk(kind, numbers[chosen[0]], cameras[chosen[0]])
+            commands = (
+                None
+                if kind is None
+                else self._commands(kind, numbers[chosen[0]], cameras[chosen[0]])
             )
-            if desk is None:
+            if commands is None:
                 continue
             pairs = np.array([(n, numbers[n]) for n in chosen], np.int64)
-            totals, is_drawn[chosen] = desk.draw(prepared.fields, prepared.lights, pairs)
+            totals, is_drawn[chosen] = commands.draw(prepared.fields, prepared.lights, pairs)
             counts[chosen] = counts_of(totals, self._faces)
             lit, white = totals[:, drawing_views.LIT], totals[:, drawing_views.LIT_WHITE]
             for n in np.flatnonzero(2 * white > lit).tolist():
                 share = float(white[n] / lit[n])
-                told.add(numbers[chosen[n]], notices.burnt_out(desk.facts, share))
+                told.add(numbers[chosen[n]], view_warnings.burnt_out(commands.facts, share))
         # Collect warnings.
         is_empty = counts[:, COUNTED.index("drawn")] == 0
         for n in np.flatnonzero(is_drawn & is_empty).tolist():
@@ -514,20 +517,20 @@ class Drawer:
                 told.add(numbers[n], {"view": NOTHING_IN_VIEW})
         for n in np.flatnonzero(is_drawn).tolist() if prepared.cuts else ():
             told.add(numbers[n], prepared.cuts.get(n, {}))
-        return GroupOutcome(counts, is_drawn, told)
+        return GroupResult(counts, is_drawn, told)
 
     @property
     def _faces(self) -> int:
         return len(self._shared.cache.shapes.arrays.faces)
 
-    def _desk(self, kind: tuple, number: int, camera: Camera) -> Desk | None:
+    def _commands(self, kind: tuple, number: int, camera: Camera) -> CommandBuffer | None:
         """Return the memory for a kind of views, of which one is given; None: there is none."""
-        if kind not in self._desks:
-            desk = self._shared.take_desk(kind, number, camera)
-            if desk is None:
+        if kind not in self._free_commands:
+            commands = self._shared.acquire_commands(kind, number, camera)
+            if commands is None:
                 return None
-            self._desks[kind] = desk
-        return self._desks[kind]
+            self._free_commands[kind] = commands
+        return self._free_commands[kind]
 
 
 def is_possible(options: FrameRequest) -> bool:
@@ -546,14 +549,14 @@ def shared_lights(scene: Scene) -> list[int]:
     ]
 
 
-def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
+def can_batch(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     """Tell whether views of a plan like this one are drawn in groups."""
     facts = plan.facts
     if facts.contents.primitives or scene.section is not None or facts.imitation is not None:
         return False
     if plan.pictures != 1 or plan.reads_depth or plan.surfaces:
         return False
-    if plan.layers is not None and not _is_laid_in_groups(plan.layers):
+    if plan.layers is not None and not _mixes_in_batches(plan.layers):
         return False
     if not facts.finds_faces or (facts.is_colored and not facts.draws_faces):
         return False
@@ -562,7 +565,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     if facts.background_image is not None or plan.keeps_clip_positions or facts.diagnose:
         return False
     # Others prepare something for each picture, from what is seen there.
-    if not all(isinstance(one.effect, InGroups) for one in plan.planned if one.effect.places):
+    if not all(isinstance(one.effect, BatchedEffect) for one in plan.planned if one.effect.places):
         return False
     if not all(map(_is_shared, scene.lights)):
         return False
@@ -572,7 +575,7 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     )
 
 
-def _is_laid_in_groups(layers: PixelLayers) -> bool:
+def _mixes_in_batches(layers: PixelLayers) -> bool:
     """Tell whether pixels have several samples, or transparency at one, in linear light."""
     if layers.mixes_codes or layers.samples == "area":
         return False
@@ -584,7 +587,7 @@ def _is_shared(light: Light) -> bool:
     return type(light) in LIGHTS and getattr(light, "shadow", None) is None
 
 
-def kind_of(contents: Contents) -> tuple:
+def kind_of(contents: ObjectCounts) -> tuple:
     """Return the kind of a view by its contents: whether any object has each property."""
     return tuple(
         tuple(count > 0 for count in part.values()) if isinstance(part, dict) else part > 0
@@ -595,7 +598,7 @@ def kind_of(contents: Contents) -> tuple:
 def kind_of_plan(plan: RenderPlan) -> tuple:
     """Return the kind of the view that a plan is of."""
     facts = plan.facts
-    told = tuple(plan.has(one.name) for one in OWN_ANSWERS)
+    told = tuple(plan.has(one.name) for one in VIEW_DEPENDENT)
     return kind_of(facts.seen), tuple(facts.lights.numbers), told
 
 
@@ -620,10 +623,10 @@ def kinds_of(
     """
     count = len(contents)
     reached = np.zeros((count, 0), np.bool_)
-    told: NDArray[Any] = np.zeros((count, len(OWN_ANSWERS)), np.bool_)
+    told: NDArray[Any] = np.zeros((count, len(VIEW_DEPENDENT)), np.bool_)
     if is_colored:
         reached = reach(scene.lights, group)
-        for n, effect in enumerate(OWN_ANSWERS):
+        for n, effect in enumerate(VIEW_DEPENDENT):
             told[:, n] = effect.answers(scene, group)
     return [
         None
@@ -652,11 +655,11 @@ class BatchCache:
         self.kinds: dict[bytes, tuple[tuple | None, bool]] = {}
         """What is in view, and whether light falls on it, by which objects are in view."""
         self._plans: dict[tuple, RenderPlan] = {}
-        self._desks: dict[tuple, list[Desk]] = {}
-        """Free desks by kind, least recently used first."""
+        self._free_commands: dict[tuple, list[CommandBuffer]] = {}
+        """Free command buffers by kind, least recently used first."""
         self._lock = forks.lock()
         self.bytes = 0
-        """Of all desks, those in use included."""
+        """Of all command buffers, those in use included."""
 
     @property
     def size(self) -> int:
@@ -668,53 +671,53 @@ class BatchCache:
         return cache.shapes is self.cache.shapes and cache.tables is self.cache.tables
 
     def plan_of(self, kind: tuple) -> RenderPlan | None:
-        """Return the plan that the desks of a kind were made for, if there are any."""
+        """Return the plan that the command buffers of a kind were made for, if there are any."""
         return self._plans.get(kind)
 
     def use(self, kind: tuple, plan: RenderPlan) -> RenderPlan:
-        """Return the plan to make desks for: an earlier one, if still valid."""
+        """Return the plan to make command buffers for: an earlier one, if still valid."""
         with self._lock:
             made = self._plans.pop(kind, None)
             if made is None or not serves(made, plan):
                 self._drop(kind)
                 made = plan
             self._plans[kind] = made
-            for other in [*self._plans][:-MOST_KINDS]:
+            for other in [*self._plans][:-MAX_KINDS]:
                 self._drop(other)
                 del self._plans[other]
             return made
 
-    def take(self, kind: tuple) -> Desk | None:
-        """Return a desk that nobody draws in; ``None`` if there is none."""
+    def take(self, kind: tuple) -> CommandBuffer | None:
+        """Return a command buffer that nobody draws in; ``None`` if there is none."""
         with self._lock:
-            free = self._desks.get(kind)
+            free = self._free_commands.get(kind)
             return free.pop() if free else None
 
     def reserve(self, size: int) -> bool:
-        """Reserve memory for another desk; return whether there is enough."""
+        """Reserve memory for another command buffer; return whether there is enough."""
         with self._lock:
-            if self.bytes + size > MOST_BYTES:
-                for kind in [*self._desks]:
+            if self.bytes + size > MAX_BYTES:
+                for kind in [*self._free_commands]:
                     self._drop(kind)
-            has_room = self.bytes + size <= MOST_BYTES
+            has_room = self.bytes + size <= MAX_BYTES
             self.bytes += size * has_room
             return has_room
 
-    def give_back(self, kind: tuple, desk: Desk) -> None:
-        """Take a desk back."""
+    def give_back(self, kind: tuple, commands: CommandBuffer) -> None:
+        """Take a command buffer back."""
         with self._lock:
             if kind in self._plans:
-                self._desks.setdefault(kind, []).append(desk)
+                self._free_commands.setdefault(kind, []).append(commands)
             else:
-                self.bytes -= desk.bytes
+                self.bytes -= commands.bytes
 
     def _drop(self, kind: tuple) -> None:
-        """Let the desks of a kind go."""
-        self.bytes -= sum(desk.bytes for desk in self._desks.pop(kind, ()))
+        """Let the command buffers of a kind go."""
+        self.bytes -= sum(commands.bytes for commands in self._free_commands.pop(kind, ()))
 
 
 def serves(made: RenderPlan, asked: RenderPlan) -> bool:
-    """Tell whether desks made for a plan are valid for another one of the same kind."""
+    """Tell whether command buffers made for a plan are valid for another one of the same kind."""
     one, other = made.facts, asked.facts
     return (
         made.size == asked.size
@@ -746,7 +749,7 @@ def _lights(plan: RenderPlan) -> tuple[int, bytes] | None:
     return len(plan.lighting.lights), plan.lighting.ambient.tobytes()
 
 
-class Shelf:
+class BatchCaches:
     """Caches of the scenes of the last batches."""
 
     def __init__(self) -> None:
@@ -761,7 +764,7 @@ class Shelf:
 
     def put(self, what: Any, kept: BatchCache) -> None:
         """Put a scene's cache back; not that of a mesh, which it would keep alive."""
-        if not isinstance(what, Scene) or kept.size > MOST_KEPT:
+        if not isinstance(what, Scene) or kept.size > MAX_KEPT:
             return
         number = id(what)
 
@@ -772,9 +775,9 @@ class Shelf:
 
         with self._lock:
             self._kept[number] = weakref.ref(what, forget), kept
-            while sum(one.size for _, one in self._kept.values()) > MOST_KEPT:
+            while sum(one.size for _, one in self._kept.values()) > MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
 
 
-SHELF = Shelf()
+BATCH_CACHES = BatchCaches()
 """That of this process."""
