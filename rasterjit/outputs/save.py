@@ -192,7 +192,7 @@ def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) 
         images.save_image(place, array)
     else:
         codes = as_codes(name, array, scale)
-        data = images.encode_png16(codes.pixels, codes.texts(name))
+        data = images.encode_png(codes.pixels, codes.texts(name))
         with replacing(place) as temporary:
             temporary.write_bytes(data)
 
