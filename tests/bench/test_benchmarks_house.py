@@ -99,6 +99,7 @@ def test_more_errors_of_mypy_than_a_room_may_have_are_told_and_no_others(monkeyp
     assert house.beyond({"scene": lines[:1], "viewer": lines})[1:] == lines[:1]
 
 
+@pytest.mark.takes_long
 def test_mypy_reads_types_of_kernels_and_finds_errors_where_they_are_passed(read, tmp_path):
     files = read(
         runtime__state="float32, stored = 1, 2\n",
