@@ -43,7 +43,7 @@ from benchmarks.targets import OPENGL, TINYDISPLAY, Target
 from rasterjit import fit_camera, orbit_direction, render_many
 from rasterjit.dataset.mesh import render_views
 from rasterjit.dataset.recipe import Recipe
-from rasterjit.rendering import renderer_pool
+from rasterjit.rendering import batch as batching
 from rasterjit.runtime.threads import available_processors
 
 OWN = "rasterjit_batch"
@@ -107,11 +107,11 @@ def line_of(row: dict[str, object]) -> str:
 @contextmanager
 def each_alone() -> Iterator[None]:
     """Let views of `render_many` and of data sets be drawn one by one."""
-    most, renderer_pool.MAX_WORK = renderer_pool.MAX_WORK, 0
+    most, batching.MAX_WORK = batching.MAX_WORK, 0
     try:
         yield
     finally:
-        renderer_pool.MAX_WORK = most
+        batching.MAX_WORK = most
 
 
 def streams(side: int, views: int) -> dict[str, Callable[[], object]]:

@@ -12,7 +12,9 @@ import copy
 import json
 import sys
 import warnings
+from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -89,11 +91,11 @@ class Drawn:
         """Return the names of the stages of shading that the plan lists."""
         import rasterjit as rj
 
-        try:
-            from rasterjit.rendering.planning import list_passes
-        except ImportError:
-            # A commit from before passes were listed once.
-            from rasterjit.rendering.sketch import list_stages as list_passes
+        for name in ("rendering.planning", "rendering.plan"):
+            # Older commits have it elsewhere.
+            with suppress(ImportError):
+                list_passes = import_module(f"rasterjit.{name}").list_passes
+                break
 
         plan = rj.explain(
             self.scene, self.cameras[1], size=self.size, quality=self.quality, outputs=self.outputs

@@ -150,6 +150,8 @@ def render(
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
+        # Only within an error bound other frames follow.
+        renderer._kept.lasts = max_error is not None
         request = renderer._request(outputs, background, cull, diagnose, previous)
         if time_budget is not None and max_error is None and lens is None:
             frame = renderer._render_in_time(time_budget, what, camera, request, is_lone=True)

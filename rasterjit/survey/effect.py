@@ -182,18 +182,15 @@ class Effect:
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a frame needs it, and with what data."""
-        if self._against(facts):
+        if (self.field and facts.asked[self.field] is None) or self.why_not(facts):
             return Absent(self, facts)
         return Planned(self, facts, self.decide(facts, planning))
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say why a frame needs it or not."""
-        return self._against(facts) or self.describe(facts)
-
-    def _against(self, facts: Facts) -> str:
         if self.field and facts.asked[self.field] is None:
             return f"scene.{self.field} is None"
-        return self.why_not(facts)
+        return self.why_not(facts) or self.describe(facts)
 
     def why_not(self, facts: Facts) -> str:
         """Say why a frame that asks for it does not need it; empty: it does."""

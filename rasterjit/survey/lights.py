@@ -579,4 +579,7 @@ def headlight_row(camera: Camera, highlights: int, renormalizes: int = 1) -> Lig
 @cache
 def _any_headlight() -> Lighting:
     camera = PerspectiveCamera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    return lighting_of(headlight(camera), camera, 0)
+    lighting = lighting_of(headlight(camera), camera, 0)
+    # All frames share it.
+    lighting.ambient.setflags(write=False)
+    return lighting

@@ -120,7 +120,7 @@ class ObjectCounts(NamedTuple):
     @property
     def shadings(self) -> frozenset[str]:
         """The shading models that occur."""
-        return frozenset(name for name in SHADINGS if getattr(self, name))
+        return frozenset([name for name in SHADINGS if getattr(self, name)])
 
     @property
     def primitives(self) -> tuple[str, ...]:
@@ -140,8 +140,8 @@ class ObjectCounts(NamedTuple):
     @property
     def has_maps(self) -> bool:
         """Whether any object has material maps besides base colour."""
-        laid = (count for name, count in self.textured.items() if name != "base_color_texture")
-        return any(laid) or self.emitting > 0
+        textures = sum(self.textured.values()) - self.textured["base_color_texture"]
+        return textures + self.emitting > 0
 
 
 class Attribute(NamedTuple):

@@ -182,7 +182,7 @@ def _join_primitives(
 
 def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
     """Run-length encode the meshes: return each with its number of consecutive instances."""
-    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
+    return [(mesh, len([*group])) for mesh, group in itertools.groupby(meshes)]
 
 
 def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:

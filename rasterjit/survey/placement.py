@@ -283,7 +283,7 @@ class Boxes:
         origins = self.relative_from_model[:, :3, 3].tolist()
         for (middle, *_), origin in zip(self._extents.boxes, origins, strict=True):
             x, y, z = map(operator.add, middle, origin)
-            p, q, r, w = (a * x + b * y + c * z + d for a, b, c, d in rows)
+            p, q, r, w = [a * x + b * y + c * z + d for a, b, c, d in rows]
             # What is not a number is not inside.
             if not (-w <= p <= w and -w <= q <= w and -w <= r <= w):
                 return False

@@ -141,7 +141,7 @@ class RenderPlan(Printed):
     @cached_property
     def planned(self) -> tuple[Planned, ...]:
         """The effects that are in."""
-        return tuple(one for one in self.effects if isinstance(one, Planned))
+        return tuple([one for one in self.effects if isinstance(one, Planned)])
 
     def has(self, name: str) -> bool:
         """Tell whether an effect is in."""

@@ -61,11 +61,10 @@ class FogEffect(BatchedEffect):
 
     def why_not(self, facts: Facts) -> str:
         """Say why fog covers no colour that is asked for."""
-        if not facts.shades:
-            return "no face is shaded"
-        thin = facts.asked[self.field].density == 0.0
-        why = "its density is 0" if thin else "it begins beyond everything"
-        return why if facts.fog is None else ""
+        if facts.shades and facts.fog is None:
+            is_thin = facts.asked[self.field].density == 0.0
+            return "its density is 0" if is_thin else "it begins beyond everything"
+        return "" if facts.shades else "no face is shaded"
 
     def describe(self, facts: Facts) -> str:
         """Say what fog there is."""
@@ -98,22 +97,17 @@ class FogEffect(BatchedEffect):
         """Return the passes that lay fog over what is seen."""
         fog, passes, color = record.fog, [], np.array(record.fog.color, np.float32)
         if record.finds_points:
-            passes = [
-                Pass(attributes.gather_positions, lambda a: (a.placement.positions,)),
-                Pass(attributes.find_points, lambda a: (a.placement, a.surface.materials, 1)),
-            ]
+            find = Pass(attributes.find_points, lambda a: (a.placement, a.surface.materials, 1))
+            passes = [Pass(attributes.gather_positions, lambda a: (a.placement.positions,)), find]
         if fog.mode == "linear":
             start, end = fog.start or 0.0, fog.end or 0.0
             per_range = 1.0 / (end - start) if end > start else 0.0
-            own = np.float32(end), np.float32(per_range), color
-            return [*passes, Pass(fog_stage.cover_linearly, lambda a: (*own, a.viewer))]
+            line = np.float32(end), np.float32(per_range), color
+            return [*passes, Pass(fog_stage.cover_linearly, lambda a: (*line, a.viewer))]
         halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
         density, falloff = (fog.density or 0.0) * halvings, (fog.falloff or 0.0) * HALVINGS
-        own = (
-            np.float32(density), np.float32(fog.mode == "exp2"), record.above,
-            np.float32(falloff), color,
-        )  # fmt: skip
-        return [*passes, Pass(fog_stage.cover_exponentially, lambda a: (*own, a.viewer))]
+        own = np.float32(density), np.float32(fog.mode == "exp2"), record.above, np.float32(falloff)
+        return [*passes, Pass(fog_stage.cover_exponentially, lambda a: (*own, color, a.viewer))]
 
     places: ClassVar = {"sample": cover}
 
