@@ -41,8 +41,7 @@ from benchmarks.rows import check_picture, verdict
 from benchmarks.scenes import find_scene
 from benchmarks.targets import OPENGL, TINYDISPLAY, Target
 from rasterjit import fit_camera, orbit_direction, render_many
-from rasterjit.dataset.mesh import render_views
-from rasterjit.dataset.recipe import Recipe
+from rasterjit.dataset.recipe import Recipe, render_views
 from rasterjit.rendering import batch as batching
 from rasterjit.runtime.threads import available_processors
 

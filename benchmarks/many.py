@@ -108,7 +108,7 @@ def measure_cluster(
 
     from distributed import Client, LocalCluster
 
-    from rasterjit.distributed.many import draw_frames, share_scene
+    from rasterjit.distributed.frames import draw_frames, share_scene
     from rasterjit.rendering.planning import FrameRequest
 
     cameras = list(around(scene, frames))

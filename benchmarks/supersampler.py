@@ -19,7 +19,6 @@ from rich.table import Table
 
 import rasterjit as rj
 from benchmarks.true_pictures import SIDE, true_light
-from rasterjit.accuracy.errors import PICTURE_OUTPUTS
 from rasterjit.accuracy.knobs import (
     Attempt,
     combined_attempts,
@@ -27,7 +26,7 @@ from rasterjit.accuracy.knobs import (
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.results import STANDARD
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, STANDARD
 from rasterjit.accuracy.scenes import SCENES, MadeScene, make
 from rasterjit.accuracy.study import Studio
 from rasterjit.rendering.quality_selection import light_of, root_mean_square

@@ -16,9 +16,9 @@ from rasterjit.accuracy.report.plots import (
     draw_points,
     front_points,
     new_figure,
+    number,
     require_extra,
 )
-from rasterjit.accuracy.report.scales import number
 from rasterjit.accuracy.results import Study, front_trials
 from rasterjit.accuracy.sentences import factor_in_words
 from rasterjit.io.images import checked_path, replacing

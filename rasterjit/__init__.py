@@ -76,7 +76,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "classics.framebuffer": "Framebuffer",
     "classics.pipeline": "ClassicPipeline",
-    "distributed.many": "render_many",
+    "distributed.frames": "render_many",
     "inspect.pixel": "explain_pixel",
     "inspect.pixel_report": "PixelExplanation",
     "inspect.profile": "FrameProfile profile",

@@ -4,7 +4,7 @@ from rasterjit import transforms as transforms
 from rasterjit import types as types
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import ClassicPipeline
-from rasterjit.distributed.many import render_many
+from rasterjit.distributed.frames import render_many
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.inspect.profile import FrameProfile, profile

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.fuzz_files import foreign_samples, packed_samples, samples
 from benchmarks.fuzz_files.samples import Files, opened
-from rasterjit.io.kinds import extension_of
+from rasterjit.io.resources import extension_of
 
 SAMPLES: dict[str, Callable[[], Files]] = {
     **samples.SAMPLES, **packed_samples.SAMPLES, **foreign_samples.SAMPLES,

@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.io.foreign.files import CELL_FORMATS, VTK_FORMATS
-from rasterjit.io.kinds import extension_of
+from rasterjit.io.foreign.readers import CELL_FORMATS, VTK_FORMATS
 from rasterjit.io.point_clouds.las import LAS_FORMATS
+from rasterjit.io.resources import extension_of
 
 
 class Held(NamedTuple):

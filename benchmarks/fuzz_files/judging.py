@@ -19,8 +19,8 @@ from benchmarks.fuzz_files.samples import Files, opened
 from benchmarks.fuzz_files.strict import points_of, triangles_of
 from benchmarks.memory import reset_peak, resident
 from rasterjit.io.gltf.scene import GLTF_FORMATS
-from rasterjit.io.kinds import extension_of
 from rasterjit.io.meshes import OWN_FORMATS
+from rasterjit.io.resources import extension_of
 from rasterjit.io.skipped import LoadWarning
 
 MAX_BYTES = 32 << 20

@@ -8,12 +8,153 @@ are known.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from rasterjit.accuracy.knobs import AXES
-from rasterjit.accuracy.ranking import ALIKE, INVISIBLE, inaccuracies, is_slower, noise
-from rasterjit.accuracy.results import STANDARD, Study, Trial
+from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial
+
+NOTCH = 1.57
+"""Interquartile ranges, over the root of their number, that a median of samples is known to."""
+
+TOLD_APART = 3
+"""Rounds from which on a time is told to be another one, unless it is so by far."""
+
+ROUGH = 0.5
+"""Share of a time that it is known to where it was taken in fewer rounds."""
+
+MANY = 6
+"""Rounds from which on quartiles say how far a median is known; of fewer, all samples do: both ends
+of six samples hold the median in 97 of 100 cases, those of three in 75."""
+
+LEAST_NOISE = 0.01
+"""Share of the standard's time that is never told apart, however alike the samples are."""
+
+KNOWN_WELL = 0.25
+"""Largest share of a time that is not known, for it to be called a factor."""
+
+ALIKE = 1.005
+"""Errors in a smaller ratio are not told apart: they print alike."""
+
+INVISIBLE = 1e-3
+"""Error, root mean square of linear light, below which none is seen: half an 8-bit step is more."""
+
+MOST_ON_FRONT = 7
+"""Points of the front: more than anybody chooses among."""
+
+
+def noise(trial: Trial) -> float:
+    """
+    Return what the ratio of a trial is known to, plus or minus.
+
+    References
+    ----------
+    .. [1] R. McGill, J. W. Tukey, W. A. Larsen, "Variations of Box Plots", The American
+       Statistician 32 (1), 1978: the notch.
+    """
+    if not is_timed(trial):
+        return ROUGH * trial.ratio
+    if len(trial.ratios) < MANY:
+        return max(max(trial.ratios) - min(trial.ratios), LEAST_NOISE)
+    low, high = trial.spread
+    return max(NOTCH * (high - low) / math.sqrt(len(trial.ratios)), LEAST_NOISE)
+
+
+def is_timed(trial: Trial) -> bool:
+    """Tell whether a trial was drawn often enough to say how much its time varies."""
+    return len(trial.ratios) >= TOLD_APART
+
+
+def is_measured(trial: Trial) -> bool:
+    """Tell whether a time is known well enough to be called a factor."""
+    return is_timed(trial) and noise(trial) <= KNOWN_WELL * trial.ratio
+
+
+def is_slower(trial: Trial, other: Trial) -> bool:
+    """Tell whether a trial took longer than another by more than the noise of both."""
+    a, b = noise(trial), noise(other)
+    return trial.ratio - other.ratio > math.sqrt(a * a + b * b)
+
+
+def inaccuracies(trial: Trial) -> tuple[float, ...]:
+    """Return the errors that a level must be no worse in: of light, faces, depth, texture."""
+    errors = trial.errors
+    return (
+        errors.rmse, float(errors.wrong_faces), errors.depth_units or 0.0, errors.uv_texels or 0.0,
+    )  # fmt: skip
+
+
+def dominates(trial: Trial, other: Trial) -> bool:
+    """Tell whether a trial is neither slower nor less accurate than another, and not its equal."""
+    pairs = list(zip(inaccuracies(trial), inaccuracies(other), strict=True))
+    if is_slower(trial, other) or any(a > b for a, b in pairs):
+        return False
+    are_known = is_measured(trial) and is_measured(other)
+    return is_slower(other, trial) or (are_known and any(a < b for a, b in pairs))
+
+
+def mark_dominated(trials: Iterable[Trial], standard: Trial) -> tuple[Trial, ...]:
+    """Return the trials, each with the fastest level of its setting that dominates it."""
+    trials = list(trials)
+    marked = []
+    for trial in trials:
+        rivals: list[Trial] = []
+        if trial.setting != COMBINATIONS:
+            rivals = [standard, *(other for other in trials if other.setting == trial.setting)]
+        better = [rival for rival in rivals if dominates(rival, trial)]
+        name = min(better, key=lambda rival: rival.ratio).label if better else None
+        marked.append(replace(trial, dominated_by=name))
+    return tuple(marked)
+
+
+def pareto_front(trials: Sequence[Trial]) -> tuple[str, ...]:
+    """
+    Return the labels of those worth choosing among, fastest first: at most seven.
+
+    Each is more accurate than all faster ones, and the times of any two of them can be told apart.
+    Of levels whose times cannot be told apart the most accurate stands for all; of those that are
+    as accurate as well, the standard, else the one that changes least. What is not measured well
+    enough is not among them, apart from the standard.
+    """
+    waiting = [trial for trial in trials if is_measured(trial) or trial.setting == STANDARD]
+    front: list[Trial] = []
+    while waiting:
+        limit = ALIKE * min(trial.errors.rmse for trial in waiting)
+        peers = [
+            trial
+            for trial in waiting
+            if trial.errors.rmse <= limit and all(is_slower(other, trial) for other in front)
+        ]
+        fastest = [one for one in peers if not any(is_slower(one, other) for other in peers)]
+        if fastest:
+            front.append(min(fastest, key=_plainness))
+        waiting = [trial for trial in waiting if trial.errors.rmse > limit]
+    return tuple(trial.label for trial in thinned(front[::-1]))
+
+
+def _plainness(trial: Trial) -> tuple[bool, int, float]:
+    """Return what the least of is the simplest quality."""
+    return trial.setting != STANDARD, len(trial.level.split()), trial.ratio
+
+
+def thinned(front: Sequence[Trial], most: int = MOST_ON_FRONT) -> list[Trial]:
+    """Return at most so many of a front, without those nearest to the line of their neighbours."""
+    kept = list(front)
+    while len(kept) > most:
+        inner = [n for n in range(1, len(kept) - 1) if kept[n].setting != STANDARD]
+        del kept[min(inner, key=lambda n: _corner(*kept[n - 1 : n + 2]))]
+    return kept
+
+
+def _corner(before: Trial, one: Trial, after: Trial) -> float:
+    """Return twice the area of a triangle of neighbours on logarithmic axes."""
+    (x0, y0), (x1, y1), (x2, y2) = (
+        (math.log(trial.ratio), math.log(max(trial.errors.rmse, 1e-9)))
+        for trial in (before, one, after)
+    )
+    return abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
+
 
 AS_GOOD = 1.05
 """Prices in a smaller ratio are as good: of those the simplest quality is taken."""

@@ -17,18 +17,17 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import sized_occlusion
 from rasterjit.effects.environment import LIGHT
-from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.batch import render_batch
 from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.environment import Environment, Panorama
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, Shadow
 from rasterjit.scene.material import Material
@@ -36,6 +35,9 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.material_features import with_materials
+
+if TYPE_CHECKING:
+    from rasterjit.accuracy.study import Studio
 
 Float64 = NDArray[np.float64]
 
@@ -60,19 +62,6 @@ CUBE = 32
 
 ABOVE = 2e-3
 """How far above its surface a point looks from, and how near it sees, in radii."""
-
-
-class Painter(Protocol):
-    """Draws one scene."""
-
-    scene: Scene
-    camera: Camera
-
-    def light(self, quality: Quality, scene: Scene | None = None) -> Float64:
-        """Return the light of a frame, (H, W, 3)."""
-
-    def draw(self, quality: Quality, outputs: Any, scene: Scene | None = None) -> Frame:
-        """Draw a frame."""
 
 
 def unchanged(scene: Scene) -> Scene:
@@ -107,7 +96,7 @@ def is_soft(light: Light) -> bool:
     return shadow is not None and shadow.filter == "soft"
 
 
-def many_lights(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def many_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Average hard shadows from places all over each light."""
     middle, _ = scene.bounding_sphere()
     begin, total, count = time.perf_counter(), None, 0
@@ -157,7 +146,7 @@ def _across(axis: Float64) -> tuple[Float64, Float64]:
     return u, np.cross(axis, u)
 
 
-def sharp_shadows(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def sharp_shadows(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Draw shadows of large maps."""
 
     def sharp(light: Any) -> Any:
@@ -169,7 +158,7 @@ def sharp_shadows(painter: Painter, scene: Scene, seconds: float) -> Truth:
     return Truth(painter.light(STANDARD, with_field(scene, "lights", lights)))
 
 
-def dome_of_lights(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def dome_of_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Light matt surfaces by as many directional lights as stand for an environment."""
     dark = LIGHT.without(matt(scene))
     truth = painter.light(STANDARD, dark)
@@ -270,7 +259,7 @@ def evened(scene: Scene) -> Scene:
     return with_field(scene, "environment", even)
 
 
-def rays(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def rays(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Find what reaches some points from all around by pictures of what lies above them."""
     asked = sized_occlusion(scene.ambient_occlusion, scene)
     bright = painter.light(STANDARD, with_field(scene, "ambient_occlusion", None))
@@ -357,7 +346,7 @@ def without_lines(scene: Scene) -> Scene:
     return with_field(scene, "nodes", kept)
 
 
-def sampled_lines(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def sampled_lines(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Draw lines with many samples; look where they are."""
     bare = without_lines(scene)
     fine, rough = replace(STANDARD, samples=64), replace(STANDARD, samples=16)
@@ -366,11 +355,11 @@ def sampled_lines(painter: Painter, scene: Scene, seconds: float) -> Truth:
     return Truth(painter.light(fine), where, float(where.mean()))
 
 
-def sampled_lens(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def sampled_lens(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Draw a lens with many samples."""
     return Truth(painter.light(replace(STANDARD, samples=64)))
 
 
-def covered_lines(painter: Painter, scene: Scene, seconds: float) -> Truth:
+def covered_lines(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Draw edges by the areas that they cover."""
     return Truth(painter.light(replace(STANDARD, lines="coverage")))

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy import effect_references as references
-from rasterjit.accuracy.effect_references import Painter, Truth
+from rasterjit.accuracy.effect_references import Truth
 from rasterjit.accuracy.knobs import Attempt, in_words
 from rasterjit.accuracy.results import EffectCost, Errors
 from rasterjit.accuracy.timing import Contestant
@@ -28,6 +28,9 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import with_field
 from rasterjit.survey.plan import RenderPlan
+
+if TYPE_CHECKING:
+    from rasterjit.accuracy.study import Studio
 
 WITHOUT = "without"
 """Level of an effect that is left out."""
@@ -39,15 +42,6 @@ NO_REFERENCE = "none; what it changes in the picture"
 """What is said of an effect that is measured against nothing."""
 
 
-class EffectPainter(Painter, Protocol):
-    """Draws one scene, and tells times."""
-
-    def contestant(
-        self, attempt: Attempt, errors: Errors, color: Any, error_map: Any
-    ) -> Contestant:
-        """Return what is timed later."""
-
-
 class Knob(NamedTuple):
     """A row of the table: what can be tried of an effect."""
 
@@ -56,7 +50,7 @@ class Knob(NamedTuple):
     """Levels that a quality has: what each changes of the standard."""
     scenes: Callable[[Scene], dict[str, Scene]] = lambda scene: {}
     """Levels that the effect's description has, by name."""
-    reference: Callable[[Painter, Scene, float], Truth] | None = None
+    reference: Callable[[Studio, Scene, float], Truth] | None = None
     """Takes what draws, the scene, and seconds that it may take."""
     said: str = NO_REFERENCE
     when: Callable[[Scene], bool] = lambda scene: True
@@ -206,13 +200,13 @@ def _levels(knob: Knob, scene: Scene) -> list[Attempt]:
     return [*settings, *(Attempt(knob.effect, name, standard, other) for name, other in scenes)]
 
 
-def weigh(studio: EffectPainter, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
+def weigh(studio: Studio, cost: Cost, standard: Contestant, seconds: float) -> Weighed:
     """
     Draw the levels of an effect and its reference.
 
     Parameters
     ----------
-    studio : EffectPainter
+    studio : Studio
     cost : Cost
     standard : Contestant
         The scene as it is.

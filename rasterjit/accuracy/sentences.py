@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from rasterjit.accuracy.choice import choose
-from rasterjit.accuracy.ranking import ALIKE, is_measured, is_slower, noise
+from rasterjit.accuracy.choice import ALIKE, choose, is_measured, is_slower, noise
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, Study, Trial, front_trials
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, differences
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.accuracy import effects
-from rasterjit.accuracy import errors as measures
-from rasterjit.accuracy.choice import choose_among
+from rasterjit.accuracy import effects, timing
+from rasterjit.accuracy import results as measures
+from rasterjit.accuracy.choice import INVISIBLE, choose_among, mark_dominated, pareto_front
 from rasterjit.accuracy.effects import Weighed
 from rasterjit.accuracy.knobs import (
     Attempt,
@@ -26,20 +26,8 @@ from rasterjit.accuracy.knobs import (
     single_attempts,
     without_effect,
 )
-from rasterjit.accuracy.ranking import INVISIBLE, mark_dominated, pareto_front
 from rasterjit.accuracy.report.files import prepare_folder, write_report
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, Errors, Study, Trial
-from rasterjit.accuracy.timing import (
-    Allowance,
-    Contestant,
-    Progress,
-    Stages,
-    best_clock,
-    fits,
-    standard_trial,
-    take_turns,
-    total,
-)
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.planning import choose_camera, settle_cameras
@@ -113,7 +101,7 @@ def study(
     max_error: float | None = None,
     lens: Lens | None = None,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: timing.Progress | None = None,
     output: str | Path | None = None,
     name: str = "scene",
 ) -> Study:
@@ -212,7 +200,7 @@ def begin(
     options: StudyOptions,
     share: float,
     lens: Lens | None,
-    progress: Progress | None,
+    progress: timing.Progress | None,
 ) -> Course:
     """Return the study of a scene and its camera, which is to run, in a share of the seconds."""
     scene, size = posed_scene(as_scene(what[0])), options.size
@@ -246,25 +234,25 @@ class Course:
         self,
         studio: Studio,
         seconds: float,
-        progress: Progress,
+        progress: timing.Progress,
         plan: RenderPlan,
         knobs: Sequence[str],
         writes: bool = False,
     ) -> None:
         self.studio, self.seconds, self._progress, self.plan = studio, seconds, progress, plan
         self._writes = writes
-        self.allowance = Allowance(seconds)
+        self.allowance = timing.Allowance(seconds)
         self.idle = without_effect(plan, knobs)
         self.knobs = [knob for knob in knobs if knob not in self.idle]
         self.asked_size = studio.size
         self.order: list[str] = []
         """Labels of what was meant to be tried, in the order of results."""
-        self.contestants: list[Contestant] = []
+        self.contestants: list[timing.Contestant] = []
         self.effects: list[Weighed] = []
         self.impossible: dict[str, str] = {}
         self.interrupted = False
         self.reference: measures.ReferenceFrame
-        self.standard: Contestant
+        self.standard: timing.Contestant
 
     def tell(self, text: str) -> None:
         """Say what is being done."""
@@ -298,7 +286,7 @@ class Course:
             self._prepare(_in_turns(one for one in lone if not is_on_axis(one)))
             self._prepare([one for one in many if one.passes <= self.reference.samples])
             present = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-            take_turns(self.studio, self.standard, present, self.allowance, self.tell)
+            timing.take_turns(self.studio, self.standard, present, self.allowance, self.tell)
         except KeyboardInterrupt:
             self.interrupted = True
 
@@ -322,7 +310,7 @@ class Course:
     def _fits(self, attempt: Attempt) -> bool:
         """Tell whether there is time for one more."""
         prepared = [*self.contestants, *(one for each in self.effects for one in each.levels)]
-        return fits(attempt, self.standard, prepared, self.allowance)
+        return timing.fits(attempt, self.standard, prepared, self.allowance)
 
     def _weigh_effects(self) -> None:
         """Draw the scene without each effect, and the reference of each, if there is time."""
@@ -357,7 +345,7 @@ class Course:
         if not self.contestants:
             return text
         trials = [one.trial(self.standard, PROCESSOR) for one in self.contestants]
-        best = choose_among(standard_trial(self.standard, PROCESSOR), trials).trial
+        best = choose_among(timing.standard_trial(self.standard, PROCESSOR), trials).trial
         return f"{text}; best so far: {best.label}"
 
     def _with_flip(self, trials: Sequence[Trial], front: Sequence[str]) -> list[Trial]:
@@ -374,8 +362,8 @@ class Course:
 
     def result(self, name: str, max_error: float | None) -> Study:
         """Return what was found."""
-        clock = best_clock(self.standard, self.contestants)
-        standard = standard_trial(self.standard, clock)
+        clock = timing.best_clock(self.standard, self.contestants)
+        standard = timing.standard_trial(self.standard, clock)
         contestants = sorted(self.contestants, key=lambda one: self.order.index(one.attempt.label))
         trials = mark_dominated([one.trial(self.standard, clock) for one in contestants], standard)
         front = pareto_front([standard, *trials])
@@ -462,7 +450,7 @@ class Studio:
         frame = self.draw(quality, measures.PICTURE_OUTPUTS, scene)
         return light_of(frame)[:, :, :3].astype(np.float64)
 
-    def seconds(self, attempt: Attempt) -> Stages:
+    def seconds(self, attempt: Attempt) -> timing.Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""
         return _without_compiling(self.draw(attempt.quality, COLOR_ALONE, attempt.scene))
 
@@ -481,12 +469,12 @@ class Studio:
         The first frame compiles, the second tells the time.
         """
         self.seconds(usual)
-        took = total(self.seconds(usual))
+        took = timing.total(self.seconds(usual))
         while DEARER * LEAST_PICTURES * took > seconds and min(self.size) >= 2 * LEAST_SIDE:
             before = self.size
             self._resize((before[0] // 2, before[1] // 2))
             self.seconds(usual)
-            smaller = total(self.seconds(usual))
+            smaller = timing.total(self.seconds(usual))
             if smaller > WORTH_SHRINKING * took:
                 self._resize(before)
                 return
@@ -503,7 +491,7 @@ class Studio:
         """Return what errors are measured against: as many samples as so many seconds allow."""
         pictures = self._reference_pictures()
         samples, frame = next(pictures)
-        took = spent = total(_without_compiling(frame))
+        took = spent = timing.total(_without_compiling(frame))
         # Of four samples and one, both err by chance, one twice as much.
         usual = light_of(self.draw(Quality.standard(), measures.PICTURE_OUTPUTS))
         error = root_mean_square(light_of(frame) - usual) / math.sqrt(5.0)
@@ -511,7 +499,7 @@ class Studio:
         while samples < STEPS[-1] and took + 4.0 * spent <= seconds:
             before = light_of(frame)
             samples, frame = next(pictures)
-            spent = total(_without_compiling(frame))
+            spent = timing.total(_without_compiling(frame))
             took += spent
             # The first quarter of some samples errs twice as much as all of them, by chance.
             error = root_mean_square(light_of(frame) - before) / math.sqrt(3.0)
@@ -531,7 +519,7 @@ class Studio:
         for samples in STEPS:
             yield samples, self.draw(replace(Quality.reference(), samples=samples), outputs)
 
-    def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> Contestant:
+    def prepare(self, attempt: Attempt, reference: measures.ReferenceFrame) -> timing.Contestant:
         """Compile what a quality needs, measure its errors and see how long it takes, about."""
         frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = measures.compare(frame, reference)
@@ -544,20 +532,20 @@ class Studio:
         errors: Errors,
         color: NDArray[np.uint8],
         error_map: NDArray[np.float32],
-    ) -> Contestant:
+    ) -> timing.Contestant:
         """Return what is timed later, and how long it takes, about."""
         before = time.process_time()
         first = self.seconds(attempt)
         worked = time.process_time() - before
-        return Contestant(attempt, errors, color, error_map, first, worked)
+        return timing.Contestant(attempt, errors, color, error_map, first, worked)
 
 
-def _price(one: Contestant) -> float:
+def _price(one: timing.Contestant) -> float:
     """Return the product of time and error, as far as either is seen."""
     return _spent(one) * max(one.errors.rmse, INVISIBLE)
 
 
-def _spent(one: Contestant) -> float:
+def _spent(one: timing.Contestant) -> float:
     """Return the seconds that processors worked for a frame, or that it took."""
     return one.least or one.cost
 
@@ -572,7 +560,7 @@ def _in_turns(attempts: Iterable[Attempt]) -> list[Attempt]:
     return sorted(order, key=order.__getitem__)
 
 
-def _without_compiling(frame: Frame) -> Stages:
+def _without_compiling(frame: Frame) -> timing.Stages:
     """Return the seconds of each stage but compiling."""
     seconds = frame.stats.seconds.items()
     return {stage: duration for stage, duration in seconds if stage != COMPILE}

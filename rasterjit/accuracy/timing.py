@@ -6,14 +6,17 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.accuracy.choice import noise
 from rasterjit.accuracy.knobs import Attempt
-from rasterjit.accuracy.ranking import noise
 from rasterjit.accuracy.results import PROCESSOR, STANDARD, WALL, Errors, Trial
+
+if TYPE_CHECKING:
+    from rasterjit.accuracy.study import Studio
 
 LEAST_ROUNDS, MOST_ROUNDS = 3, 21
 """Rounds for all that there is time for, and after which more would hardly tell more."""
@@ -42,13 +45,6 @@ Stages = dict[str, float]
 
 Progress = Callable[[str, float, float], None]
 """Is told what is being done, how much is done, and how much there is: seconds, or scenes."""
-
-
-class TimedPainter(Protocol):
-    """Draws one scene."""
-
-    def seconds(self, attempt: Attempt) -> Stages:
-        """Draw a frame of an attempt and return how long its stages took."""
 
 
 class Allowance:
@@ -233,7 +229,7 @@ def rounds_between(contestant: Contestant, standard: Contestant) -> int:
 
 
 def take_turns(
-    painter: TimedPainter,
+    painter: Studio,
     standard: Contestant,
     contestants: Sequence[Contestant],
     allowance: Allowance,
@@ -287,7 +283,7 @@ def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Cont
 
 
 def _timed(
-    painter: TimedPainter, attempt: Attempt, processor: Callable[[], float]
+    painter: Studio, attempt: Attempt, processor: Callable[[], float]
 ) -> tuple[Stages, float]:
     """Return the seconds of a frame that is not the first of its quality, and those worked."""
     if attempt.passes == 1:

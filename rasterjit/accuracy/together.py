@@ -13,18 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.accuracy.choice import Choice, choose, choose_among
+from rasterjit.accuracy.choice import ALIKE, INVISIBLE, Choice, choose, choose_among, is_timed
 from rasterjit.accuracy.knobs import TRIED_PRESETS, Attempt
-from rasterjit.accuracy.ranking import ALIKE, INVISIBLE, is_timed
 from rasterjit.accuracy.report.files import write_report
 from rasterjit.accuracy.report.together import write_together
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study, Trial, front_trials
 from rasterjit.accuracy.study import SIZE, Course, begin, checked
 from rasterjit.accuracy.timing import Progress
-from rasterjit.io.folders import existing_folder, mesh_files
-from rasterjit.io.meshes import load
+from rasterjit.io.meshes import load, mesh_files
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.quality import PRESETS, Quality, differences
+from rasterjit.scene.validation import existing_folder
 
 STUDIED_SHARE = 0.8
 """Share of a scene's seconds for its own study; the rest is for qualities that others brought."""
@@ -187,7 +186,7 @@ def _loaders(folder: str | Path | Mapping[str, Any]) -> tuple[dict[str, Loader],
             if place.is_absolute() or not place.parts or ".." in place.parts:
                 raise ValueError(f"folder must have names of scenes without '..', got {name!r}")
         return {str(name): _held(scene) for name, scene in folder.items()}, "scenes"
-    place = existing_folder("folder", folder)
+    place = existing_folder("folder", folder).resolve()
     files = mesh_files(place)
     if not files:
         raise ValueError(f"folder must hold mesh files, got {os.fspath(folder)!r}, without any")

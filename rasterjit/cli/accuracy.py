@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.accuracy import sentences, study
+from rasterjit.accuracy import results, sentences, study
 from rasterjit.accuracy.calibration import calibrate
-from rasterjit.accuracy.choice import choose
-from rasterjit.accuracy.ranking import is_measured
+from rasterjit.accuracy.choice import choose, is_measured
 from rasterjit.accuracy.report.files import (
     CSV_NAME,
     JSON_NAME,
@@ -20,14 +19,6 @@ from rasterjit.accuracy.report.files import (
     prepare_folder,
 )
 from rasterjit.accuracy.report.page import PAGE_NAME
-from rasterjit.accuracy.results import (
-    AS_THE_SCENE_SAYS,
-    COMBINATIONS,
-    PROCESSOR,
-    STANDARD,
-    Study,
-    Trial,
-)
 from rasterjit.accuracy.scenes import make
 from rasterjit.accuracy.sentences import (
     alternatives,
@@ -41,7 +32,7 @@ from rasterjit.accuracy.together import FolderStudy, study_folder
 from rasterjit.cli.options import Described
 from rasterjit.cli.program import load_scene
 from rasterjit.cli.report import printable, say
-from rasterjit.io.folders import mesh_files
+from rasterjit.io.meshes import mesh_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -58,7 +49,7 @@ FILE_WIDTH = 140
 """Columns where nobody's terminal sets the width."""
 
 
-def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> Study:
+def study_scene(what: str | Path, shown: Described, options: dict[str, Any]) -> results.Study:
     """
     Study a scene, print what was found and write the report.
 
@@ -178,7 +169,7 @@ def _console() -> Console:
     return Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
 
 
-def _print(found: Study, folder: Path) -> None:
+def _print(found: results.Study, folder: Path) -> None:
     """Print the answer, the table, the sentences, what is missing from them, and the files."""
     console = _console()
     console.print(recommendation(found))
@@ -207,7 +198,7 @@ def _print(found: Study, folder: Path) -> None:
         say(f'no {PAGE_NAME}: it needs matplotlib and jinja2; pip install "rasterjit[accuracy]"')
 
 
-def _print_table(found: Study, console: Console) -> None:
+def _print_table(found: results.Study, console: Console) -> None:
     """Print time and error of each trial."""
     from rich import box
     from rich.table import Table
@@ -230,14 +221,14 @@ def _print_table(found: Study, console: Console) -> None:
     width, height = found.size
     console.print(
         f"{printable(found.scene)}, {width} x {height} pixels, {found.threads} threads; "
-        f"{'processor ' if found.clock == PROCESSOR else ''}times are medians of up to "
+        f"{'processor ' if found.clock == results.PROCESSOR else ''}times are medians of up to "
         f"{max(found.rounds, 1)} rounds ± half of what lies between the quartiles, ? where that is "
         "not measured well enough; * worth choosing: more accurate than all that is faster"
     )
     console.print(table)
 
 
-def _print_effects(found: Study, console: Console) -> None:
+def _print_effects(found: results.Study, console: Console) -> None:
     """Print what each effect costs, and how far it is from its reference."""
     from rich import box
     from rich.table import Table
@@ -250,7 +241,7 @@ def _print_effects(found: Study, console: Console) -> None:
     for cost in found.effects:
         error = "-" if cost.rmse is None else f"{cost.rmse:.2e}"
         table.add_section()
-        table.add_row(cost.effect, AS_THE_SCENE_SAYS, "1.00", error, cost.reference)
+        table.add_row(cost.effect, results.AS_THE_SCENE_SAYS, "1.00", error, cost.reference)
         for level in cost.levels:
             factor = f"{level.ratio:.2f}" if is_measured(level) else "?"
             table.add_row("", level.level, factor, f"{level.errors.rmse:.2e}")
@@ -261,10 +252,10 @@ def _print_effects(found: Study, console: Console) -> None:
     console.print(table)
 
 
-def _cells(trial: Trial, found: Study) -> dict[str, str]:
+def _cells(trial: results.Trial, found: results.Study) -> dict[str, str]:
     """Return what a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
-    is_known = is_measured(trial) or trial.setting == STANDARD
+    is_known = is_measured(trial) or trial.setting == results.STANDARD
     factor = f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}" if is_known else "?"
     return {
         "level": trial.level + (" *" if trial.label in found.front else ""),
@@ -280,6 +271,6 @@ def _cells(trial: Trial, found: Study) -> dict[str, str]:
 
 def short(label: str | None, setting: str) -> str:
     """Return a label without the setting that its row names already."""
-    if label is None or setting == COMBINATIONS:
+    if label is None or setting == results.COMBINATIONS:
         return label or ""
     return label.removeprefix(f"{setting}=")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli import pictures, values
 from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
@@ -37,13 +38,6 @@ from rasterjit.cli.options import (
     style_option,
     unsettled_options,
     view_options,
-)
-from rasterjit.cli.pictures import (
-    PictureOptions,
-    places_of,
-    render_file,
-    render_files,
-    to_standard_output,
 )
 from rasterjit.cli.program import (
     INTERRUPTED,
@@ -69,18 +63,6 @@ from rasterjit.cli.report import (
     say,
     status,
     with_progress,
-)
-from rasterjit.cli.values import (
-    FiniteNumberType,
-    FiniteType,
-    file_type,
-    format_type,
-    knobs_type,
-    lens_type,
-    made_scene_type,
-    outputs_type,
-    pixel_type,
-    size_type,
 )
 from rasterjit.scene.quality import LEVELS
 
@@ -134,7 +116,7 @@ def program(context: click.Context, version: bool) -> None:
 @click.option("--force", is_flag=True,
               help="Replace files that exist; one that OUT names is replaced anyway. Of a folder, "
               "draw pictures anew that are there.")  # fmt: skip
-@click.option("--format", "suffix", type=format_type, default="png", show_default=True,
+@click.option("--format", "suffix", type=values.format_type, default="png", show_default=True,
               help="Of pictures whose names are not given: png, webp, jpg, tif ...")  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -144,7 +126,7 @@ def program(context: click.Context, version: bool) -> None:
 @look_options
 @effect_options
 @cull_option
-@options_of(PictureOptions)
+@options_of(pictures.PictureOptions)
 @threads_option
 @quiet_option
 @debug_option
@@ -184,15 +166,17 @@ def render(
         options |= {"size": size, "threads": threads, "quiet": quiet}
         render_folder(files[0], output, suffix, force, shown, **options)
         return
-    asked = gather(PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet})
+    asked = gather(
+        pictures.PictureOptions, {**rest, "size": size, "threads": threads, "quiet": quiet}
+    )
     if output is not None and str(output) == STANDARD_OUTPUT:
-        to_standard_output(files, asked, shown)
+        pictures.to_standard_output(files, asked, shown)
         return
-    places = places_of(files, output, suffix, force)
+    places = pictures.places_of(files, output, suffix, force)
     if len(places) == 1:
-        render_file(files[0], places[files[0]], asked, shown)
+        pictures.render_file(files[0], places[files[0]], asked, shown)
         return
-    render_files(places, asked, shown)
+    pictures.render_files(places, asked, shown)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,10 +201,12 @@ class Turn:
         them. Implies --animate.
     """
 
-    output: Path = option(file_type("animation"), "-o", "--output", required=True, metavar="OUT")
+    output: Path = option(
+        values.file_type("animation"), "-o", "--output", required=True, metavar="OUT"
+    )
     frames: int | None = option(click.IntRange(1, 3600), metavar="COUNT")
     fps: int = option(click.IntRange(1, 120), default=24)
-    turns: float = option(FiniteNumberType(), default=1.0, metavar="NUMBER")
+    turns: float = option(values.FiniteNumberType(), default=1.0, metavar="NUMBER")
     animate: bool = flag()
     animation: str | None = option(None, metavar="NAME|NUMBER")
 
@@ -335,8 +321,10 @@ class ShowOptions:
     host: str = option(None, default="127.0.0.1")
     port: int = option(click.IntRange(0, 65535), default=8765)
     token: str | None = option(None, envvar="RASTERJIT_TOKEN", show_envvar=True, metavar="TEXT")
-    size: tuple[int, int] = option(size_type, default="960x720", metavar="WxH")
-    time_budget: float = option(FiniteType(0.0, min_open=True), default=0.012, metavar="SECONDS")
+    size: tuple[int, int] = option(values.size_type, default="960x720", metavar="WxH")
+    time_budget: float = option(
+        values.FiniteType(0.0, min_open=True), default=0.012, metavar="SECONDS"
+    )
 
 
 @program.command(short_help="Show FILE, and move the camera by hand.")
@@ -403,9 +391,9 @@ def info(file: Path, as_json: bool, **reading: Any) -> None:
 @look_options
 @effect_options
 @cull_option
-@click.option("--outputs", type=outputs_type, default="color", show_default=True,
+@click.option("--outputs", type=values.outputs_type, default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
-@click.option("--pixel", type=pixel_type,
+@click.option("--pixel", type=values.pixel_type,
               help="Explain the pixel at this column and row instead, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
               help="Render it, too, and say what each stage and each effect costs. All that is "
@@ -493,17 +481,17 @@ class AccuracyOptions:
         Size of the picture, pixels; default 640x480.
     """
 
-    made: str | None = option(made_scene_type, "--scene", metavar="NAME")
+    made: str | None = option(values.made_scene_type, "--scene", metavar="NAME")
     knobs: tuple[str, ...] | None = option(
-        knobs_type, metavar="NAMES",
+        values.knobs_type, metavar="NAMES",
         help=f"Settings to try, separated by commas; default: all: {', '.join(LEVELS)}.",
     )  # fmt: skip
-    budget: float | None = option(FiniteType(0.0, min_open=True), metavar="SECONDS")
-    max_error: float | None = option(FiniteType(0.0, min_open=True), metavar="ERROR")
-    lens: Lens | None = option(lens_type, metavar="LENS")
+    budget: float | None = option(values.FiniteType(0.0, min_open=True), metavar="SECONDS")
+    max_error: float | None = option(values.FiniteType(0.0, min_open=True), metavar="ERROR")
+    lens: Lens | None = option(values.lens_type, metavar="LENS")
     calibrate: bool = flag()
     output: Path | None = option(click.Path(path_type=Path), "-o", "--output", metavar="FOLDER")
-    size: tuple[int, int] | None = option(size_type, metavar="WxH")
+    size: tuple[int, int] | None = option(values.size_type, metavar="WxH")
 
 
 @program.command(short_help="Measure what accuracy costs and buys.")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli import values
 from rasterjit.cli.options import (
     Effects,
     SceneOptions,
@@ -22,14 +23,6 @@ from rasterjit.cli.options import (
 )
 from rasterjit.cli.program import in_options
 from rasterjit.cli.report import progress_notice, say, warn
-from rasterjit.cli.values import (
-    FiniteType,
-    color_type,
-    names_in,
-    size_type,
-    text_type,
-    up_type,
-)
 
 if TYPE_CHECKING:
     from rasterjit.dataset.making import Outcome
@@ -39,22 +32,22 @@ MOST_NAMED = 20
 """Failures that are printed; all are in the file."""
 
 
-@text_type("size")
+@values.text_type("size")
 def square_type(text: str) -> tuple[int, int]:
     """Return width and height, or one number for both: ``512`` or ``640x480``."""
     side = text.strip()
-    return size_type.read(f"{side}x{side}" if re.fullmatch(r"[0-9]+", side) else text)
+    return values.size_type.read(f"{side}x{side}" if re.fullmatch(r"[0-9]+", side) else text)
 
 
-@text_type("names")
+@values.text_type("names")
 def kept_type(text: str) -> tuple[str, ...]:
     """Return names of what is kept of each view, ``color,depth``."""
     from rasterjit.dataset.recipe import Recipe
 
-    return Recipe(outputs=names_in(text)).outputs
+    return Recipe(outputs=values.names_in(text)).outputs
 
 
-@text_type("N|ADDRESS")
+@values.text_type("N|ADDRESS")
 def workers_type(text: str) -> int | str:
     """Return a number of processes, or the address of a scheduler, ``tcp://host:8786``."""
     if "://" in text:
@@ -104,12 +97,15 @@ class DatasetOptions:
     size: str = option(square_type, default="512", metavar="N|WxH")
     layout: str = option(click.Choice(["sphere", "random", "ring"]), "--cameras", default="sphere")
     seed: int = option(click.IntRange(0), default=0)
-    elevation: float = option(FiniteType(-90.0, 90.0), default=20.0, metavar="DEG")
+    elevation: float = option(values.FiniteType(-90.0, 90.0), default=20.0, metavar="DEG")
     fov_y: float = option(
-        FiniteType(0.0, 180.0, min_open=True, max_open=True), "--fov", default=45.0, metavar="DEG"
+        values.FiniteType(0.0, 180.0, min_open=True, max_open=True),
+        "--fov",
+        default=45.0,
+        metavar="DEG",
     )
-    up: str = option(up_type, default="y")
-    background: str = option(color_type, default="transparent")
+    up: str = option(values.up_type, default="y")
+    background: str = option(values.color_type, default="transparent")
 
 
 def dataset_options(command: Callable) -> Callable:

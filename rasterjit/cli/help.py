@@ -6,10 +6,177 @@ Print the help of commands: options in groups, the common ones alone with ``--he
 
 from __future__ import annotations
 
+import difflib
 import inspect
+import re
 from typing import Any
 
 import click
+
+
+def _by_word(meant: dict[str, str]) -> dict[str, str]:
+    """Return what each word means, of what there is and the words for it."""
+    return {word: name for name, words in meant.items() for word in words.split()}
+
+
+MEANT = _by_word({
+    "--background transparent": "--transparent --alpha",
+    "--background COLOR": "--bg --background-color",
+    "--size WxH": "--width --height -w -W -H --resolution --res --image-size",
+    "--output OUT": "--out --save",
+    "the FILE alone": "--input -i --file",
+    "--position X,Y,Z": "--eye --camera-position",
+    "--target X,Y,Z": "--look-at --lookat --center",
+    "--azimuth DEG": "--yaw --heading --rotate --angle",
+    "--elevation DEG": "--pitch",
+    "--fov DEG": "--field-of-view --fovy --fov-y --yfov",
+    "--projection orthographic": "--ortho --orthographic",
+    "--projection perspective": "--perspective",
+    "--up z": "--z-up",
+    "--up y": "--y-up",
+    "--pose FILE": "--extrinsics --camera-pose",
+    "--intrinsics FX,FY,CX,CY": "--camera-matrix --k -K",
+    "--mask FILE": "--silhouette",
+    "--mask FILE --mask-of object_id": "--segmentation",
+    "--color COLOR": "--base-color --mesh-color --colour",
+    "--scalars NAME": "--field --scalar --color-by",
+    "--colormap NAME": "--cmap --color-map",
+    "--range LOW,HIGH": "--clim --vmin --vmax",
+    "--contours N": "--isolines --iso-lines",
+    "--colorbar": "--scalar-bar --legend",
+    "--light X,Y,Z": "--lights --lighting",
+    "--light sun": "--sun",
+    "--samples 16": "--antialias --antialiasing --anti-aliasing --aa --msaa --spp",
+    "--samples 64": "--ssaa --supersampling",
+    "--ambient-occlusion": "--ao --ssao",
+    "--eye-dome 1": "--edl",
+    "--environment FILE": "--env --envmap --hdri --ibl --skybox",
+    "--tone-map CURVE": "--tonemap --tonemapping",
+    "--exposure STOPS": "--gamma --brightness",
+    "--wireframe overlay": "--edges --wire",
+    "--shading phong": "--smooth",
+    "--shading flat": "--flat",
+    "--shading unlit": "--unlit",
+    "--cull back": "--backface-culling --backface-cull",
+    "--outputs normal": "--normals --normal",
+    "--outputs object_id": "--ids --labels",
+    "--depth FILE": "--depth-map",
+    "--outputs NAMES": "--aov --buffers --passes",
+    "--threads N": "--jobs --cores --cpus -j",
+    "--quiet": "--silent",
+    "--debug": "--verbose --traceback",
+    "--quality draft": "--draft --fast",
+    "--quality reference": "--best",
+    "--fps N": "--frame-rate --framerate",
+    "--views N": "--count",
+})  # fmt: skip
+"""What other programs call an option, and what it is here."""
+
+CHOICES_MEANT = _by_word({
+    "orthographic": "ortho parallel",
+    "perspective": "persp",
+    "phong": "smooth blinn blinn-phong",
+    "gouraud": "lambert",
+    "unlit": "unshaded constant",
+    "pbr": "metallic",
+    "back": "backface",
+    "reference": "best",
+    "draft": "low fast",
+    "color": "colour rgb rgba image",
+    "normal": "normals",
+    "position": "points xyz",
+    "uv": "texcoord",
+    "motion": "flow",
+    "face_id": "triangle_id",
+    "object_id": "instance instances segmentation labels ids",
+    "coverage": "mask alpha silhouette",
+})  # fmt: skip
+"""What else a choice is called."""
+
+COMMANDS_MEANT = _by_word({
+    "render": "draw image picture thumbnail thumbnails",
+    "view": "show display open",
+    "turntable": "spin animate rotate",
+    "info": "inspect stat stats",
+    "explain": "plan",
+    "accuracy": "benchmark",
+    "warmup": "compile",
+    "doctor": "check",
+    "--help": "help",
+    "--version": "version",
+})  # fmt: skip
+"""What else a command is called."""
+
+_NO_CHOICE = re.compile(r"'([^']*)' is not (?:one of )?'")
+"""How click begins what it says of a choice that there is not."""
+
+_NO_COMMAND = re.compile(r"No such command '([^']*)'")
+
+
+def with_advice(error: click.ClickException) -> str:
+    """Return an error's message, with what may have been meant."""
+    message = error.format_message()
+    if isinstance(error, click.NoSuchOption):
+        return f"No such option {error.option_name}" + _option_meant(error)
+    command = _NO_COMMAND.search(message)
+    if command is not None and isinstance(error, click.UsageError) and error.ctx is not None:
+        known = list(getattr(error.ctx.command, "commands", ()))
+        return f"No such command or file {command[1]!r}" + question(
+            command[1], known, COMMANDS_MEANT
+        )
+    parameter = getattr(error, "param", None)
+    if parameter is not None and isinstance(parameter.type, click.Choice):
+        value = _NO_CHOICE.search(message)
+        if value is not None:
+            meant = question(value[1], list(parameter.type.choices), CHOICES_MEANT)
+            return message.removesuffix(".") + meant
+    return message
+
+
+def question(word: str, known: list[str], meant: dict[str, str]) -> str:
+    """Return a question with those of some known words that may be meant; empty: none."""
+    lower = word.lower().strip()
+    other = meant.get(lower)
+    if other is not None and (other in known or other.startswith("-")):
+        return f"; did you mean {other}?"
+    names = _nearest(lower, known)
+    return f"; did you mean {' or '.join(names)}?" if names else ""
+
+
+def _nearest(word: str, known: list[str]) -> list[str]:
+    """Return the one or two known words that a word is like; two if both are about as near."""
+    names = difflib.get_close_matches(word, known, n=2)
+    nearness = [difflib.SequenceMatcher(None, word, name).ratio() for name in names]
+    return [name for name, near in zip(names, nearness, strict=True) if near > nearness[0] - 0.2]
+
+
+def _option_meant(error: click.NoSuchOption) -> str:
+    """Return what may be meant by an option that a command has not; empty: nobody knows."""
+    name, context = error.option_name, error.ctx
+    if context is None:
+        return ""
+    own = _options_of(context.command)
+    other = MEANT.get(name) or MEANT.get(name.lower())
+    if other is not None and (not other.startswith("-") or other.split()[0] in own):
+        return f"; did you mean {other}?"
+    program = context.find_root().command
+    commands = getattr(program, "commands", {})
+    having = [known for known, command in commands.items() if name in _options_of(command)]
+    if having and context.command is program:
+        return " before the command or FILE: options stand behind it"
+    if having:
+        *others, last = having
+        names = f"{', '.join(others)} and {last}" if others else last
+        return f"; {names} {'have' if others else 'has'} it"
+    near = _nearest(name, [one for one in own if one.startswith("--")])
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _options_of(command: click.Command) -> list[str]:
+    """Return how the options of a command are spelled, but for those that are hidden."""
+    shown = [one for one in command.params if not getattr(one, "hidden", False)]
+    return [name for one in shown for name in (*one.opts, *one.secondary_opts)]
+
 
 GROUPS = {
     "Camera": (

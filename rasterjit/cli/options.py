@@ -15,26 +15,9 @@ import numpy as np
 from click.core import ParameterSource
 from numpy.typing import NDArray
 
-from rasterjit.cli.advice import question
-from rasterjit.cli.pinhole import CONVENTIONS, intrinsics_type, pose_type
+from rasterjit.cli import values
+from rasterjit.cli.help import question
 from rasterjit.cli.report import warn
-from rasterjit.cli.values import (
-    FiniteNumberType,
-    FiniteType,
-    Vector,
-    color_type,
-    colormap_type,
-    contours_type,
-    file_type,
-    formats_of,
-    light_type,
-    opaque_color_type,
-    plane_type,
-    range_type,
-    setting_type,
-    up_type,
-    vector_type,
-)
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.colormap import COLORMAPS, REVERSED, Colormap
 from rasterjit.scene.eye_dome import STRONGEST, EyeDome
@@ -187,8 +170,8 @@ def options_of(
 
 
 def check_lights(
-    context: click.Context, parameter: click.Parameter, chosen: tuple[Vector | str, ...]
-) -> tuple[Vector | str, ...]:
+    context: click.Context, parameter: click.Parameter, chosen: tuple[values.Vector | str, ...]
+) -> tuple[values.Vector | str, ...]:
     """Return what ``--light`` is given, or raise click's usage error."""
     for number, one in enumerate(chosen):
         if one in chosen[:number]:
@@ -243,22 +226,22 @@ class SceneOptions:
         Have other packages read files, and of a folder decode pictures, in a process with limits.
     """
 
-    color: str | None = option(color_type)
+    color: str | None = option(values.color_type)
     scalars: str | None = option(None, metavar="NAME")
     colormap: Colormap | None = option(
-        colormap_type, metavar="NAME",
+        values.colormap_type, metavar="NAME",
         help=f"Colours of --scalars: {', '.join(COLORMAPS)}, each also reversed with {REVERSED} "
         "behind it; default: viridis.",
     )  # fmt: skip
-    scalar_range: tuple[float, float] | None = option(range_type, "--range")
-    contours: Contours | None = option(contours_type)
+    scalar_range: tuple[float, float] | None = option(values.range_type, "--range")
+    contours: Contours | None = option(values.contours_type)
     variant: str | None = option(None, metavar="NAME")
-    light: tuple[Vector | str, ...] = option(
-        light_type, default=(), multiple=True, metavar="X,Y,Z|NAME", callback=check_lights
+    light: tuple[values.Vector | str, ...] = option(
+        values.light_type, default=(), multiple=True, metavar="X,Y,Z|NAME", callback=check_lights
     )
     shading: str | None = option(click.Choice(SHADINGS))
     wireframe: str | None = option(click.Choice(["overlay", "only"]))
-    wireframe_color: str | None = option(opaque_color_type)
+    wireframe_color: str | None = option(values.opaque_color_type)
     on_invalid: str = option(click.Choice(["raise", "drop"]), default="raise")
     on_damage: str = option(click.Choice(["error", "warn"]), default="error")
     resource_root: str | None = option(None, metavar="FOLDER")
@@ -358,7 +341,7 @@ def _changed(material: Material, **changes: Any) -> Material:
     return Material(**{**said, **changes})
 
 
-def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
+def _lights_of(chosen: tuple[values.Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; none for the headlight, which is the default."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
@@ -406,21 +389,25 @@ class CameraOptions:
         Which way is up, such as z, where the file does not say so; glTF does.
     """
 
-    position: Vector | None = option(vector_type)
-    target: Vector | None = option(vector_type)
-    pose: NDArray[np.float64] | None = option(pose_type, metavar="FILE|NUMBERS")
+    position: values.Vector | None = option(values.vector_type)
+    target: values.Vector | None = option(values.vector_type)
+    pose: NDArray[np.float64] | None = option(values.pose_type, metavar="FILE|NUMBERS")
     convention: str | None = option(
-        click.Choice(tuple(CONVENTIONS)),
+        click.Choice(tuple(values.CONVENTIONS)),
         help="What --pose means. "
-        f"{'. '.join(f'{name}: {text}' for name, text in CONVENTIONS.items())}.",
+        f"{'. '.join(f'{name}: {text}' for name, text in values.CONVENTIONS.items())}.",
     )
-    intrinsics: NDArray[np.float64] | None = option(intrinsics_type, metavar="FX,FY,CX,CY|FILE")
-    azimuth: float | None = option(FiniteNumberType(), metavar="DEG")
-    elevation: float | None = option(FiniteType(-90.0, 90.0), metavar="DEG")
-    zoom: float | None = option(FiniteType(0.0, min_open=True), metavar="FACTOR")
-    fov: float | None = option(FiniteType(0.0, 180.0, min_open=True, max_open=True), metavar="DEG")
+    intrinsics: NDArray[np.float64] | None = option(
+        values.intrinsics_type, metavar="FX,FY,CX,CY|FILE"
+    )
+    azimuth: float | None = option(values.FiniteNumberType(), metavar="DEG")
+    elevation: float | None = option(values.FiniteType(-90.0, 90.0), metavar="DEG")
+    zoom: float | None = option(values.FiniteType(0.0, min_open=True), metavar="FACTOR")
+    fov: float | None = option(
+        values.FiniteType(0.0, 180.0, min_open=True, max_open=True), metavar="DEG"
+    )
     projection: str | None = option(click.Choice(["perspective", "orthographic"]))
-    up: Vector | None = option(up_type)
+    up: values.Vector | None = option(values.up_type)
 
     def check(self) -> None:
         """Raise click's usage error if options contradict each other."""
@@ -491,7 +478,7 @@ class CameraOptions:
                 raise click.UsageError("--convention needs --pose")
         else:
             if self.convention is None:
-                told = "; ".join(f"{name} ({text})" for name, text in CONVENTIONS.items())
+                told = "; ".join(f"{name} ({text})" for name, text in values.CONVENTIONS.items())
                 raise click.UsageError(f"--pose needs --convention, what it means: {told}")
             names = ("position", "target", "azimuth", "elevation", "up")
             refuse_idle(names, "--pose places the camera")
@@ -506,7 +493,7 @@ class CameraOptions:
 
     def _calibrated(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
         """Return the camera of ``--pose`` or ``--intrinsics`` or both."""
-        from rasterjit.cli.pinhole import FLIP, camera_of, intrinsics_of, pose_from_world
+        from rasterjit.cli.values import FLIP, camera_of, intrinsics_of, pose_from_world
         from rasterjit.scene import transforms
 
         intrinsics = self.intrinsics
@@ -635,7 +622,7 @@ class TimeOptions:
         them.
     """
 
-    time: float | None = option(FiniteType(0.0), metavar="SECONDS")
+    time: float | None = option(values.FiniteType(0.0), metavar="SECONDS")
     animation: str | None = option(None, metavar="NAME|NUMBER")
 
     def apply(self, scene: Scene, file: Path) -> Scene:
@@ -714,17 +701,19 @@ class Effects:
     shadows: bool = flag()
     environment: str | None = option(None, metavar="FILE|sky")
     ambient_occlusion: bool = flag()
-    eye_dome: float | None = option(FiniteType(0.0, STRONGEST), metavar="STRENGTH")
-    outline: str | None = option(opaque_color_type)
+    eye_dome: float | None = option(values.FiniteType(0.0, STRONGEST), metavar="STRENGTH")
+    outline: str | None = option(values.opaque_color_type)
     tone_map: str | None = option(click.Choice(CURVES))
-    exposure: float | None = option(FiniteType(-MOST_STOPS, MOST_STOPS), metavar="STOPS")
-    vignette: float | None = option(FiniteType(0.0, 1.0), metavar="SHARE")
+    exposure: float | None = option(values.FiniteType(-MOST_STOPS, MOST_STOPS), metavar="STOPS")
+    vignette: float | None = option(values.FiniteType(0.0, 1.0), metavar="SHARE")
     section: tuple[tuple[float, ...], ...] = option(
-        plane_type, default=(), multiple=True, metavar="PLANE"
+        values.plane_type, default=(), multiple=True, metavar="PLANE"
     )
-    section_lines: str | None = option(opaque_color_type)
+    section_lines: str | None = option(values.opaque_color_type)
     preset: str = option(click.Choice(tuple(PRESETS)), "--quality", default="standard")
-    changes: tuple[dict[str, Any], ...] = option(setting_type, "--set", default=(), multiple=True)
+    changes: tuple[dict[str, Any], ...] = option(
+        values.setting_type, "--set", default=(), multiple=True
+    )
     samples: str | None = option(click.Choice(SAMPLES))
     style: str = "plain"
 
@@ -891,12 +880,12 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
     """Return the value of an option that names a file to write, or raise click's usage error."""
     context = click.get_current_context()
     option = next(one for one in context.command.params if one.name == name)
-    return file_type(kind).convert(str(place), option, context)
+    return values.file_type(kind).convert(str(place), option, context)
 
 
 def is_picture(file: Path) -> bool:
     """Tell whether a name is one of pictures, or of buffers."""
-    return file.suffix.lower() in formats_of("image")
+    return file.suffix.lower() in values.formats_of("image")
 
 
 def refuse_picture(what: str, output: Path) -> None:

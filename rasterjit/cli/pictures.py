@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli import report
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
     Described,
@@ -37,16 +38,6 @@ from rasterjit.cli.program import (
     size_behind,
     told_codes,
     write_files,
-)
-from rasterjit.cli.report import (
-    print_diagnostics,
-    print_stats,
-    progress_notice,
-    say,
-    status,
-    told_exposure,
-    told_frame,
-    warn,
 )
 from rasterjit.cli.values import FiniteType, file_type, lens_type, outputs_type
 from rasterjit.interrupts import raise_if_interrupted
@@ -224,7 +215,7 @@ def render_files(
         except Exception as error:
             raise_if_interrupted()
             failed += 1
-            warn(f"left out {file}: {reason(error)}", asked.quiet)
+            report.warn(f"left out {file}: {reason(error)}", asked.quiet)
     if failed:
         raise click.ClickException(f"{failed} of {len(places)} files could not be drawn")
 
@@ -258,8 +249,8 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
     }  # fmt: skip
     effects.quality()
     with (
-        status(f"Rendering {file.name}", quiet) as line,
-        progress_notice(quiet, line),
+        report.status(f"Rendering {file.name}", quiet) as line,
+        report.progress_notice(quiet, line),
         beside(first_tasks, asked.threads, at_once=True),
         warnings.catch_warnings(),
     ):
@@ -269,23 +260,23 @@ def render_file(file: Path, output: Path, asked: PictureOptions, shown: Describe
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         style = in_style(scene, camera, look, effects)
-        exposure = told_exposure(scene, style)
+        exposure = report.told_exposure(scene, style)
         frame = style.render(size=size, diagnose=asked.diagnose, threads=asked.threads, **options)
         rendered = time.perf_counter()
         chosen = write_files(frame, places, asked.scale, title)
     saved = time.perf_counter()
     for notice in warnings_of_frame(frame).values():
-        warn(notice, quiet)
+        report.warn(notice, quiet)
     if quiet:
         return
     if exposure:
-        say(exposure)
+        report.say(exposure)
     if asked.stats:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
-        print_stats(frame, seconds, saved - start)
+        report.print_stats(frame, seconds, saved - start)
     if asked.diagnose:
-        print_diagnostics(frame.diagnostics)
+        report.print_diagnostics(frame.diagnostics)
     for number, place in enumerate(places):
-        told = told_frame(frame, saved - start) if number == 0 else ""
+        told = report.told_frame(frame, saved - start) if number == 0 else ""
         told += told_codes(place, places[place], chosen.get(place))
-        say(f"wrote {place}{told}")
+        report.say(f"wrote {place}{told}")

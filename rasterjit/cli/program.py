@@ -22,8 +22,7 @@ import click.shell_completion
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.cli.advice import with_advice
-from rasterjit.cli.help import Command
+from rasterjit.cli.help import Command, with_advice
 from rasterjit.cli.options import Effects, SceneOptions, is_given, refuse_idle
 from rasterjit.cli.report import let_streams_escape, say_error, warn
 from rasterjit.cli.values import background_type, color_type, size_type

@@ -59,8 +59,8 @@ def render_folder(
         If there is no mesh file, or some could not be drawn.
     """
     from rasterjit import __version__
-    from rasterjit.io.folders import mesh_files
     from rasterjit.io.images import OPAQUE_FORMATS
+    from rasterjit.io.meshes import mesh_files
     from rasterjit.rendering.renderer import Renderer
 
     # What is asked for, before anything is made.

@@ -11,11 +11,9 @@ the work was interrupted or not:
 ...     summary = dataset.make("meshes", "pictures", recipe, workers=4)
 """
 
-from rasterjit.dataset.crews import LostWorkersError
-from rasterjit.dataset.making import Outcome, Summary, make
-from rasterjit.dataset.mesh import MeshError, render_views
-from rasterjit.dataset.recipe import Recipe, view_cameras
-from rasterjit.io.folders import mesh_files
+from rasterjit.dataset.making import LostWorkersError, Outcome, Summary, make
+from rasterjit.dataset.recipe import MeshError, Recipe, render_views, view_cameras
+from rasterjit.io.meshes import mesh_files
 
 __all__ = [
     "LostWorkersError",

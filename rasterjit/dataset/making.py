@@ -2,25 +2,287 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import multiprocessing
 import os
+import platform
 import shutil
+import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rasterjit.dataset import crews
-from rasterjit.dataset.lock import LOCK, owned
-from rasterjit.dataset.mesh import DONE, PARTIAL, Made, make_mesh, write_json
-from rasterjit.dataset.recipe import Recipe
-from rasterjit.io.folders import existing_folder, mesh_files
-from rasterjit.scene.validation import (
-    in_short,
-    whole_number,
-)
+from rasterjit.dataset.recipe import DONE, PARTIAL, Made, Recipe, Stopped, make_mesh, write_json
+from rasterjit.io.meshes import mesh_files
+from rasterjit.runtime.locks import Lock, lock, machine
+from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.validation import existing_folder, in_short, whole_number
+
+LOCK = ".lock"
+"""Name of the lock file, in the folder."""
+
+TRIES = 10
+"""How often the lock file is made or asked for, while others remove it."""
+
+
+@contextmanager
+def owned(folder: Path) -> Iterator[None]:
+    """
+    Have a folder for oneself.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+
+    Raises
+    ------
+    ValueError
+        If another run has it.
+    OSError
+        If the lock file cannot be written.
+    """
+    file = folder / LOCK
+    try:
+        with _taken(file) as held:
+            try:
+                held.write(_myself().encode())
+                yield
+            finally:
+                if held.is_of(file):
+                    held.remove(file)
+    except KeyboardInterrupt:
+        # It may have come after the file was made, and before that was known.
+        _remove_empty(file)
+        raise
+
+
+def _taken(file: Path) -> Lock:
+    """Make the lock file, or take one over that is nobody's, or raise ``ValueError``."""
+    for _ in range(TRIES):
+        is_mine = _created(file)
+        try:
+            held = lock(file)
+        except FileNotFoundError:
+            continue
+        if held is None:
+            break
+        # Whoever had it may have removed it meanwhile.
+        if not held.is_of(file):
+            held.close()
+        elif is_mine or (held.is_sure and _is_near(_parsed(held.read()))):
+            return held
+        else:
+            held.close()
+            break
+    raise _refusal(file)
+
+
+def _remove_empty(file: Path) -> None:
+    """Remove a lock file that nobody has locked or written to."""
+    with suppress(OSError):
+        held = lock(file)
+        if held is not None:
+            if held.is_of(file) and not held.read():
+                held.remove(file)
+            held.close()
+
+
+def _created(file: Path) -> bool:
+    """Make the lock file, unless there is one."""
+    try:
+        os.close(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
+    except FileExistsError:
+        return False
+    return True
+
+
+def _refusal(file: Path) -> ValueError:
+    """Return the error that says who has the folder."""
+    owner = {}
+    # Where locks are mandatory, nobody else can read it.
+    with suppress(OSError):
+        owner = _parsed(file.read_bytes())
+    who = f", process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= owner.keys() else ""
+    return ValueError(
+        f"output is being written by another run{who}: wait until it ends; "
+        f"if there is none, remove {str(file)!r}"
+    )
+
+
+def _myself() -> str:
+    """Return what a lock file of this process says."""
+    return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine()})
+
+
+def _is_near(owner: dict[str, Any]) -> bool:
+    """Tell whether a run that goes on would be seen to hold its lock."""
+    names = owner.get("machine")
+    return not isinstance(names, list) or any(
+        mine == other for mine, other in zip(machine(), names, strict=False)
+    )
+
+
+def _parsed(content: bytes) -> dict[str, Any]:
+    """Return what a lock file says; nothing if that is damaged."""
+    try:
+        owner = json.loads(content.decode("utf-8", "replace"))
+    except ValueError:
+        return {}
+    return owner if isinstance(owner, dict) else {}
+
+
+Job = tuple[Any, ...]
+Task = Callable[..., Any]
+
+AT_HAND = 2
+"""Jobs for each worker that are handed out ahead."""
+
+PATIENCE = 10.0
+"""Seconds in which a scheduler must answer."""
+
+_calls_off: Any = None
+"""In a process of a crew: the event that calls off its work."""
+
+
+class LostWorkersError(ConnectionError):
+    """Those who do the work are gone, or never were there; what is done is whole."""
+
+
+def run_here(task: Task, jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
+    """Do one job after the other; yield each with its result."""
+    for job in jobs:
+        yield job, task(*job, None)
+
+
+def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tuple[Job, Any]]:
+    """
+    Share jobs among some processes; yield each with its result, in the order they are done.
+
+    When the iterator is closed, or anything is raised, the processes end after the view at hand.
+    """
+    count = min(count, len(jobs))
+    if count == 0:
+        return
+    context = multiprocessing.get_context("spawn")
+    calls_off = context.Event()
+    threads = max(1, available_processors() // count)
+    waiting, running = iter(jobs), {}
+    pool = futures.ProcessPoolExecutor(
+        count, mp_context=context, initializer=_follow, initargs=(calls_off,)
+    )
+    try:
+        while True:
+            with _interrupts_for_this_process_alone():
+                while len(running) < AT_HAND * count and (job := next(waiting, None)) is not None:
+                    running[pool.submit(_call, task, (*job, threads))] = job
+            if not running:
+                return
+            done, _ = futures.wait(running, return_when=futures.FIRST_COMPLETED)
+            for future in done:
+                yield running.pop(future), future.result()
+    except BrokenProcessPool:
+        raise LostWorkersError(
+            "a worker process died, perhaps for want of memory; run again to go on, "
+            "with fewer workers"
+        ) from None
+    finally:
+        calls_off.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def need_dask() -> Any:
+    """Return ``dask.distributed``, or raise ``ImportError`` naming what to install."""
+    try:
+        from dask import distributed
+    except ImportError:
+        raise ImportError(
+            'a scheduler\'s workers need Dask; pip install "rasterjit[distributed]"'
+        ) from None
+    return distributed
+
+
+def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple[Job, Any]]:
+    """
+    Share jobs among the workers of a Dask cluster, which see the same files under the same paths.
+
+    Yields each job with its result, in the order in which they are done.
+    """
+    distributed = need_dask()
+    try:
+        client = distributed.Client(address, timeout=PATIENCE)
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
+        said = " ".join(str(error).split()).splitlines()
+        raise LostWorkersError(
+            f"no scheduler answers at {address}" + (f": {said[0]}" if said else "")
+        ) from None
+    with client:
+        # Whatever has been done before is not kept: the files are what counts.
+        submitted = {client.submit(task, *job, 1, pure=False): job for job in jobs}
+        try:
+            for future in distributed.as_completed(list(submitted)):
+                yield submitted[future], future.result()
+        except (futures.CancelledError, OSError) as error:
+            if isinstance(error, OSError) and error.errno is not None:
+                raise
+            raise LostWorkersError(
+                f"the scheduler at {address} was lost; run again to go on"
+            ) from None
+        except distributed.scheduler.KilledWorker:
+            raise LostWorkersError(
+                f"workers of {address} died, perhaps for want of memory; run again to go on"
+            ) from None
+        finally:
+            if client.status == "running":
+                client.cancel(list(submitted), force=True)
+
+
+def _follow(calls_off: Any) -> None:
+    """Prepare a process of a crew: Ctrl-C is for the one who gave it its work."""
+    global _calls_off
+    _calls_off = calls_off
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that gave it its work is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _call(task: Task, arguments: Job) -> Any:
+    """Do one job in a process of a crew, unless it is called off."""
+    return task(*arguments, _check)
+
+
+def _check() -> None:
+    """Raise `Stopped` if the work has been called off."""
+    if _calls_off is not None and _calls_off.is_set():
+        raise Stopped
+
+
+@contextmanager
+def _interrupts_for_this_process_alone() -> Iterator[None]:
+    """Let processes that are started now never see Ctrl-C, not even while they are starting."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
 
 SETTINGS = "dataset.json"
 """The file that says how a data set is made."""
@@ -131,7 +393,7 @@ def make(
     if not isinstance(recipe, Recipe):
         raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
     crew = _crew(workers)
-    source = existing_folder("folder", folder)
+    source = existing_folder("folder", folder).resolve()
     place = _checked_output(output, source)
     names = {file.relative_to(source).as_posix(): file for file in mesh_files(source)}
     names = {name: file for name, file in names.items() if not file.is_relative_to(place)}
@@ -177,12 +439,12 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, Made]]]:
             raise ValueError(
                 f"workers must be a number, or an address such as tcp://host:8786, got {workers!r}"
             )
-        crews.need_dask()
-        return lambda task, jobs: crews.run_on_dask(task, jobs, workers)
+        need_dask()
+        return lambda task, jobs: run_on_dask(task, jobs, workers)
     count = whole_number("workers", workers, 1, MOST_WORKERS)
     if count == 1:
-        return crews.run_here
-    return lambda task, jobs: crews.run_in_processes(task, jobs, count)
+        return run_here
+    return lambda task, jobs: run_in_processes(task, jobs, count)
 
 
 def _checked_output(output: Any, source: Path) -> Path:

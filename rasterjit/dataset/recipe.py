@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import os
 import random
-from collections.abc import Iterator, Sequence, Set
-from typing import Any, Literal, TypeAlias, get_args
+import shutil
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.animation.tracks import FULL_TURN, measured
-from rasterjit.io.meshes import ON_DAMAGE, OnDamage
+from rasterjit.io import images
+from rasterjit.io.meshes import ON_DAMAGE, OnDamage, load
+from rasterjit.io.whole import replacing, write_text
+from rasterjit.outputs import masks
+from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, OutputName
+from rasterjit.rendering.batch import check_arguments, share_threads
+from rasterjit.rendering.renderer_pool import draw_in_turns
+from rasterjit.rendering.view_warnings import ViewWarning
 from rasterjit.scene import transforms
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
@@ -19,9 +36,11 @@ from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import ON_INVALID, OnInvalid
 from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     VectorLike,
     bounded_number,
+    existing_folder,
     image_size,
     in_short,
     one_of,
@@ -236,3 +255,321 @@ def _on_sphere(height: float, azimuth: float) -> Direction:
     sine, cosine = transforms.sine_cosine(azimuth)
     radius = math.sqrt(1.0 - height * height)
     return radius * sine, height, radius * cosine
+
+
+DONE = "transforms.json"
+"""The file that says that a mesh is done."""
+
+PARTIAL = ".partial-"
+"""What the name of a folder begins with that is being built."""
+
+DEPTH_CODES = 65535
+"""Of a 16-bit PNG: the far plane has the last."""
+
+FOLDERS = {"color": "images"}
+"""Folders that are not called as their output."""
+
+PATH_KEYS = {
+    "color": ("file_path",),
+    "depth": ("depth_path", "depth_file_path"),
+    "mask": ("mask_path",),
+}
+"""What readers call the files; others are called ``<output>_path``."""
+
+LONGEST_REASON = 300
+"""Characters of a reason why a mesh has failed."""
+
+KEPT_DIGITS = 12
+"""Significant digits of what is told to readers and not used here."""
+
+
+class MeshError(Exception):
+    """A mesh cannot be read or rendered; the data set goes on without it."""
+
+
+class Stopped(Exception):  # noqa: N818
+    """The work was called off between two views."""
+
+
+def _go_on() -> None:
+    """Do nothing: nobody calls off the work."""
+
+
+class Made(NamedTuple):
+    """What came of a mesh."""
+
+    failure: str | None
+    """Why it cannot be read or rendered, in one line; ``None`` when it is done."""
+    warnings: tuple[str, ...]
+    """What reading and rendering warned of, a line each."""
+
+
+def make_mesh(
+    source: Path,
+    name: str,
+    output: Path,
+    recipe: Recipe,
+    threads: int | None,
+    check: Callable[[], None] = _go_on,
+) -> Made:
+    """
+    Render all views of a mesh file into ``output / name``, whole or not at all.
+
+    Parameters
+    ----------
+    source : Path
+        The mesh file.
+    name : str
+        Of its folder.
+    output : Path
+        Folder of the data set.
+    recipe : Recipe
+    threads : int or None
+    check : callable
+        Called before each view; what it raises ends the work.
+
+    Returns
+    -------
+    Made
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    failure = None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        try:
+            with built_whole(output, name) as folder:
+                with _failing(source, name):
+                    scene = load(
+                        source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
+                        max_bytes=recipe.max_bytes, isolate="all" if recipe.isolate else False,
+                    )  # fmt: skip
+                render_views(scene, folder, recipe, name=name, threads=threads, check=check)
+        except MeshError as error:
+            failure = str(error)
+    # The same words wherever the meshes are.
+    said = (_one_line(one.message).replace(str(source), name) for one in caught)
+    return Made(failure, tuple(dict.fromkeys(said)))
+
+
+def render_views(
+    scene: Scene,
+    folder: str | Path,
+    recipe: Recipe,
+    *,
+    name: str = "",
+    threads: int | None = None,
+    check: Callable[[], None] = _go_on,
+) -> None:
+    """
+    Render all views of a scene into a folder, and write ``transforms.json`` last.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : str or Path
+        An existing folder; files of the same names are replaced.
+    recipe : Recipe
+    name : str
+        Of the mesh, for views at random.
+    threads : int, optional
+        Default: all processors. The files are the same for any number.
+    check : callable
+        Called before each view; what it raises ends the work.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    MeshError
+        If the scene cannot be rendered.
+    OSError
+        If a file cannot be written.
+    """
+    place = _checked(scene, folder, recipe, name, check)
+    count, _ = share_threads(threads, None)
+    with _failing(place, name):
+        cameras = view_cameras(scene, recipe, name)
+        units_a_code = max(camera.far for camera in cameras) / DEPTH_CODES
+    frames: list[dict[str, Any]] = []
+    annotation: dict[str, Any] = {}
+    for output in recipe.outputs:
+        if output != "coco":
+            (place / _folder(output)).mkdir(exist_ok=True)
+    with _failing(place, name):
+        drawn_scene, options = check_arguments(
+            scene, recipe.size, recipe.quality, recipe.frame_outputs(), recipe.background, "none"
+        )
+    with closing(draw_in_turns(drawn_scene, cameras, options, count)) as drawn:
+        for number, camera in enumerate(cameras):
+            check()
+            with _failing(place, name):
+                frame = _next(drawn, number)
+            try:
+                paths = _write(frame, place, number, recipe, units_a_code)
+            except ValueError as error:
+                # A depth that has no code, or the like.
+                raise MeshError(_one_line(error)) from error
+            frames.append({**paths, "transform_matrix": _pose(camera)})
+            if "coco" in recipe.outputs:
+                with _failing(place, name):
+                    _annotate(annotation, paths["file_path"], frame.object_id, scene)
+    if annotation:
+        with replacing(place / "coco.json") as temporary:
+            temporary.write_text(json.dumps(annotation), encoding="utf-8")
+    with _failing(place, name):
+        document = _intrinsics(cameras[0], recipe.size) | _box(scene)
+    if "depth" in recipe.outputs:
+        document |= {"enable_depth_loading": True, "integer_depth_scale": units_a_code}
+    write_json(place / DONE, {**document, "frames": frames})
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write JSON, whole or not at all."""
+    write_text(path, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+
+
+@contextmanager
+def built_whole(output: Path, name: str) -> Iterator[Path]:
+    """Give a folder to build in; move it to ``output / name`` on success, else remove it."""
+    partial = output / f"{PARTIAL}{uuid.uuid4().hex}"
+    partial.mkdir()
+    try:
+        yield partial
+        place = output / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.is_dir():
+            shutil.rmtree(place)
+        os.replace(partial, place)
+    except OSError as error:
+        # Name what was to be written, not where it was built.
+        named = str(error.filename or "").replace(str(partial), str(output / name))
+        error.filename = named or str(output / name)
+        raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def _failing(source: Path, name: str) -> Iterator[None]:
+    """Turn whatever reading or rendering raises into the failure of this mesh."""
+    try:
+        yield
+    except MemoryError:
+        raise MeshError("not enough memory") from None
+    except Exception as error:
+        # The same words wherever the meshes are.
+        raise MeshError(_one_line(error).replace(str(source), name)[:LONGEST_REASON]) from error
+
+
+def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
+    """Return the folder to render into if all arguments are good, or raise ``ValueError``."""
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
+    place = existing_folder("folder", folder)
+    if not isinstance(recipe, Recipe):
+        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
+    if not isinstance(name, str):
+        raise ValueError(f"name must be a text, got {in_short(name)}")
+    if not callable(check):
+        raise ValueError(f"check must be a function, got {in_short(check)}")
+    return place
+
+
+def _next(drawn: Iterator[Frame], view: int) -> Frame:
+    """Return the next frame; what is warned of its view names that."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        frame = next(drawn)
+    for one in caught:
+        view_of = f"view {view}: " if issubclass(one.category, ViewWarning) else ""
+        warnings.warn(f"{view_of}{one.message}", one.category, stacklevel=3)
+    return frame
+
+
+def _one_line(error: Exception | Warning | str) -> str:
+    """Return what went wrong as one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _folder(output: str) -> str:
+    """Return the name of the folder of an output."""
+    return FOLDERS.get(output, output)
+
+
+def _write(
+    frame: Frame, place: Path, number: int, recipe: Recipe, units_a_code: float
+) -> dict[str, str]:
+    """Write the files of one view; return their paths by what readers call them."""
+    paths: dict[str, str] = {}
+    for output in recipe.outputs:
+        if output == "coco":
+            continue
+        is_picture = output in ("color", "depth", "normal", "mask")
+        path = f"{_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
+        if output == "mask":
+            images.save_image(place / path, _mask(frame))
+        else:
+            scale = units_a_code if output == "depth" else None
+            frame.save(place / path, output, scale=scale)
+        paths |= dict.fromkeys(PATH_KEYS.get(output, (f"{output}_path",)), path)
+    return paths
+
+
+def _mask(frame: Frame) -> NDArray[np.uint8]:
+    """Return 255 where an object is, (H, W) uint8."""
+    return np.where(frame.object_id >= 0, np.uint8(255), np.uint8(0))
+
+
+def _annotate(annotation: dict[str, Any], path: str, ids: NDArray[np.int32], scene: Scene) -> None:
+    """Add one view to a COCO annotation, which is empty at first."""
+    names = [str(node.name) or f"object {number}" for number, node in enumerate(scene.nodes)]
+    view = masks.coco([(path, ids)], names)
+    if not annotation:
+        annotation.update(view)
+        return
+    image_id, before = len(annotation["images"]) + 1, len(annotation["annotations"])
+    annotation["images"] += [image | {"id": image_id} for image in view["images"]]
+    annotation["annotations"] += [
+        one | {"id": before + one["id"], "image_id": image_id} for one in view["annotations"]
+    ]
+
+
+def _pose(camera: PerspectiveCamera) -> list[list[float]]:
+    """Return the camera's place, ``world_from_view``: x right, y up, z backwards."""
+    return transforms.inverse(camera.view_matrix()).tolist()
+
+
+def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
+    """Return what the views have in common; pixels have their centres at halves."""
+    width, height = size
+    focal = transforms.focal_length(camera.fov_y) * height / 2.0
+    angles = [2.0 * transforms.arc_tangent(side, 2.0 * focal) for side in size]
+    return {
+        "camera_model": "OPENCV",
+        "camera_angle_x": math.radians(angles[0]),
+        "camera_angle_y": math.radians(angles[1]),
+        "fl_x": focal,
+        "fl_y": focal,
+        "cx": width / 2.0,
+        "cy": height / 2.0,
+        "w": width,
+        "h": height,
+    }
+
+
+def _box(scene: Scene) -> dict[str, Any]:
+    """Return how instant-ngp gets the scene into its unit cube: ``scale * x + offset``."""
+    center, radius = scene.bounding_sphere()
+    scale = _rounded(0.5 / radius) if radius > 0.0 else 1.0
+    offset = [_rounded(0.5 - scale * x) for x in center.tolist()]
+    return {"aabb_scale": 1, "scale": scale, "offset": offset}
+
+
+def _rounded(value: float) -> float:
+    """Return a number that is as short to write as it need be exact."""
+    return float(f"{value:.{KEPT_DIGITS}g}")

@@ -46,7 +46,7 @@ missing; nothing else needs it. The dashboard of the cluster that `render_partit
 reached from this machine alone.
 """
 
-from rasterjit.distributed.large import render_large
+from rasterjit.distributed.frames import render_large
 from rasterjit.distributed.sort_last import render_partitions
 
 __all__ = ["render_large", "render_partitions"]

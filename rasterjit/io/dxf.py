@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.parts import Part, Thing, linear_rgba, triangles

@@ -9,15 +9,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
-from rasterjit.io.assembly import Assembly, scene_of_assembly
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.foreign.codecs import Decoder, Isolation
 from rasterjit.io.foreign.objects import foreign_name, foreign_package, scene_of_foreign
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
-from rasterjit.io.kinds import extension_of, other_kind
 from rasterjit.io.point_clouds.las import LAS_FORMATS
 from rasterjit.io.point_clouds.pcd import read_pcd
-from rasterjit.io.resources import Resources
+from rasterjit.io.primitives import Reading
+from rasterjit.io.resources import Resources, extension_of, other_kind
 from rasterjit.io.skipped import (
     DAMAGED,
     OF_READERS,
@@ -29,7 +28,7 @@ from rasterjit.io.skipped import (
 from rasterjit.io.text.lines import Damage
 from rasterjit.io.text.obj import read_obj
 from rasterjit.io.text.off import read_off
-from rasterjit.io.text.parts import Thing, scene_of_parts
+from rasterjit.io.text.parts import Assembly, Thing, scene_of_assembly, scene_of_parts
 from rasterjit.io.text.ply import read_ply
 from rasterjit.io.text.stl import read_stl
 from rasterjit.io.text.xyz import ROW_FORMATS, read_rows
@@ -53,6 +52,46 @@ if TYPE_CHECKING:
     from rasterjit.io.foreign.door import Session
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
+
+WITH_EXTRAS = (".3dxml", ".dae", ".xaml", ".zae")
+"""Mesh files that trimesh reads with ``rasterjit[formats]``: without it they fail, and say why."""
+
+MOSTLY_OTHER = (".xml", ".dat", ".node")
+"""Extensions of meshes that, in a folder, mostly end the names of something else."""
+
+
+def mesh_files(folder: str | Path) -> list[Path]:
+    """
+    Return all mesh files below a folder that trimesh reads, in the order of their names.
+
+    Hidden files and folders are left out, and ``.xml``, ``.dat`` and ``.node``: such names have
+    many files that are no meshes, or are a part of one.
+
+    Raises
+    ------
+    ValueError
+        If there is no such folder.
+    """
+    place = existing_folder("folder", folder).resolve()
+    suffixes = mesh_suffixes()
+    found = []
+    for root, folders, files in os.walk(place):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in files:
+            if not name.startswith(".") and Path(name).suffix.lower() in suffixes:
+                found.append(Path(root, name))
+    return sorted(found, key=lambda file: file.relative_to(place).as_posix())
+
+
+def mesh_suffixes() -> frozenset[str]:
+    """Return the extensions of files that are meshes wherever they lie, with a dot."""
+    from trimesh.exchange.load import mesh_formats
+
+    from rasterjit.io.gltf.scene import GLTF_FORMATS
+
+    known = (*mesh_formats(), *GLTF_FORMATS, "3mf")
+    return frozenset((*(f".{name}" for name in known), *WITH_EXTRAS)).difference(MOSTLY_OTHER)
+
 
 OnDamage: TypeAlias = Literal["error", "warn"]
 ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
@@ -224,10 +263,11 @@ def _load(
 ) -> Scene:
     """Read a mesh file with the reader of its format."""
     extension = extension_of(file)
+    reading = Reading(str(file), on_invalid, crease_angle, left_out, resources.budget)
     if extension in GLTF_FORMATS:
-        return load_gltf(file, resources, on_invalid, crease_angle, left_out)
+        return load_gltf(file, resources, reading)
     if extension == "3mf":
-        return load_3mf(file, resources, on_invalid, crease_angle, left_out)
+        return load_3mf(file, resources, reading)
     if extension == "binvox":
         return load_binvox(file, resources, left_out)
     if extension in OWN_FORMATS:
@@ -244,7 +284,7 @@ def _load(
         found = read_file(file, resources, on_invalid, on_damage, left_out)
     make = scene_of_assembly if isinstance(found, Assembly) else scene_of_parts
     try:
-        return make(found, str(file), on_invalid, crease_angle, left_out, resources.budget)
+        return make(found, reading)
     except OF_READERS as error:
         if extension in OWN_FORMATS or not isolate:
             raise
@@ -352,7 +392,7 @@ def from_trimesh(
         )
     left_out = LeftOut()
     source = f"trimesh {type(what).__name__}"
-    scene = TrimeshAdapter(source, False, on_invalid, crease_angle, left_out).scene(what)
+    scene = TrimeshAdapter(Reading(source, on_invalid, crease_angle, left_out), False).scene(what)
     left_out.warn(source)
     return scene
 
@@ -415,7 +455,7 @@ def scene_to_add(what: Any) -> Scene:
     left_out = LeftOut()
     if _is_trimesh(what):
         source = f"trimesh {type(what).__name__}"
-        scene = TrimeshAdapter(source, False, "raise", _CREASE_ANGLE, left_out).scene(what)
+        scene = TrimeshAdapter(Reading(source, "raise", _CREASE_ANGLE, left_out), False).scene(what)
     elif foreign_package(what) is not None:
         scene = scene_of_foreign(what, "raise", _CREASE_ANGLE, left_out)
     elif isinstance(what, Scene):

@@ -14,9 +14,16 @@ References
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import os
 import re
 import stat
+import struct
+import tarfile
+import zipfile
+import zlib
+from io import BufferedIOBase
 from pathlib import Path
 from typing import BinaryIO
 
@@ -221,3 +228,182 @@ def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:
         budget.take(f"the file {shown}", size)
         # It may have grown since.
         return file.read(size)
+
+
+_GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"
+_TAR_AT = 257
+"""Where the header of a file in a plain TAR archive says that it is one."""
+
+_LISTED, MEMBER_BYTES = b"PK\1\2", 640
+"""How an entry of a ZIP archive's list begins, and the memory that it takes."""
+
+_PIECE = 1 << 20
+"""Bytes that are unpacked at once to count them."""
+
+
+def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) -> None:
+    """
+    Count the members of a packed file.
+
+    Parameters
+    ----------
+    path : Path
+    extension : str
+        Lower case, without a dot. Any file that is a ZIP archive is counted as one.
+    factor : int
+        How much memory reading a byte takes.
+    budget : MemoryBudget
+
+    Raises
+    ------
+    FileSizeError
+        If they hold more than is left.
+    ValueError
+        If a member of a ZIP archive, or a TAR archive, is packed in an unusual way.
+    """
+    try:
+        if zipfile.is_zipfile(path):
+            _take_zip(path, factor, budget)
+        elif extension in ("tar.gz", "tar.bz2"):
+            _take_tar(path, factor, budget)
+        elif extension == "bz2":
+            with bz2.open(path) as opened:
+                _take_content(opened, factor, budget)
+    except (zipfile.BadZipFile, tarfile.TarError, struct.error, zlib.error, OSError, EOFError):
+        # What is damaged is refused, with its reason, by who reads it.
+        return
+
+
+def _take_zip(path: Path, factor: int, budget: MemoryBudget) -> None:
+    """Count what is declared, then what is there besides: unpacking may make all of it at once."""
+    with path.open("rb") as file:
+        listed = sum(piece.count(_LISTED) for piece in iter(lambda: file.read(_PIECE), b""))
+    budget.take("its list of members", listed * MEMBER_BYTES)
+    with zipfile.ZipFile(path) as archive, path.open("rb") as file:
+        members = [one for one in archive.infolist() if not one.is_dir()]
+        for one in members:
+            budget.take(f"its member {one.filename[-80:]!r}", one.file_size * factor)
+        for one in members:
+            if one.compress_type == zipfile.ZIP_DEFLATED:
+                _take_rest(file, one, factor, budget)
+            elif one.compress_type != zipfile.ZIP_STORED:
+                raise ValueError(
+                    f"its member {one.filename[-80:]!r} must be stored or deflated, got method "
+                    f"{one.compress_type}"
+                )
+
+
+def _take_rest(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: MemoryBudget) -> None:
+    """Count what a deflated member holds beyond what it declares."""
+    file.seek(member.header_offset)
+    name, extra = struct.unpack("<26xHH", file.read(30))
+    file.seek(name + extra, os.SEEK_CUR)
+    left, size, stream = member.compress_size, 0, zlib.decompressobj(-zlib.MAX_WBITS)
+    while left > 0 and not stream.eof:
+        packed = stream.unconsumed_tail or file.read(min(left, _PIECE))
+        if not packed:
+            return
+        before = size
+        size += len(stream.decompress(packed, _PIECE))
+        left -= len(packed) - len(stream.unconsumed_tail)
+        if size > member.file_size:
+            what = f"its member {member.filename[-80:]!r}, which is larger than it says,"
+            budget.take(what, (size - max(before, member.file_size)) * factor)
+
+
+def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
+    """
+    Count what is packed, headers too, and sparse members, which are as large as they say.
+
+    The headers of a member may be longer than it, and are read whole.
+    """
+    with path.open("rb") as file:
+        head = file.read(_TAR_AT + len(_TAR))
+    if head.startswith((_GZIP, _BZIP2)):
+        unpack = gzip.open if head.startswith(_GZIP) else bz2.open
+        with unpack(path) as opened:
+            _take_content(opened, factor, budget)
+    elif head[_TAR_AT:] == _TAR:
+        budget.take("what it holds", path.stat().st_size * factor)
+    else:
+        raise ValueError("it must be packed by gzip or bzip2")
+    with tarfile.open(path, "r:*") as archive:
+        for one in archive:
+            if one.issparse():
+                budget.take(f"its member {one.name[-80:]!r}", one.size * factor)
+
+
+def _take_content(opened: BufferedIOBase, factor: int, budget: MemoryBudget) -> None:
+    """Count by unpacking."""
+    while piece := opened.read(_PIECE):
+        budget.take("what it holds", len(piece) * factor)
+
+
+_KINDS: tuple[tuple[bytes, int, str, tuple[str, ...]], ...] = (
+    (b"\x89PNG\r\n", 0, "a PNG picture", ()),
+    (b"\xff\xd8\xff", 0, "a JPEG picture", ()),
+    (b"GIF8", 0, "a GIF picture", ()),
+    (b"WEBP", 8, "a WebP picture", ()),
+    (b"II*\0", 0, "a TIFF picture", ()),
+    (b"MM\0*", 0, "a TIFF picture", ()),
+    (b"v/1\x01", 0, "an OpenEXR picture", ()),
+    (b"%PDF-", 0, "a PDF document", ()),
+    (b"\x1f\x8b", 0, "packed by gzip", ("gz",)),
+    (b"BZh", 0, "packed by bzip2", ("bz2",)),
+    (b"7z\xbc\xaf\x27\x1c", 0, "a 7z archive", ()),
+    (b"PK\x03\x04", 0, "a ZIP archive", ("zip", "3mf", "3dxml", "zae")),
+    (b"glTF", 0, "a GLB file", ("glb", "vrm")),
+    (b"ply\n", 0, "a PLY file", ("ply",)),
+    (b"ply\r", 0, "a PLY file", ("ply",)),
+    (b"OFF\n", 0, "an OFF file", ("off",)),
+    (b"OFF\r", 0, "an OFF file", ("off",)),
+    (b"#binvox", 0, "a binvox file", ("binvox",)),
+    (b"[MeshSerializer", 2, "a mesh of OGRE", ()),
+    (b"<mesh>", 0, "a mesh of OGRE as XML", ()),
+    (b"<!DOCTYPE html", 0, "a page of HTML", ()),
+    (b"<html", 0, "a page of HTML", ()),
+    (b"version https://git-lfs", 0, "a pointer of Git LFS: the file itself was not fetched", ()),
+)
+"""First bytes, where they begin, what begins so, and the extensions that mean it."""
+
+_HEAD = 4096
+"""Bytes at the beginning of a file that are looked at."""
+
+_COUNTS = struct.Struct("<4i")
+_UCD = re.compile(rb"(?:#[^\n]*\n)*[ \t]*\d+(?:[ \t]+\d+){4}[ \t]*\r?\n")
+"""The first line of AVS UCD: how many points, cells, and numbers of each; comments before it."""
+
+
+def other_kind(file: Path, extension: str) -> str | None:
+    """Return what a file is that its extension does not say, such as ``"a PNG picture"``."""
+    try:
+        with file.open("rb") as opened:
+            head = opened.read(_HEAD)
+        size = file.stat().st_size
+    except OSError:
+        return None
+    for begin, start, kind, extensions in _KINDS:
+        if head[start:].startswith(begin):
+            known = extension.rpartition(".")[2]
+            return None if known in extensions else kind
+    if extension == "msh" and _is_of_mujoco(head, size):
+        return "a mesh of MuJoCo"
+    if extension == "inp" and _UCD.match(head):
+        return "a file of AVS UCD, which is read where it ends in .avs"
+    return None
+
+
+def extension_of(file: Path) -> str:
+    """Return a file's extension as trimesh names it: lower case, no dot."""
+    name = file.name.lower()
+    double = [ending for ending in ("tar.gz", "tar.bz2") if name.endswith("." + ending)]
+    return double[0] if double else file.suffix.lower().removeprefix(".")
+
+
+def _is_of_mujoco(head: bytes, size: int) -> bool:
+    """Tell a file that is as long as its four counts say: vertices, normals, uv and faces."""
+    if len(head) < _COUNTS.size:
+        return False
+    vertices, normals, coordinates, faces = counts = _COUNTS.unpack_from(head)
+    needed = _COUNTS.size + 12 * (vertices + normals + faces) + 8 * coordinates
+    return min(counts) >= 0 and vertices > 0 and size == needed

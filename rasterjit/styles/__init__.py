@@ -38,9 +38,8 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.vectors import dot
 from rasterjit.scene.wireframe import Wireframe
-from rasterjit.styles import painting
-from rasterjit.styles.metering import metered_exposure
-from rasterjit.styles.style import Gradient, GroundLight, Style, with_changes
+from rasterjit.styles import style
+from rasterjit.styles.style import Gradient, GroundLight, Style, metered_exposure, with_changes
 from rasterjit.survey.posing import posed_scene
 
 __all__ = [
@@ -115,7 +114,7 @@ def studio(scene: Any, camera: Camera | None = None) -> Style:
         The lamp stands beside it. Default: the scene's own, else one that fits the scene.
     """
     posed = posed_scene(as_scene(scene, "scene"))
-    sharp = painting.sharpened(posed, ANISOTROPY)
+    sharp = style.sharpened(posed, ANISOTROPY)
     lit, key, adds = _lit(sharp, camera)
     if sharp is not posed:
         adds["textures"] = "sharp where they are seen aslant"
@@ -154,7 +153,7 @@ def clay(scene: Any, camera: Camera | None = None) -> Style:
         As `studio` takes them.
     """
     material = Material(base_color=CLAY, specular=0.0)
-    made = studio(painting.covered(as_scene(scene, "scene"), material), camera)
+    made = studio(style.covered(as_scene(scene, "scene"), material), camera)
     return replace(made, name="clay", adds={**made.adds, "shading": "one material"})
 
 
@@ -167,7 +166,7 @@ def technical(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = painting.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
+    paper = style.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
     drawn = with_changes(paper, outline=Outline(INK), environment=None, fog=None)
     adds = {"outline": "lines along edges", "shading": "one colour"}
     return Style("technical", drawn, camera, Quality.standard(), PAPER, adds=adds)
@@ -184,7 +183,7 @@ def xray(scene: Any, camera: Camera | None = None) -> Style:
     """
     film = Material(base_color=BLUE_FILM, alpha_mode="blend")
     shown = with_changes(
-        painting.covered(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
+        style.covered(as_scene(scene, "scene"), film), lights=[], environment=None, fog=None
     )
     adds = {
         "transparency": "all surfaces are seen through",
@@ -208,7 +207,7 @@ def depth(scene: Any, camera: Camera | None = None) -> Style:
     """
     scene = posed_scene(as_scene(scene, "scene"))
     # Cameras that look the same way see the same differences of depth.
-    painted = painting.painted_by_depth(scene, _seen_from(scene, camera))
+    painted = style.painted_by_depth(scene, _seen_from(scene, camera))
     shown = with_changes(painted, environment=None, fog=None, tone_map=None)
     adds = {"scalar fields": "the depth", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("depth", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
@@ -223,7 +222,7 @@ def normals(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    painted = painting.painted_by_normal(posed_scene(as_scene(scene, "scene")))
+    painted = style.painted_by_normal(posed_scene(as_scene(scene, "scene")))
     shown = with_changes(painted, environment=None, fog=None, tone_map=None)
     adds = {"shading": "colours of normals", "anti-aliasing": f"{SAMPLES} samples"}
     return Style("normals", shown, camera, Quality(samples=SAMPLES), "black", adds=adds)
@@ -238,7 +237,7 @@ def wireframe(scene: Any, camera: Camera | None = None) -> Style:
     scene, camera
         As `plain` takes them.
     """
-    paper = painting.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
+    paper = style.covered(as_scene(scene, "scene"), Material(shading="unlit", base_color=PAPER))
     drawn = with_changes(paper, wireframe=Wireframe(INK), environment=None, fog=None)
     adds = {"wireframe": "smooth lines along edges", "shading": "one colour"}
     return Style("wireframe", drawn, camera, Quality(lines="coverage"), PAPER, adds=adds)

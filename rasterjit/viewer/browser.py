@@ -29,7 +29,7 @@ from typing import Any, cast
 from rasterjit.runtime.progress import told_besides
 from rasterjit.scene.validation import in_short
 from rasterjit.viewer.canvas import Worker
-from rasterjit.viewer.messages import LONGEST_MESSAGE, read_message
+from rasterjit.viewer.protocol import LONGEST_MESSAGE, read_message
 from rasterjit.viewer.tab import NUMBER_BYTES, Tab, Tell
 from rasterjit.viewer.viewer import Viewer
 

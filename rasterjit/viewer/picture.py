@@ -14,8 +14,7 @@ from PIL import Image, ImageShow
 from rasterjit.runtime import progress
 from rasterjit.viewer import terminal, trial
 from rasterjit.viewer.canvas import at_terminal, has_terminal
-from rasterjit.viewer.graphics import half_blocks, kitty, sixel
-from rasterjit.viewer.terminal import Abilities
+from rasterjit.viewer.terminal import Abilities, half_blocks, kitty, sixel
 
 NUMBER = 7919
 """What a terminal calls the picture; viewers use 1 and 2."""

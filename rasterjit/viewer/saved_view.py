@@ -10,8 +10,8 @@ from typing import Any
 from PIL import Image, PngImagePlugin
 
 from rasterjit.scene import preview
+from rasterjit.viewer.protocol import camera_code
 from rasterjit.viewer.viewer import Viewer
-from rasterjit.viewer.views import camera_code
 
 NAME = "rasterjit-view"
 """The text in a PNG file that tells a widget which picture is its own."""

@@ -25,12 +25,17 @@ from rasterjit.runtime.heap import give_back_memory
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import switches
 from rasterjit.viewer.canvas import FRAME_RATE, Worker
-from rasterjit.viewer.codecs import encode_jpeg, encode_png
 from rasterjit.viewer.controls import Event
-from rasterjit.viewer.messages import MOST_LISTED, SHOWN
 from rasterjit.viewer.overlay import colors_of, rows_of
+from rasterjit.viewer.protocol import (
+    MOST_LISTED,
+    SHOWN,
+    ShortView,
+    camera_code,
+    encode_jpeg,
+    encode_png,
+)
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
-from rasterjit.viewer.views import ShortView, camera_code
 
 MOST_ON_WAY = 3
 """Pictures that were drawn and not shown yet: one is coded, one on its way, one decoded."""

@@ -14,7 +14,7 @@ from rendercanvas.anywidget import RenderCanvas
 from traitlets import Unicode
 
 from rasterjit.viewer.canvas import FRAME_RATE, Connection
-from rasterjit.viewer.codecs import QUALITY
+from rasterjit.viewer.protocol import QUALITY
 from rasterjit.viewer.saved_view import Saved
 from rasterjit.viewer.viewer import Viewer
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from rasterjit.accuracy.ranking import pareto_front
+from rasterjit.accuracy.choice import pareto_front
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Errors, Study, Trial
 from rasterjit.scene.quality import PRESETS, Quality
 

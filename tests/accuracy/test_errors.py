@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy import errors as errors_module
-from rasterjit.accuracy.errors import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.accuracy import results as errors_module
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, reference_of
 from rasterjit.rendering import quality_selection as measures
 
 SIZE = (40, 30)

@@ -96,8 +96,8 @@ def test_a_folder_gets_one_page_and_one_for_each_scene(tmp_path):
     [
         ({}, "folder must hold scenes, got an empty mapping"),
         ({"../a": rj.Scene()}, "folder must have names of scenes without '..', got '../a'"),
-        ("nowhere", "folder must be an existing folder, got 'nowhere'"),
-        (3, "folder must be an existing folder, got 3"),
+        ("nowhere", "folder must be a folder, but 'nowhere' is none"),
+        (3, "folder must be the name of a folder, got 3"),
     ],
 )
 def test_what_is_no_folder_is_named(folder, words):

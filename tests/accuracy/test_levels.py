@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.accuracy import scenes
-from rasterjit.accuracy.errors import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.accuracy.results import PICTURE_OUTPUTS, buffers_of, compare, reference_of
 from rasterjit.accuracy.scenes import MADE_FOR, make
 from rasterjit.scene.quality import LEVELS
 

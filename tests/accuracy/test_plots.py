@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_up_study import SAMPLES, changed, made_up_study
 
-from rasterjit.accuracy.ranking import pareto_front
-from rasterjit.accuracy.report import plots, scales
+from rasterjit.accuracy.choice import pareto_front
+from rasterjit.accuracy.report import plots
 
 matplotlib = pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
@@ -160,20 +160,20 @@ def test_the_users_own_matplotlib_settings_neither_matter_nor_change():
 @pytest.mark.parametrize("low", [1e-12, 3.3e-4, 0.97, 42.0])
 @pytest.mark.parametrize("ratio", [1.2, 1.25, 1.9, 3.0, 3.1, 7.0, 40.0, 1e3, 1e12])
 def test_axes_have_a_few_round_ticks(low, ratio):
-    ticks = scales.log_ticks(low, low * ratio)
+    ticks = plots.log_ticks(low, low * ratio)
     shares = np.log(np.divide(ticks, low)) / np.log(ratio)
     assert 2 <= len(ticks) <= 8
     assert shares[0] > 0.02
     assert shares[-1] < 0.98
     assert (np.diff(shares) > 0.13).all(), "labels touch"
-    assert len({scales.number(tick) for tick in ticks}) == len(ticks)
-    shown = [float(scales.number(tick).replace(",", "")) for tick in ticks]
+    assert len({plots.number(tick) for tick in ticks}) == len(ticks)
+    shown = [float(plots.number(tick).replace(",", "")) for tick in ticks]
     assert shown == pytest.approx(ticks, rel=6e-3)
 
 
 def test_limits_hold_all_values_and_are_not_too_narrow():
     for values in ([0.5], [1.0, 1.001], [1e-9, 3.0], [2.0, 2.0, 8.0]):
-        low, high = scales.log_limits(values, 1.25, 0.1)
+        low, high = plots.log_limits(values, 1.25, 0.1)
         assert low < min(values) <= max(values) < high
         assert high / low >= 1.25
         assert low * high == pytest.approx(min(values) * max(values)), "in the middle"
@@ -188,7 +188,7 @@ def test_numbers_are_short():
         1234.4: "1,234",
         1.5e12: "1.5e12",
     }
-    assert {value: scales.number(value) for value in shown} == shown
+    assert {value: plots.number(value) for value in shown} == shown
 
 
 def test_times_have_their_unit():
@@ -199,4 +199,4 @@ def test_times_have_their_unit():
         3.0412: "3.04 s",
         1234.4: "1,234 s",
     }
-    assert {seconds: scales.duration(seconds) for seconds in shown} == shown
+    assert {seconds: plots.duration(seconds) for seconds in shown} == shown

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_trials import trial
 
-from rasterjit.accuracy.ranking import (
+from rasterjit.accuracy.choice import (
     ALIKE,
     MOST_ON_FRONT,
     dominates,

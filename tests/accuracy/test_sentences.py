@@ -4,7 +4,7 @@ import pytest
 from made_trials import study, trial
 
 import rasterjit as rj
-from rasterjit.accuracy.ranking import pareto_front
+from rasterjit.accuracy.choice import pareto_front
 from rasterjit.accuracy.results import PROCESSOR
 from rasterjit.accuracy.sentences import (
     NOT_MEASURED,

@@ -8,7 +8,7 @@ import pytest
 from original_pyrender import ORIGINAL, needs_original, recording_of, said_of
 
 from rasterjit.compat import pyrender
-from rasterjit.compat.pyrender.shared_names import SHARED
+from rasterjit.compat.pyrender.installation import SHARED
 
 SCRIPT = "pyrender_surface.py"
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 import rasterjit.compat.pyrender as pyrender
-from rasterjit.compat.pyrender import wires
+from rasterjit.compat.pyrender import drawing
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
 
@@ -212,13 +212,13 @@ def test_same_edges_are_the_same_object_from_frame_to_frame(renderer):
     primitive, look = node.mesh.primitives[0], node.mesh.primitives[0].material.drawn(
         has_uv=False, is_lit=False, is_culled=True, least_alpha=1.0
     )  # fmt: skip
-    first = wires.edges_of(primitive, np.eye(4), look, None)
-    assert wires.edges_of(primitive, np.eye(4), look, None) is first
+    first = drawing.edges_of(primitive, np.eye(4), look, None)
+    assert drawing.edges_of(primitive, np.eye(4), look, None) is first
     # Twelve edges, and a diagonal on each side; all are apart.
     assert len(first) == 18
     assert (first.links == -1).all()
     primitive.positions = primitive.positions * 2.0
-    assert wires.edges_of(primitive, np.eye(4), look, None) is not first
+    assert drawing.edges_of(primitive, np.eye(4), look, None) is not first
 
 
 def test_mirrored_faces_turn_their_backs(renderer):
@@ -237,9 +237,9 @@ def test_normals_are_lines_of_a_twentieth_of_the_box():
     primitive = pyrender.Mesh.from_trimesh(trimesh.creation.box()).primitives[0]
     length = 0.05 * math.sqrt(3.0)
     blue = np.array([0.1, 0.1, 1.0, 1.0], np.float32)
-    lines = wires.normals_of(primitive, True, False, blue)
+    lines = drawing.normals_of(primitive, True, False, blue)
     assert len(lines) == len(primitive.positions)
-    both = wires.normals_of(primitive, True, True, blue)
+    both = drawing.normals_of(primitive, True, True, blue)
     assert len(both) == len(primitive.positions) + 12
     ways = np.diff(both.points[both.segments], axis=1)[:, 0]
     np.testing.assert_allclose(np.linalg.norm(ways, axis=1), length, rtol=1e-6)
@@ -248,7 +248,7 @@ def test_normals_are_lines_of_a_twentieth_of_the_box():
     assert np.allclose(np.abs(middles).max(axis=1), 0.5)
     assert ((middles * outwards).sum(axis=1) > 0.0).all()
     primitive.normals = None
-    assert wires.normals_of(primitive, True, True, blue) is None
+    assert drawing.normals_of(primitive, True, True, blue) is None
 
 
 @pytest.mark.parametrize("flags", [RenderFlags.NONE, RenderFlags.FLAT])
@@ -276,5 +276,5 @@ def test_lines_end_where_their_mode_says():
     look = material.drawn(has_uv=False, is_lit=False, is_culled=True, least_alpha=1.0)
     for mode, segments in expected.items():
         primitive = pyrender.Primitive(places, mode=mode, material=material)
-        assert wires.lines_of(primitive, look).segments.tolist() == segments
-    assert wires.lines_of(pyrender.Primitive(places[:1], mode=1), look) is None
+        assert drawing.lines_of(primitive, look).segments.tolist() == segments
+    assert drawing.lines_of(pyrender.Primitive(places[:1], mode=1), look) is None

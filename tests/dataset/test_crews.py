@@ -14,7 +14,7 @@ import psutil
 import pytest
 from made_meshes import BROKEN, GOOD, contents, make_meshes
 
-from rasterjit.dataset import crews, making
+from rasterjit.dataset import making
 from rasterjit.dataset.recipe import Recipe
 
 pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
@@ -240,8 +240,8 @@ def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
 
 @needs_dask
 def test_no_scheduler_is_an_error_that_names_the_address(meshes, tmp_path, monkeypatch):
-    monkeypatch.setattr("rasterjit.dataset.crews.PATIENCE", 0.3)
-    with pytest.raises(crews.LostWorkersError, match="no scheduler answers at tcp://127"):
+    monkeypatch.setattr("rasterjit.dataset.making.PATIENCE", 0.3)
+    with pytest.raises(making.LostWorkersError, match="no scheduler answers at tcp://127"):
         making.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
 
 

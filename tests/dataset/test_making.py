@@ -17,10 +17,10 @@ from ways import in_groups
 
 import rasterjit as rj
 from rasterjit.cli import commands
-from rasterjit.dataset import making, mesh
-from rasterjit.dataset import recipe as dataset
-from rasterjit.dataset.recipe import Recipe
-from rasterjit.io import folders
+from rasterjit.dataset import making
+from rasterjit.dataset import recipe as recipes
+from rasterjit.dataset.recipe import Recipe, view_cameras
+from rasterjit.io.meshes import mesh_files, mesh_suffixes
 from rasterjit.outputs import masks
 from rasterjit.rendering import batch, batch_scheduler, renderer_pool
 from rasterjit.rendering.view_warnings import ViewWarning
@@ -51,14 +51,14 @@ def transforms_of(place, name):
 
 
 def test_mesh_files_are_found_in_order(meshes):
-    found = [file.relative_to(meshes).as_posix() for file in folders.mesh_files(meshes)]
+    found = [file.relative_to(meshes).as_posix() for file in mesh_files(meshes)]
     assert found == sorted((*GOOD, *BROKEN))
 
 
 def test_files_that_are_mostly_no_meshes_are_not_looked_for_in_folders(tmp_path):
     for name in ("package.xml", "values.dat", "a.node", "a.ele", "a.stl"):
         (tmp_path / name).touch()
-    suffixes = {file.suffix for file in folders.mesh_files(tmp_path)}
+    suffixes = {file.suffix for file in mesh_files(tmp_path)}
     assert suffixes in ({".stl"}, {".stl", ".ele"})
 
 
@@ -164,7 +164,7 @@ def test_the_scale_takes_a_mesh_of_any_unit_into_the_unit_cube(made, meshes):
 def test_pictures_are_what_render_gives(made, meshes):
     place, _, _ = made
     scene = rj.load(meshes / "box.stl")
-    camera = dataset.view_cameras(scene, RECIPE, "box.stl")[1]
+    camera = view_cameras(scene, RECIPE, "box.stl")[1]
     frame = rj.render(
         scene, camera, size=SIZE, outputs=("color", "normal"), background="transparent"
     )
@@ -179,8 +179,8 @@ def test_characters_are_posed_in_all_views(tmp_path):
     scene = rj.load(MODELS / "face.glb")
     next(node for node in scene.nodes if node.name == "face").weights = [0.0, 1.0]
     recipe = Recipe(views=4, size=(96, 96), outputs=("color", "object_position"))
-    mesh.render_views(scene, tmp_path, recipe, threads=2)
-    for number, camera in enumerate(dataset.view_cameras(scene, recipe)):
+    recipes.render_views(scene, tmp_path, recipe, threads=2)
+    for number, camera in enumerate(view_cameras(scene, recipe)):
         frame = rj.render(
             scene, camera, size=recipe.size, outputs=recipe.outputs, background="transparent"
         )
@@ -246,13 +246,13 @@ def test_an_annotation_that_fails_is_the_failure_of_its_mesh(meshes, tmp_path, m
 def test_the_annotation_of_all_views_is_that_of_their_images(tmp_path):
     scene = two_boxes(("left", ""))
     recipe = Recipe(views=5, size=SIZE, outputs=("color", "coco"))
-    mesh.render_views(scene, tmp_path, recipe)
+    recipes.render_views(scene, tmp_path, recipe)
     images = [
         (
             f"images/{number:04d}.png",
             rj.render(scene, camera, size=SIZE, outputs=("object_id",)).object_id,
         )
-        for number, camera in enumerate(dataset.view_cameras(scene, recipe))
+        for number, camera in enumerate(view_cameras(scene, recipe))
     ]
     expected = masks.coco(images, ["left", "object 1"])
     assert json.loads((tmp_path / "coco.json").read_text()) == expected
@@ -269,7 +269,7 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
     monkeypatch.setattr(batch, "MAX_WORK", 0)
     recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
-    mesh.render_views(two_boxes("ab"), tmp_path, recipe)
+    recipes.render_views(two_boxes("ab"), tmp_path, recipe)
     assert steps == ["render", "annotate"] * 4
 
 
@@ -292,7 +292,7 @@ def test_small_views_are_drawn_a_few_in_one_go_and_then_annotated(tmp_path, monk
     """So few are kept: the memory that a data set takes does not grow with its views."""
     monkeypatch.setattr(renderer_pool, "BYTES_AT_ONCE", 3 * 8 * W * H)
     recipe = Recipe(views=9, size=SIZE, outputs=("color", "coco"))
-    mesh.render_views(two_boxes("ab"), tmp_path, recipe, threads=1)
+    recipes.render_views(two_boxes("ab"), tmp_path, recipe, threads=1)
     # The first is drawn alone.
     assert goes == [None, 3, *[None] * 3, 3, *[None] * 3, 2, *[None] * 2]
 
@@ -319,11 +319,11 @@ def test_files_are_the_same_whether_views_are_drawn_alone(
     recipe = Recipe(views=views, size=size, outputs=outputs)
     for name in ("one", "few"):
         (tmp_path / name).mkdir()
-    mesh.render_views(two_boxes("ab"), tmp_path / "few", recipe, threads=threads)
+    recipes.render_views(two_boxes("ab"), tmp_path / "few", recipe, threads=threads)
     assert sorted(one for one in goes if one is not None) == expected
     goes.clear()
     monkeypatch.setattr(batch, "MAX_WORK", 0)
-    mesh.render_views(two_boxes("ab"), tmp_path / "one", recipe, threads=threads)
+    recipes.render_views(two_boxes("ab"), tmp_path / "one", recipe, threads=threads)
     assert not any(goes)
     files = contents(tmp_path / "few")
     assert files == contents(tmp_path / "one")
@@ -337,7 +337,7 @@ def test_a_view_that_fails_ends_its_mesh_after_those_before_it(
 ):
     """What is wrong with one view of a group is told as it is of one that is drawn alone."""
     scene, recipe = two_boxes("ab"), Recipe(views=9, size=SIZE, outputs=("color",))
-    wrong = dataset.view_cameras(scene, recipe)[5]
+    wrong = view_cameras(scene, recipe)[5]
     render = rj.Renderer.render
 
     def refuse(self, scene, camera, **options):
@@ -352,8 +352,8 @@ def test_a_view_that_fails_ends_its_mesh_after_those_before_it(
         raise ValueError("a group is refused")
 
     monkeypatch.setattr(batch_scheduler.CommandBuffer, "draw", fail)
-    with pytest.raises(mesh.MeshError, match=r"^camera is refused$"):
-        mesh.render_views(scene, tmp_path, recipe, threads=threads)
+    with pytest.raises(recipes.MeshError, match=r"^camera is refused$"):
+        recipes.render_views(scene, tmp_path, recipe, threads=threads)
     assert any(goes)
     assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(5)}
 
@@ -364,11 +364,11 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
 
     def check():
         if next(left, None) is None:
-            raise mesh.Stopped
+            raise recipes.Stopped
 
     recipe = Recipe(views=30, size=SIZE, outputs=("color",))
-    with pytest.raises(mesh.Stopped):
-        mesh.render_views(two_boxes("ab"), tmp_path, recipe, check=check)
+    with pytest.raises(recipes.Stopped):
+        recipes.render_views(two_boxes("ab"), tmp_path, recipe, check=check)
     assert set(contents(tmp_path)) == {f"images/000{number}.png" for number in range(7)}
     assert not own_threads("rasterjit-turns")
 
@@ -377,8 +377,8 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
     ("change", "message"),
     [
         ({"scene": "a.obj"}, "scene must be a Scene, got 'a.obj'"),
-        ({"folder": "nowhere"}, "folder must be an existing folder, got 'nowhere'"),
-        ({"folder": None}, "folder must be an existing folder, got None"),
+        ({"folder": "nowhere"}, "folder must be a folder, but 'nowhere' is none"),
+        ({"folder": None}, "folder must be the name of a folder, got None"),
         ({"recipe": {"views": 3}}, "recipe must be a Recipe, got dict"),
         ({"name": 7}, "name must be a text, got 7"),
         ({"threads": 0}, "threads must be in"),
@@ -388,21 +388,23 @@ def test_work_is_called_off_between_views_of_a_group(tmp_path):
 def test_wrong_arguments_of_views_are_named(tmp_path, change, message):
     arguments = {"scene": two_boxes("ab"), "folder": tmp_path, "recipe": RECIPE} | change
     with pytest.raises(ValueError, match=message):
-        mesh.render_views(**arguments)
+        recipes.render_views(**arguments)
     assert not (tmp_path / "transforms.json").exists()
 
 
 def test_a_scene_that_no_camera_fits_is_a_mesh_error(tmp_path):
-    with pytest.raises(mesh.MeshError):
-        mesh.render_views(rj.Scene(), tmp_path, RECIPE)
+    with pytest.raises(recipes.MeshError):
+        recipes.render_views(rj.Scene(), tmp_path, RECIPE)
 
 
 def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
     place, summary, _ = made
     before = contents(place)
     rendered = []
-    real = mesh.render_views
-    monkeypatch.setattr(mesh, "render_views", lambda *a, **k: rendered.append(a) or real(*a, **k))
+    real = recipes.render_views
+    monkeypatch.setattr(
+        recipes, "render_views", lambda *a, **k: rendered.append(a) or real(*a, **k)
+    )
     again = making.make(meshes, place, RECIPE)
     assert again == making.Summary(0, len(GOOD), summary.failures)
     assert rendered == []
@@ -542,12 +544,12 @@ def test_what_a_view_warns_of_names_it_once(tmp_path, monkeypatch):
             warnings.warn("nothing is in view", ViewWarning, stacklevel=2)
             yield from draw_in_turns(*arguments)
 
-    draw_in_turns = mesh.draw_in_turns
-    monkeypatch.setattr(mesh, "draw_in_turns", draw)
+    draw_in_turns = recipes.draw_in_turns
+    monkeypatch.setattr(recipes, "draw_in_turns", draw)
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    recipe = Recipe(views=2, size=(8, 6), outputs=("mask",))
-    summary = making.make(tmp_path / "meshes", tmp_path / "set", recipe)
+    asked = Recipe(views=2, size=(8, 6), outputs=("mask",))
+    summary = making.make(tmp_path / "meshes", tmp_path / "set", asked)
     assert summary.warnings == {"a.obj": ("view 0: nothing is in view",)}
 
 
@@ -561,8 +563,8 @@ def test_another_recipe_is_refused_and_named(made, meshes):
 @pytest.mark.parametrize(
     ("folder", "output", "options", "message"),
     [
-        ("nowhere", "set", {}, "folder must be an existing folder"),
-        (7, "set", {}, "folder must be an existing folder"),
+        ("nowhere", "set", {}, "folder must be a folder"),
+        (7, "set", {}, "folder must be the name of a folder"),
         ("meshes", "meshes", {}, "output must not hold the meshes"),
         ("meshes", ".", {}, "output must not hold the meshes"),
         ("meshes", "full", {}, "output must be empty or a data set"),
@@ -599,5 +601,5 @@ def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
 
 
 def test_files_that_need_an_extra_are_not_passed_over():
-    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= folders.mesh_suffixes()
-    assert not {".json", ".zip", ".png", ".mtl"} & folders.mesh_suffixes()
+    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= mesh_suffixes()
+    assert not {".json", ".zip", ".png", ".mtl"} & mesh_suffixes()

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rasterjit.dataset import lock, making
+from rasterjit.dataset import making
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.runtime import locks
 
@@ -28,7 +28,7 @@ def meshes(tmp_path):
 HOLDING = """
 import sys
 from pathlib import Path
-from rasterjit.dataset.lock import owned
+from rasterjit.dataset.making import owned
 with owned(Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()
@@ -91,7 +91,7 @@ def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, holder):
 
 def left_lock(place, change):
     """A lock file that a killed process left, with another content."""
-    content = json.loads(lock._myself())
+    content = json.loads(making._myself())
     change(content)
     place.mkdir()
     (place / ".lock").write_text(json.dumps(content))
@@ -165,23 +165,23 @@ def forbid_by_path(monkeypatch):
         raise PermissionError(errno.EACCES, "Permission denied", str(self))
 
     for name in ("open", "read_bytes", "read_text", "write_text", "write_bytes"):
-        monkeypatch.setattr(lock.Path, name, refuse)
+        monkeypatch.setattr(making.Path, name, refuse)
 
 
 def test_where_locks_forbid_others_to_write_the_holder_does(tmp_path, monkeypatch):
-    (tmp_path / ".lock").write_text(lock._myself() + " " * 99)
+    (tmp_path / ".lock").write_text(making._myself() + " " * 99)
     with monkeypatch.context() as patch:
         forbid_by_path(patch)
-        with lock.owned(tmp_path):
+        with making.owned(tmp_path):
             patch.undo()
-            assert (tmp_path / ".lock").read_text() == lock._myself()
+            assert (tmp_path / ".lock").read_text() == making._myself()
 
 
 def test_the_lock_of_another_machine_is_read_by_who_holds_it(tmp_path, monkeypatch):
     other = json.dumps({"host": "elsewhere", "pid": 1, "machine": ["0", "1"]})
     (tmp_path / ".lock").write_text(other)
     forbid_by_path(monkeypatch)
-    with pytest.raises(ValueError, match="another run: wait"), lock.owned(tmp_path):
+    with pytest.raises(ValueError, match="another run: wait"), making.owned(tmp_path):
         pass
     monkeypatch.undo()
     assert (tmp_path / ".lock").read_text() == other
@@ -191,7 +191,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
     forbid_by_path(monkeypatch)
     with (
         pytest.raises(ValueError, match=r"another run: wait .*\.lock"),
-        lock.owned(tmp_path / "set"),
+        making.owned(tmp_path / "set"),
     ):
         pass
 
@@ -199,7 +199,7 @@ def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, h
 def test_a_lock_file_that_seems_to_be_another_is_refused(tmp_path, monkeypatch):
     """Some file systems give another number of a file by its path than when it is open."""
     monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
-    with pytest.raises(ValueError, match="another run"), lock.owned(tmp_path):
+    with pytest.raises(ValueError, match="another run"), making.owned(tmp_path):
         pass
 
 
@@ -209,12 +209,12 @@ def test_a_lock_file_that_another_takes_while_it_is_removed_is_its(tmp_path, mon
     def refuse(self, **_):
         raise PermissionError(errno.EACCES, "open", str(self))
 
-    monkeypatch.setattr(lock.Path, "unlink", refuse)
-    with lock.owned(tmp_path):
+    monkeypatch.setattr(making.Path, "unlink", refuse)
+    with making.owned(tmp_path):
         pass
     assert (tmp_path / ".lock").is_file()
     monkeypatch.undo()
-    with lock.owned(tmp_path):
+    with making.owned(tmp_path):
         pass
     assert not (tmp_path / ".lock").exists()
 
@@ -235,7 +235,7 @@ def test_what_windows_says_of_a_lock(tmp_path, monkeypatch, number, expected):
 
 @pytest.mark.parametrize("name", ["lock", "_created"])
 def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatch, name):
-    original = getattr(lock, name)
+    original = getattr(making, name)
 
     def interrupt(file):
         monkeypatch.undo()
@@ -243,15 +243,15 @@ def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatc
             original(file)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(lock, name, interrupt)
-    with pytest.raises(KeyboardInterrupt), lock.owned(tmp_path):
+    monkeypatch.setattr(making, name, interrupt)
+    with pytest.raises(KeyboardInterrupt), making.owned(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_leaves_the_lock_of_another_run_alone(tmp_path, monkeypatch):
-    with lock.owned(tmp_path):
-        monkeypatch.setattr(lock, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt), lock.owned(tmp_path):
+    with making.owned(tmp_path):
+        monkeypatch.setattr(making, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt), making.owned(tmp_path):
             pass
-        assert (tmp_path / lock.LOCK).read_bytes()
+        assert (tmp_path / making.LOCK).read_bytes()

@@ -17,7 +17,7 @@ import pytest
 from pieces import blob, joined
 
 import rasterjit as rj
-from rasterjit.distributed import layers
+from rasterjit.distributed import sort_last
 from rasterjit.rendering.planning import FrameRequest
 from rasterjit.scene.scene import EFFECT_FIELDS
 
@@ -52,9 +52,9 @@ def merged(parts, view, quality=None, setting=None, order=None, **options):
     chosen = FrameRequest(SIZE, quality or rj.Quality.standard(), OUTPUTS, None, "none")
     chosen = chosen._replace(**options)
     drawn = [
-        layers.draw_layer(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
+        sort_last.draw_layer(part, setting or rj.Scene(), None, view, chosen, 1) for part in parts
     ]
-    return (order or layers.merge_tree)(drawn, layers.merge_layers).frame()
+    return (order or sort_last.merge_tree)(drawn, sort_last.merge_layers).frame()
 
 
 @pytest.mark.parametrize("count", range(1, 7))
@@ -127,15 +127,15 @@ def test_parts_without_faces_count_nothing(view):
 
 def test_statistics_are_those_of_the_whole(view):
     found, wanted = merged(PAIRS, view).stats, whole(PAIRS, view).stats
-    for name in (*layers.COUNTS, "pixels_covered"):
+    for name in (*sort_last.COUNTS, "pixels_covered"):
         assert getattr(found, name) == getattr(wanted, name), name
 
 
 def test_more_faces_than_numbers_are_refused(view):
     options = FrameRequest(SIZE, rj.Quality.standard(), ("color",), None, "none")
-    one = layers.draw_layer(PAIRS[0], rj.Scene(), None, view, options, 1)
+    one = sort_last.draw_layer(PAIRS[0], rj.Scene(), None, view, options, 1)
     with pytest.raises(ValueError, match="partitions must have at most 2147483647 faces"):
-        layers.merge_layers(one, replace(one, faces=2**31 - 60))
+        sort_last.merge_layers(one, replace(one, faces=2**31 - 60))
 
 
 def load_slowly(pair, marker):

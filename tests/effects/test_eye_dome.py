@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.distributed.large import render_large
+from rasterjit.distributed.frames import render_large
 from rasterjit.rendering.regions import Region, RegionRenderer
 
 SIZE = (61, 40)

@@ -8,7 +8,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.io.skipped import LeftOut
-from rasterjit.io.trimesh.told import trimesh_told
+from rasterjit.io.trimesh.resolver import trimesh_told
 
 pytest.importorskip("collada")
 

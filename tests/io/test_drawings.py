@@ -10,7 +10,7 @@ import trimesh
 from trimesh.path.entities import Arc, Bezier, Line, Text
 
 import rasterjit as rj
-from rasterjit.io.arcs import arc_through
+from rasterjit.io.primitives import arc_through
 from rasterjit.scene.color import srgb_to_linear
 
 RNG = np.random.default_rng(25)

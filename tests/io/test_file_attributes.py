@@ -11,6 +11,7 @@ from sample_models import Model, quad
 from test_text_formats import CORNERS, XYZ, as_binary, ply, write
 
 import rasterjit as rj
+from rasterjit.io.primitives import Reading
 from rasterjit.io.skipped import LeftOut, LoadWarning
 from rasterjit.io.text.parts import Part, scene_of_parts
 from rasterjit.scene.memory import FileSizeError, MemoryBudget
@@ -105,8 +106,8 @@ def test_attributes_count_in_the_memory_that_a_file_may_take():
         part = Part("part", places, faces, **{name: own[name]})
         rest = "a.ply", "raise", 30.0, LeftOut()
         with pytest.raises(FileSizeError, match="part"):
-            scene_of_parts([part], *rest, MemoryBudget("a.ply", 20_000))
-        (node,) = scene_of_parts([part], *rest, MemoryBudget("a.ply", 40_000)).nodes
+            scene_of_parts([part], Reading(*rest, MemoryBudget("a.ply", 20_000)))
+        (node,) = scene_of_parts([part], Reading(*rest, MemoryBudget("a.ply", 40_000))).nodes
         assert len(node.mesh.vertex_attributes) + len(node.mesh.face_attributes) == 1
 
 

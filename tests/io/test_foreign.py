@@ -254,7 +254,7 @@ STRIP = """<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndi
 
 def test_cells_that_meshio_drops_are_named(tmp_path, monkeypatch):
     (tmp_path / "a.vtu").write_text(STRIP)
-    monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
+    monkeypatch.setattr("rasterjit.io.foreign.readers.find_spec", lambda name: None)
     with pytest.warns(rj.LoadWarning, match=r"cells that meshio cannot handle \(type 6\)"):
         rj.load(tmp_path / "a.vtu", isolate=False)
 
@@ -279,7 +279,7 @@ def rolled(face):
 @pytest.mark.parametrize("extension", ["vtk", "vtu"])
 def test_files_that_only_pyvista_reads_say_so(tmp_path, monkeypatch, extension):
     (tmp_path / f"a.{extension}").write_text("# vtk DataFile Version 3.0\nx\nASCII\nDATASET ODD\n")
-    monkeypatch.setattr("rasterjit.io.foreign.files.find_spec", lambda name: None)
+    monkeypatch.setattr("rasterjit.io.foreign.readers.find_spec", lambda name: None)
     with pytest.raises(rj.MeshFileError, match="PyVista may read it: pip install pyvista"):
         rj.load(tmp_path / f"a.{extension}", isolate=False)
 
@@ -314,9 +314,9 @@ def test_files_that_are_none_say_so(tmp_path, capfd):
 
 
 def test_what_no_package_reads_names_the_way_out(tmp_path, monkeypatch):
-    from rasterjit.io.foreign import files
+    from rasterjit.io.foreign import readers
 
-    monkeypatch.setattr(files, "find_spec", lambda name: None)
+    monkeypatch.setattr(readers, "find_spec", lambda name: None)
     monkeypatch.setitem(__import__("sys").modules, "meshio", None)
     for name, said in (("a.vtu", r"pip install 'rasterjit\[vtk\]'"), ("a.vtp", "install pyvista")):
         (tmp_path / name).write_text("<VTKFile>")

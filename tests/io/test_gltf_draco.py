@@ -12,7 +12,7 @@ from gltf_drafts import Draft, quad
 
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.gltf.draco import declared_counts, decode_draco
+from rasterjit.io.gltf.compression import declared_counts, decode_draco
 from rasterjit.scene.memory import FileSizeError, MemoryBudget
 
 DracoPy = pytest.importorskip("DracoPy")

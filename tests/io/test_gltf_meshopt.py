@@ -11,7 +11,7 @@ from sample_models import encode_png
 
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.gltf.meshopt import decode_meshopt
+from rasterjit.io.gltf.compression import decode_meshopt
 from rasterjit.scene.memory import FileSizeError, MemoryBudget
 
 meshopt = pytest.importorskip("meshopt", reason="meshopt needs Python 3.11")

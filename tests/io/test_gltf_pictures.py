@@ -15,7 +15,7 @@ from PIL import Image, features
 
 import rasterjit as rj
 from rasterjit.io.foreign.codecs import Decoder
-from rasterjit.io.gltf.ktx2 import ktx2_pixels
+from rasterjit.io.gltf.compression import ktx2_pixels
 from rasterjit.scene.memory import MemoryBudget
 
 BASIS = "KHR_texture_basisu"

@@ -17,7 +17,7 @@ from sample_models import Model, quad
 
 import rasterjit as rj
 from rasterjit.cli.commands import program
-from rasterjit.io.gltf.variants import VARIANTS
+from rasterjit.io.gltf.extensions import VARIANTS
 from rasterjit.io.skipped import LoadWarning, SaveWarning
 
 NAMES = ("Midnight", "Beach", "Street")

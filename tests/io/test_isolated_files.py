@@ -21,7 +21,7 @@ import pytest
 from planted_files import PLANTED
 
 import rasterjit as rj
-from rasterjit.io.foreign import door, truncation, wire
+from rasterjit.io.foreign import door, limits, wire
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut
 from rasterjit.scene.memory import MemoryBudget
@@ -534,15 +534,15 @@ def test_a_file_cut_short_anywhere_is_not_read_for_ever(tmp_path, kind):
 def test_a_file_is_read_in_vain_only_so_often(tmp_path, mode):
     path = tmp_path / "a"
     path.write_text("one\ntwo\n")
-    with truncation._open(path, mode) as file:
+    with limits._open(path, mode) as file:
         for _ in range(3):
             # What comes in between is no vain reading.
             file.seek(0)
             assert len(file.readlines()) == 2
-            for _ in range(truncation._MAX_EMPTY_READS // 2):
+            for _ in range(limits._MAX_EMPTY_READS // 2):
                 assert not file.readline()
         with pytest.raises(EOFError, match="it ends where more is expected"):
-            all(not file.readline() for _ in range(truncation._MAX_EMPTY_READS))
+            all(not file.readline() for _ in range(limits._MAX_EMPTY_READS))
 
 
 @pytest.mark.parametrize("options", [
@@ -562,4 +562,4 @@ def test_files_are_opened_as_python_opens_them(tmp_path, options):
         except Exception as error:
             return type(error), str(error)
 
-    assert read(truncation._open) == read(open)
+    assert read(limits._open) == read(open)

@@ -10,7 +10,7 @@ import pytest
 from planted_files import PLANTED
 
 import rasterjit as rj
-from rasterjit.io.foreign.files import CELL_FORMATS
+from rasterjit.io.foreign.readers import CELL_FORMATS
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.meshes import OWN_FORMATS
 from rasterjit.io.skipped import LeftOut, LoadWarning

@@ -18,7 +18,7 @@ from PIL import Image
 import rasterjit as rj
 from rasterjit.io.meshes import as_scene, from_trimesh, load
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.trimesh.materials import material_from_trimesh
+from rasterjit.io.trimesh.scene import material_from_trimesh
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight

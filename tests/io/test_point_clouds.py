@@ -10,8 +10,8 @@ import pytest
 import trimesh
 
 import rasterjit as rj
-from rasterjit.io.point_clouds.cloud import default_size
-from rasterjit.io.point_clouds.lzf import unpack_lzf
+from rasterjit.io.point_clouds.pcd import unpack_lzf
+from rasterjit.io.primitives import default_size
 from rasterjit.scene.color import srgb_to_linear
 
 RNG = np.random.default_rng(24)

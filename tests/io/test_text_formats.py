@@ -17,6 +17,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.cli import commands
+from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.text.lines import Damage
@@ -189,7 +190,7 @@ def through_trimesh(path, on_invalid="raise"):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read = trimesh.load_scene(path, resolver=resolver_of(resources, left_out), process=False)
-    adapter = WithLibrary(str(path), True, on_invalid, 40.0, left_out)
+    adapter = WithLibrary(Reading(str(path), on_invalid, 40.0, left_out), True)
     if path.suffix == ".obj" and "mtllib a.mtl" in path.read_text():
         used = [line.split()[1] for line in path.read_text().splitlines() if line[:6] == "usemtl"]
         adapter.library = MtlLibrary(["a.mtl"], used, resources, left_out)

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.threemf import properties
+from rasterjit.io.threemf import parts
 from rasterjit.scene.color import srgb_to_linear
 
 SPACES = " ".join(
@@ -310,8 +310,8 @@ def test_components_that_multiply_are_refused_by_the_budget(tmp_path):
 def test_what_multiplies_keeps_the_alpha_of_what_is_below_it():
     red, half_green = (1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.5)
     layers = [np.float32([layer]) for layer in (red, half_green, (1.0, 0.5, 1.0, 1.0))]
-    mixed = properties._blend(layers, ["mix", "mix", "multiply"], True)
+    mixed = parts._blend(layers, ["mix", "mix", "multiply"], True)
     assert mixed.tolist() == [[0.5, 0.25, 0.0, 1.0]]
     layers[2][0, 3] = 0.5
-    mixed = properties._blend(layers, ["mix", "mix", "multiply"], True)
+    mixed = parts._blend(layers, ["mix", "mix", "multiply"], True)
     assert mixed.tolist() == [[0.75, 0.125, 0.0, 1.0]]

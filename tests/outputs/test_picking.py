@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.distributed import layers
-from rasterjit.distributed.many import FarFrame
+from rasterjit.distributed import sort_last
+from rasterjit.distributed.frames import FarFrame
 from rasterjit.outputs.frame import PICKED
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering.planning import FrameRequest
@@ -167,8 +167,8 @@ def test_partitions_are_one_object(cube, sphere):
         rj.Mesh(sphere.vertices * 0.3, sphere.faces, material=flat),
         (cube.vertices, cube.faces),
     ]
-    drawn = [layers.draw_layer(part, rj.Scene(), flat, camera, options, 1) for part in parts]
-    frame = layers.merge_layers(*drawn).frame()
+    drawn = [sort_last.draw_layer(part, rj.Scene(), flat, camera, options, 1) for part in parts]
+    frame = sort_last.merge_layers(*drawn).frame()
     pick = frame.pick(24, 18)
     assert pick.node == 0
     assert pick.face == frame.face_id[18, 24] >= len(sphere.faces)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.images import picture_pixels
 from rasterjit.io.skipped import LoadWarning
 from rasterjit.scene.fog import SHORTEST_RAMP
 from rasterjit.scene.texture import MOST_TEXELS

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.images import picture_pixels
 
 KINDS = {1: 0, 2: 4, 3: 2, 4: 6}
 """How PNG calls pictures of so many channels."""

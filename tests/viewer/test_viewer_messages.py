@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from rasterjit.viewer import messages
+from rasterjit.viewer import protocol
 
 POINTER = {"x": 3, "y": 4.5, "button": 1, "buttons": [1], "modifiers": ["Shift"]}
 ALLOWED = {
@@ -30,7 +30,7 @@ ALSO = {"only": (None,), "modes": ({},)}
 
 
 def read(sent=5, **message):
-    return messages.read_message(json.dumps(message), sent)
+    return protocol.read_message(json.dumps(message), sent)
 
 
 @pytest.mark.parametrize("kind", ALLOWED)
@@ -91,7 +91,7 @@ def test_what_is_not_listed_does_not_pass(kind):
     ],
 )
 def test_what_is_no_message_does_not_pass(text):
-    assert messages.read_message(text, 5) is None
+    assert protocol.read_message(text, 5) is None
 
 
 @pytest.mark.parametrize("far", [1e7, -1e7])
@@ -133,8 +133,8 @@ def test_usual_sizes_pass_as_they_are():
 def test_large_sizes_become_smaller_ones_of_the_same_shape(size):
     found = read(type="resize", pwidth=size[0], pheight=size[1], ratio=2)
     width, height = found["pwidth"], found["pheight"]
-    assert width * height <= messages.MOST_PIXELS
-    assert max(width, height) <= messages.LONGEST_SIDE
+    assert width * height <= protocol.MOST_PIXELS
+    assert max(width, height) <= protocol.LONGEST_SIDE
     # A place in the page is the same place of the picture.
     assert width / found["ratio"] == pytest.approx(size[0] / 2, rel=1e-3) or width == 1
     assert height / found["ratio"] == pytest.approx(size[1] / 2, rel=1e-3) or height == 1

@@ -19,10 +19,10 @@ from PIL import Image
 from viewing import PATIENCE
 
 import rasterjit as rj
-from rasterjit.viewer import codecs, tab
+from rasterjit.viewer import protocol, tab
+from rasterjit.viewer.protocol import camera_code
 from rasterjit.viewer.tab import MOST_ON_WAY, MOST_WAITING, Tab, add_event
 from rasterjit.viewer.viewer import Viewer
-from rasterjit.viewer.views import camera_code
 
 pytest.importorskip("simplejpeg")
 
@@ -163,7 +163,7 @@ def test_a_picture_is_coded_while_the_next_is_drawn(pair, monkeypatch):
     def encode(picture):
         coding.set()
         assert release.wait(PATIENCE)
-        return codecs.encode_png(picture)
+        return protocol.encode_png(picture)
 
     monkeypatch.setattr(tab, "encode_jpeg", encode)
     viewer, drawn = Viewer(pair, size=(8, 6)), threading.Event()
@@ -447,7 +447,7 @@ def test_only_moves_with_the_same_buttons_and_keys_become_one():
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 1), (37, 23)])
 def test_png_holds_every_pixel(size):
     picture = np.random.default_rng(1).integers(0, 256, (*size, 4), dtype=np.uint8)
-    found = Image.open(io.BytesIO(codecs.encode_png(picture)))
+    found = Image.open(io.BytesIO(protocol.encode_png(picture)))
     found.load()
     assert (found.format, found.mode) == ("PNG", "RGB")
     np.testing.assert_array_equal(np.asarray(found), picture[:, :, :3])
@@ -457,7 +457,7 @@ def test_jpeg_is_near():
     ramp = np.linspace(0, 255, 64, dtype=np.uint8)
     picture = np.full((64, 64, 4), 255, dtype=np.uint8)
     picture[:, :, 0], picture[:, :, 1] = ramp, ramp[:, None]
-    found = np.asarray(Image.open(io.BytesIO(codecs.encode_jpeg(picture))))
+    found = np.asarray(Image.open(io.BytesIO(protocol.encode_jpeg(picture))))
     assert np.abs(found.astype(int) - picture[:, :, :3]).max() <= 6
 
 

@@ -27,8 +27,17 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from viewing import PATIENCE, VIEW
 
 import rasterjit as rj
-from rasterjit.viewer.graphics import encode_sixels, half_blocks
-from rasterjit.viewer.terminal import END_KEY, HELD, Abilities, Hands, Screen, ask, panel_lines
+from rasterjit.viewer.terminal import (
+    END_KEY,
+    HELD,
+    Abilities,
+    Hands,
+    Screen,
+    ask,
+    encode_sixels,
+    half_blocks,
+    panel_lines,
+)
 from rasterjit.viewer.viewer import HELP
 
 pytestmark = pytest.mark.takes_long

@@ -12,8 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rasterjit.accuracy.choice import choose
-from rasterjit.accuracy.ranking import is_measured
+from rasterjit.accuracy.choice import choose, is_measured
 from rasterjit.accuracy.report.plots import PAGE_MODULES
 from rasterjit.accuracy.results import EffectCost, Study, Trial
 from rasterjit.accuracy.sentences import answer, options_of, sentences

@@ -15,11 +15,17 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.accuracy.choice import choose
-from rasterjit.accuracy.ranking import is_measured, is_slower
-from rasterjit.accuracy.report.plots import DARK, LIGHT, PAGE_MODULES, plot_front, require_extra
-from rasterjit.accuracy.report.scales import duration, number
-from rasterjit.accuracy.report.shots import make_album, thumbnail
+from rasterjit.accuracy.choice import choose, is_measured, is_slower
+from rasterjit.accuracy.report.plots import (
+    DARK,
+    LIGHT,
+    PAGE_MODULES,
+    duration,
+    number,
+    plot_front,
+    require_extra,
+)
+from rasterjit.accuracy.report.shots import make_album, thumbnail, webp_uri
 from rasterjit.accuracy.results import (
     COMBINATIONS,
     PROCESSOR,
@@ -183,7 +189,7 @@ def _contents(study: Study, sentences: dict[str, str]) -> dict[str, Any]:
         "columns": columns,
         "rows": rows,
         "stroke": f"{columns / 80.0:.3g}",
-        "thumbnail": thumbnail(study),
+        "thumbnail": webp_uri(thumbnail(study.reference_color)),
         "album": album,
         "wide": max(WIDE // wide, 1),
         "narrow": max(NARROW // wide, 1),

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from rasterjit.accuracy.choice import choose
 from rasterjit.accuracy.report.files import JSON_NAME
-from rasterjit.accuracy.report.scales import number
+from rasterjit.accuracy.report.plots import number
 from rasterjit.accuracy.results import STANDARD, Trial
 from rasterjit.accuracy.sentences import figures, options_of, time_in_words, together
 from rasterjit.io.whole import write_text

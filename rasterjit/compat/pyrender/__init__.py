@@ -30,7 +30,6 @@ pyrender 0.1.45, https://pyrender.readthedocs.io.
 from rasterjit.compat.pyrender import font as font
 from rasterjit.compat.pyrender import shader_program as shader_program
 from rasterjit.compat.pyrender import trackball as trackball
-from rasterjit.compat.pyrender.absent import NoOpenGLError as NoOpenGLError
 from rasterjit.compat.pyrender.camera import (
     Camera,
     IntrinsicsCamera,
@@ -38,7 +37,9 @@ from rasterjit.compat.pyrender.camera import (
     PerspectiveCamera,
 )
 from rasterjit.compat.pyrender.constants import GLTF, RenderFlags, TextAlign
+from rasterjit.compat.pyrender.fields import NoOpenGLError as NoOpenGLError
 from rasterjit.compat.pyrender.installation import install as install
+from rasterjit.compat.pyrender.installation import share as _share
 from rasterjit.compat.pyrender.light import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.material import Material, MetallicRoughnessMaterial
 from rasterjit.compat.pyrender.mesh import Mesh
@@ -48,7 +49,6 @@ from rasterjit.compat.pyrender.primitive import Primitive
 from rasterjit.compat.pyrender.renderer import Renderer
 from rasterjit.compat.pyrender.sampler import Sampler
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.compat.pyrender.shared_names import share as _share
 from rasterjit.compat.pyrender.texture import Texture
 from rasterjit.compat.pyrender.version import __version__
 from rasterjit.compat.pyrender.viewer import Viewer

@@ -132,3 +132,18 @@ def yes_or_no(value: Any) -> bool:
     if not isinstance(value, bool):
         raise TypeError("must be True or False")
     return value
+
+
+_INSTEAD = (
+    "is a part of OpenGL, and RasterJIT draws without. In place of own shaders, "
+    "OffscreenRenderer.render(scene, outputs=...) returns normals and positions "
+    '("normal_camera", "position" ...), RenderFlags.SEG colours nodes and RenderFlags.FLAT leaves '
+    "light out"
+)
+
+
+class NoOpenGLError(AttributeError):
+    """A part of pyrender was asked for that belongs to OpenGL; ``hasattr`` says that it is not."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what} {_INSTEAD}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rasterjit.compat.pyrender.absent import NoOpenGLError
+from rasterjit.compat.pyrender.fields import NoOpenGLError
 
 
 class FontCache:

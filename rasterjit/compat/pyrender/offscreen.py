@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.compat.pyrender.absent import NoOpenGLError
 from rasterjit.compat.pyrender.constants import NORMALS, SHADOW_TEX_SZ, RenderFlags, TextAlign
 from rasterjit.compat.pyrender.drawing import (
     Drawing,
@@ -23,7 +22,7 @@ from rasterjit.compat.pyrender.drawing import (
     convert,
     matrix_camera,
 )
-from rasterjit.compat.pyrender.fields import Field, number
+from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, number
 from rasterjit.compat.pyrender.light import DirectionalLight, SpotLight
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.platforms import Platform

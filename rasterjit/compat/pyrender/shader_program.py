@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rasterjit.compat.pyrender.absent import NoOpenGLError
+from rasterjit.compat.pyrender.fields import NoOpenGLError
 
 
 class ShaderProgram:

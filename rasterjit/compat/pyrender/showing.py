@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,89 @@ from rasterjit.viewer import viewer
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.overlay import Row, write_panel
 from rasterjit.viewer.switches import MODED
+
+
+class Window:
+    """
+    A window that shows nothing by itself, for programs that place theirs or bring it forward.
+
+    It is where it was put and as large as the viewer says; what else is done to it has no effect.
+    """
+
+    viewport_size: Any
+
+    _place = (0, 0)
+    _caption: str | None = None
+
+    @property
+    def _window(self) -> int:
+        """A number that stands for it: programs wait until it is not None."""
+        return id(self)
+
+    @property
+    def width(self) -> int:
+        """Width of the picture, pixels."""
+        return int(self.viewport_size[0])
+
+    @property
+    def height(self) -> int:
+        """Height of the picture, pixels."""
+        return int(self.viewport_size[1])
+
+    @property
+    def caption(self) -> str | None:
+        """Its title, as it was set."""
+        return self._caption
+
+    def get_size(self) -> tuple[int, int]:
+        """Return width and height of the picture, pixels."""
+        return self.width, self.height
+
+    def get_location(self) -> tuple[int, int]:
+        """Return x and y as they were set, pixels; at first 0."""
+        return self._place
+
+    def set_location(self, x: int, y: int) -> None:
+        """Keep x and y, pixels."""
+        self._place = x, y
+
+    def set_caption(self, caption: str) -> None:
+        """Keep a title."""
+        self._caption = caption
+
+    def set_size(self, width: int, height: int) -> None:
+        """Do nothing: whoever looks chooses the size."""
+
+    def set_fullscreen(self, fullscreen: bool = True, *_: Any, **__: Any) -> None:
+        """Do nothing: whoever looks chooses the size."""
+
+    def set_visible(self, visible: bool = True) -> None:
+        """Do nothing."""
+
+    def set_mouse_visible(self, visible: bool = True) -> None:
+        """Do nothing."""
+
+    def activate(self) -> None:
+        """Do nothing."""
+
+    def minimize(self) -> None:
+        """Do nothing."""
+
+    def maximize(self) -> None:
+        """Do nothing."""
+
+    def switch_to(self) -> None:
+        """Do nothing: there is no context of OpenGL."""
+
+    def flip(self) -> None:
+        """Do nothing: what was drawn is shown at once."""
+
+    def clear(self) -> None:
+        """Do nothing: what was drawn goes with the next picture."""
+
+    def dispatch_events(self) -> None:
+        """Do nothing: events come by themselves."""
+
 
 Camera = PerspectiveCamera | MatrixCamera
 
@@ -87,51 +170,14 @@ class Look(NamedTuple):
     """(4,): opaque, codes or linear light."""
 
 
-class Source(Protocol):
-    """What has a scene that changes."""
-
-    @property
-    def render_lock(self) -> Any:
-        """Held by who looks at the scene or changes it."""
-
-    @property
-    def looks_each(self) -> float:
-        """Time between two looks at the scene, seconds."""
-
-    @property
-    def is_turning(self) -> bool:
-        """Whether the camera turns by itself."""
-
-    @property
-    def message(self) -> str:
-        """What is to be read for a while."""
-
-    def look(self, size: tuple[int, int]) -> Look | None:
-        """Return what is to be seen in a picture of a size, pixels; None if it is over."""
-
-    def take(self, event: Event, size: tuple[float, float]) -> bool:
-        """Take in an event of a canvas of a size, and tell whether it meant something."""
-
-    def look_from(self, pose: NDArray[np.float64]) -> None:
-        """Put the camera somewhere."""
-
-    def note_size(self, size: tuple[int, int]) -> None:
-        """Take the size of the picture, pixels."""
-
-    def fail(self, error: Exception) -> None:
-        """End what is shown, because of an error of the program."""
-
-    def end(self) -> None:
-        """Take note that nobody looks any more."""
-
-
 class Showing(viewer.Viewer):
     """
     Shows what a source has, as it is at each moment.
 
     Parameters
     ----------
-    source : Source
+    source : Viewer
+        What has a scene that changes, and a lock that is held by who looks at it or changes it.
     size : (int, int)
         Width and height of the pictures, pixels.
     name : str
@@ -149,7 +195,7 @@ class Showing(viewer.Viewer):
     help_rows = HELP
     help_key = "?"
 
-    def __init__(self, source: Source, size: tuple[int, int], name: str, ends: bool = True) -> None:
+    def __init__(self, source: Any, size: tuple[int, int], name: str, ends: bool = True) -> None:
         self._source, self._ends = source, ends
         with source.render_lock:
             look = source.look(size)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.animation.video import save_animation
-from rasterjit.compat.pyrender.absent import NoOpenGLError
+from rasterjit.compat.pyrender import drawing
 from rasterjit.compat.pyrender.camera import (
     Camera,
     IntrinsicsCamera,
@@ -36,23 +36,13 @@ from rasterjit.compat.pyrender.constants import (
     DEFAULT_Z_NEAR,
     RenderFlags,
 )
-from rasterjit.compat.pyrender.drawing import (
-    Seen,
-    add_lights,
-    background_codes,
-    background_light,
-    camera_of,
-    check_flags,
-    convert,
-)
-from rasterjit.compat.pyrender.fields import Field, anything
+from rasterjit.compat.pyrender.fields import Field, NoOpenGLError, anything
 from rasterjit.compat.pyrender.light import DirectionalLight
 from rasterjit.compat.pyrender.mesh import Mesh
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.compat.pyrender.showing import Lens, Look, Showing
+from rasterjit.compat.pyrender.showing import Lens, Look, Showing, Window
 from rasterjit.compat.pyrender.trackball import Trackball
-from rasterjit.compat.pyrender.window import Window
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera as MovableCamera
@@ -234,7 +224,7 @@ class Viewer(Window):
         self._error: BaseException | None = None
         self._stop: Callable[[], Any] | None = None
         self._thread: threading.Thread | None = None
-        check_flags(self._flags())
+        drawing.check_flags(self._flags())
         self._enter()
         try:
             self._showing = Showing(self, self._viewport_size, self._viewer_flags["window_title"])
@@ -430,18 +420,18 @@ class Viewer(Window):
             return None
         if self._is_started:
             self.on_draw()
-        scene, flags = self._scene, check_flags(self._flags())
+        scene, flags = self._scene, drawing.check_flags(self._flags())
         self._camera_node.matrix = self._trackball.pose
         self._set_lights()
-        matrices = camera_of(scene, size)
+        matrices = drawing.camera_of(scene, size)
         node = scene.main_camera_node or self._camera_node
         pose = scene.get_pose(node)
         camera = movable_camera(node.camera, pose) or Lens(
             matrices.view_from_world, matrices.clip_from_view
         )
-        seen = Seen(matrices, size, float(self._render_flags["point_size"]))
-        drawn = convert(scene, flags, seen=seen).scene
-        codes = background_codes(scene)
+        seen = drawing.Seen(matrices, size, float(self._render_flags["point_size"]))
+        drawn = drawing.convert(scene, flags, seen=seen).scene
+        codes = drawing.background_codes(scene)
         codes[3] = 255
         if not drawn.nodes:
             # A scene is of something: a face without area, which is never seen.
@@ -450,8 +440,8 @@ class Viewer(Window):
             return Look(drawn, camera, codes)
         if not scene.light_nodes and not scene.ambient_light.any():
             # A window that is black helps nobody.
-            add_lights(drawn, [(DirectionalLight(intensity=math.pi), pose)])
-        return Look(drawn, camera, background_light(codes, flags))
+            drawing.add_lights(drawn, [(DirectionalLight(intensity=math.pi), pose)])
+        return Look(drawn, camera, drawing.background_light(codes, flags))
 
     def take(self, event: Event, size: tuple[float, float]) -> bool:
         """Take in an event of a canvas of a size, and tell whether it meant something."""
@@ -699,7 +689,7 @@ class Viewer(Window):
         flags = self._viewer_flags if name in _VIEWER_FLAGS else self._render_flags
         flags[name] = not flags[name]
         try:
-            check_flags(self._flags())
+            drawing.check_flags(self._flags())
         except ValueError as error:
             flags[name] = False
             self._say(str(error))

@@ -23,17 +23,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from rasterjit.io.foreign.limits import (
-    Guard,
-    die_with_parent,
-    hold_to_memory,
-    hold_to_seconds,
-    keep_to_files,
-    library_places,
-    seconds_used,
-    without_network,
-)
-from rasterjit.io.foreign.truncation import refuse_endless_reads
+from rasterjit.io.foreign import limits
 
 _OURS = ("rasterjit.io.foreign.readers", "rasterjit.io.foreign.wire")
 """Modules of this package that a copy needs."""
@@ -57,9 +47,9 @@ def serve(file: int) -> None:
         # What libraries print is nobody's answer.
         os.dup2(silent, number)
     sys.dont_write_bytecode = True
-    without_network()
-    refuse_endless_reads()
-    guard = Guard()
+    limits.without_network()
+    limits.refuse_endless_reads()
+    guard = limits.Guard()
     _answer(answers, {"ready": True})
     for line in requests:
         request = json.loads(line)
@@ -70,7 +60,7 @@ def serve(file: int) -> None:
                 continue
             if "hidden" in request:
                 _hold(request, guard)
-            _do(request, file, guard, seconds_used())
+            _do(request, file, guard, limits.seconds_used())
         _answer(answers, {"status": 0})
 
 
@@ -87,11 +77,11 @@ def _import_for(request: dict[str, Any]) -> None:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
     # Found here, it is known to the copies.
-    library_places()
+    limits.library_places()
 
 
 def _serve_by_copy(
-    request: dict[str, Any], file: int, guard: Guard, requests: Any, answers: Any
+    request: dict[str, Any], file: int, guard: limits.Guard, requests: Any, answers: Any
 ) -> None:
     """Have a copy of this process do a request and those that follow, until it ends."""
     asked, asks = os.pipe()
@@ -100,7 +90,7 @@ def _serve_by_copy(
     process = os.fork()
     if process == 0:
         try:
-            die_with_parent()
+            limits.die_with_parent()
             for one in (requests, answers):
                 one.close()
             for number in (asks, done):
@@ -130,9 +120,11 @@ def _serve_by_copy(
         os.close(done)
 
 
-def _be_copy(request: dict[str, Any], file: int, guard: Guard, asked: int, says: int) -> None:
+def _be_copy(
+    request: dict[str, Any], file: int, guard: limits.Guard, asked: int, says: int
+) -> None:
     """Do one request after the other, within limits, and end after the last one."""
-    start = seconds_used()
+    start = limits.seconds_used()
     _hold(request, guard)
     with os.fdopen(asked, "rb") as following:
         while True:
@@ -178,23 +170,23 @@ def _state(process: int) -> bytes:
     return b" ".join([fields[0], *fields[11:13]])
 
 
-def _hold(request: dict[str, Any], guard: Guard) -> None:
+def _hold(request: dict[str, Any], guard: limits.Guard) -> None:
     """Keep this process to the files that a request allows, for good where it can."""
     root, path = os.path.realpath(request["root"]), os.path.realpath(request["path"])
-    places = [root, path, *library_places()]
+    places = [root, path, *limits.library_places()]
     # What a program hides from itself it hides from its readers.
     sys.modules.update(dict.fromkeys(request["hidden"]))
     os.chdir(request["folder"])
-    hold_to_memory(request["memory"])
-    keep_to_files(places)
+    limits.hold_to_memory(request["memory"])
+    limits.keep_to_files(places)
     guard.keep_to(root, places)
 
 
-def _do(request: dict[str, Any], file: int, guard: Guard, start: int) -> None:
+def _do(request: dict[str, Any], file: int, guard: limits.Guard, start: int) -> None:
     """Do what a request asks for; leave in a file what was found, or why not."""
     from rasterjit.io.foreign.wire import read_found, write_found
 
-    hold_to_seconds(start + request["seconds"])
+    limits.hold_to_seconds(start + request["seconds"])
     arguments = read_found(file) if request["is_given"] else ()
     os.truncate(file, 0)
     guard.is_armed = True

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
-from rasterjit.io.gltf.draco import unpacked_mesh
+from rasterjit.io.gltf.compression import transcoded, unpacked_mesh, unpacked_rows
 from rasterjit.io.gltf.extensions import BASIS, DRACO, LIBRARIES, MESHOPT
-from rasterjit.io.gltf.ktx2 import transcoded
-from rasterjit.io.gltf.meshopt import unpacked_rows
-from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.images import picture_pixels
 from rasterjit.scene.memory import MemoryBudget
 
 if TYPE_CHECKING:

@@ -27,8 +27,7 @@ from rasterjit import forks
 from rasterjit.io.foreign.codecs import CODECS
 from rasterjit.io.foreign.readers import modules_for
 from rasterjit.io.foreign.wire import read_found, write_found
-from rasterjit.io.kinds import extension_of
-from rasterjit.io.resources import Resources
+from rasterjit.io.resources import Resources, extension_of
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.memory import FileSizeError, MemoryBudget
 from rasterjit.scene.mesh import OnInvalid

@@ -16,10 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.io.assembly import Assembly, Place
-from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.point_clouds.cloud import Cloud
-from rasterjit.io.text.parts import Part
+from rasterjit.io.primitives import Cloud, LineDrawing
+from rasterjit.io.text.parts import Assembly, Part, Place
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material

@@ -22,14 +22,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.attributes import mesh_of, usable_attributes
-from rasterjit.io.drawings import LineDrawing, lines_of
-from rasterjit.io.gltf import layers
-from rasterjit.io.gltf.draco import decode_draco
-from rasterjit.io.gltf.extensions import DRACO, FURTHER_FORMATS, PICTURES
+from rasterjit.io.gltf.animations import read_posable, with_morph_weights
+from rasterjit.io.gltf.compression import SIGNATURE, decode_draco, ktx2_pixels
+from rasterjit.io.gltf.extensions import (
+    DRACO,
+    FURTHER_FORMATS,
+    LAYER_TEXTURES,
+    PICTURES,
+    layers_of,
+    mapped_materials,
+    variant_names,
+)
 from rasterjit.io.gltf.file import GltfFile
-from rasterjit.io.gltf.ktx2 import SIGNATURE, ktx2_pixels
-from rasterjit.io.gltf.posable import read_posable, with_morph_weights
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -40,13 +44,20 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
-from rasterjit.io.gltf.variants import mapped_materials, variant_names
-from rasterjit.io.point_clouds.cloud import Cloud, points_of
+from rasterjit.io.primitives import (
+    Cloud,
+    LineDrawing,
+    Reading,
+    lines_of,
+    mesh_of,
+    points_of,
+    usable_attributes,
+)
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial, with_textures
-from rasterjit.scene.mesh import Mesh, OnInvalid
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, ColorSpace, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
@@ -140,7 +151,7 @@ class MaterialReader:
             "alpha_cutoff": number_of(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        laid, uses = layers.layers_of(extensions)
+        laid, uses = layers_of(extensions)
         textures, uv_sets = self._read_textures({**values, **uses}, UNLIT in extensions, label)
         if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
@@ -167,7 +178,7 @@ class MaterialReader:
         """Return the textures of a material by field, and their sets of texture coordinates."""
         found: dict[str, Any] = {}
         uv_sets: list[int] = []
-        for field, (key, color_space) in (TEXTURES | layers.TEXTURES).items():
+        for field, (key, color_space) in (TEXTURES | LAYER_TEXTURES).items():
             if values.get(key) is None or (is_unlit and field != "base_color_texture"):
                 continue
             try:
@@ -303,35 +314,18 @@ class MeshReader:
     Parameters
     ----------
     file : GltfFile
-    source : str
-        What messages call the file.
     materials : MaterialReader
-    on_invalid : {"raise", "drop"}
-    crease_angle : float
-        Degrees in 0..180, for primitives without normals.
-    left_out : LeftOut
-        Notes what is not shown, by the name of the mesh.
+    reading : Reading
     """
 
-    def __init__(
-        self,
-        file: GltfFile,
-        source: str,
-        materials: MaterialReader,
-        on_invalid: OnInvalid,
-        crease_angle: float,
-        left_out: LeftOut,
-    ) -> None:
-        self._file = file
-        self._source = source
-        self._materials = materials
-        self._on_invalid = on_invalid
-        self._crease_angle = crease_angle
-        self._left_out = left_out
+    def __init__(self, file: GltfFile, materials: MaterialReader, reading: Reading) -> None:
+        self._file, self._materials = file, materials
+        # The bytes of its buffers have been paid for where they were read.
+        self._reading, self._left_out = reading._replace(budget=None), reading.left_out
         self._known: dict[Any, list[Mesh]] = {}
         self._plain: dict[tuple[Material, tuple[str, ...]], Material] = {}
         self._moved: dict[tuple[Material, tuple[int, ...]], Material] = {}
-        self._variant_names = variant_names(file.header, left_out)
+        self._variant_names = variant_names(file.header, self._left_out)
 
     @property
     def variants(self) -> tuple[str, ...]:
@@ -380,19 +374,19 @@ class MeshReader:
         if arrays is None:
             return None
         if isinstance(arrays, Cloud):
-            return points_of(arrays, self._source, self._on_invalid, self._left_out)
+            return points_of(arrays, self._reading)
         if isinstance(arrays, LineDrawing):
-            return lines_of(arrays, self._source, self._on_invalid, self._left_out)
+            return lines_of(arrays, self._reading)
         variants = arrays.pop("variants")
         try:
-            mesh = mesh_of(label, self._left_out, **arrays, on_invalid=self._on_invalid)
+            mesh = mesh_of(label, self._left_out, **arrays, on_invalid=self._reading.on_invalid)
             if mesh.normals is None:
-                mesh = mesh.split_creases(self._crease_angle)
+                mesh = mesh.split_creases(self._reading.crease_angle)
             if variants:
                 mesh.variants = variants
             return mesh
         except ValueError as error:
-            raise MeshFileError(f"{self._source}: {label}: {error}") from error
+            raise MeshFileError(f"{self._reading.source}: {label}: {error}") from error
 
     def _arrays(
         self, primitive: dict[str, Any], label: str, mode: int | None

@@ -20,8 +20,8 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf.compression import decode_meshopt
 from rasterjit.io.gltf.extensions import MESHOPT
-from rasterjit.io.gltf.meshopt import decode_meshopt
 from rasterjit.io.gltf.values import (
     LONGEST_SHOWN,
     list_of,

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf.animations import MovingReader, parent_from_node, trs_of
 from rasterjit.io.gltf.content import MaterialReader, MeshReader
 from rasterjit.io.gltf.extensions import (
     INSTANCING,
@@ -33,9 +34,6 @@ from rasterjit.io.gltf.extensions import (
     check_library,
 )
 from rasterjit.io.gltf.file import ONE_OF, GltfFile
-from rasterjit.io.gltf.instancing import instances_of
-from rasterjit.io.gltf.moving import MovingReader
-from rasterjit.io.gltf.placing import parent_from_node, trs_of
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
     finite_of,
@@ -45,15 +43,58 @@ from rasterjit.io.gltf.values import (
     shown,
     whole_of,
 )
+from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.io.skipped import MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
-from rasterjit.scene.mesh import OnInvalid
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose, product_of
 from rasterjit.scene.validation import in_short
+
+NODE_BYTES = 4096
+"""What a node of a scene takes."""
+
+_WIDTHS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}
+
+
+def instances_of(file: GltfFile, node: dict[str, Any]) -> list[dict[str, Any]] | None:
+    """
+    Return what nodes below a node would say of its instances; None if it has no such.
+
+    Parameters
+    ----------
+    file : GltfFile
+    node : dict
+        An entry of the file's nodes.
+
+    Returns
+    -------
+    list of dict, or None
+        Each with ``translation``, ``rotation`` and ``scale``, as far as the file has them.
+
+    Raises
+    ------
+    ValueError, LookupError
+        If the arrays are damaged, or of different lengths.
+    """
+    extensions = object_of(node, "extensions")
+    if INSTANCING not in extensions:
+        return None
+    numbers = object_of(object_of(extensions, INSTANCING), "attributes")
+    rows = {name: file.array(number) for name, number in numbers.items() if name in _WIDTHS}
+    counts = {name: len(found) for name, found in rows.items()}
+    if len(set(counts.values())) != 1:
+        raise ValueError(f"attributes must be of one length, got {counts or 'none'}")
+    for name, found in rows.items():
+        if found.shape[1] != _WIDTHS[name]:
+            raise ValueError(f"{name} must be {_WIDTHS[name]} numbers, got {found.shape[1]}")
+    count = next(iter(counts.values()))
+    file.budget.take("instances", count * NODE_BYTES)
+    listed = {name.lower(): found.astype(np.float64).tolist() for name, found in rows.items()}
+    return [{name: found[place] for name, found in listed.items()} for place in range(count)]
+
 
 GLTF_FORMATS = ("gltf", "glb", "vrm")
 """Extensions of their files; a .vrm is a GLB file of an avatar."""
@@ -69,9 +110,7 @@ _ATTRIBUTE = re.compile(r"POSITION|NORMAL|TANGENT|COLOR_0|(?:TEXCOORD|JOINTS|WEI
 """Attributes of vertices that are read where they are needed."""
 
 
-def load_gltf(
-    path: Path, resources: Resources, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
-) -> Scene:
+def load_gltf(path: Path, resources: Resources, reading: Reading) -> Scene:
     """
     Read a ``.gltf`` or ``.glb`` file.
 
@@ -80,12 +119,7 @@ def load_gltf(
     path : Path
     resources : Resources
         The files that it may name.
-    on_invalid : {"raise", "drop"}
-        What to do about NaN or infinite vertices, as in `Mesh`.
-    crease_angle : float
-        Degrees in 0..180, for meshes without normals.
-    left_out : LeftOut
-        Notes what the file has and the scene has not.
+    reading : Reading
 
     Raises
     ------
@@ -93,8 +127,7 @@ def load_gltf(
         If the file cannot be read or shows nothing.
     """
     try:
-        file = GltfFile(path, resources)
-        return _GltfScene(file, str(path), on_invalid, crease_angle, left_out).scene
+        return _GltfScene(GltfFile(path, resources), reading).scene
     except MeshFileError:
         raise
     except Exception as error:
@@ -107,20 +140,11 @@ def load_gltf(
 class _GltfScene:
     """Turns the file's default scene into ``scene``."""
 
-    def __init__(
-        self,
-        file: GltfFile,
-        source: str,
-        on_invalid: OnInvalid,
-        crease_angle: float,
-        left_out: LeftOut,
-    ) -> None:
+    def __init__(self, file: GltfFile, reading: Reading) -> None:
         self.scene = Scene()
         self._file = file
-        self._source = source
-        self._left_out = left_out
-        materials = MaterialReader(file, left_out)
-        self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
+        self._source, self._left_out = reading.source, reading.left_out
+        self._meshes = MeshReader(file, MaterialReader(file, self._left_out), reading)
         self.scene.name_variants(self._meshes.variants)
         self._refuse_what_is_required()
         self._note_what_is_not_read()
@@ -128,7 +152,7 @@ class _GltfScene:
         """What stands for nodes of the file that others may hang below, by their numbers."""
         self._places: dict[int, tuple[list[list[float]], bool]] = {}
         """Rows of ``world_from_node`` where lights and cameras stand, and whether that moves."""
-        self._moving = MovingReader(file, left_out)
+        self._moving = MovingReader(file, self._left_out)
         for place in walk_nodes(file.header):
             try:
                 self._add_node(place)
@@ -143,8 +167,8 @@ class _GltfScene:
                 if self._meshes.is_empty
                 else "meshes but places none in its scene"
             )
-            named = f" ({left_out})" if str(left_out) else ""
-            raise MeshFileError(f"{source} holds {held}{named}")
+            named = f" ({self._left_out})" if str(self._left_out) else ""
+            raise MeshFileError(f"{self._source} holds {held}{named}")
 
     def _refuse_what_is_required(self) -> None:
         """Raise `MeshFileError` if the file says that it makes no sense without an extension."""

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf import layers
 from rasterjit.io.gltf.content import (
     LINEAR,
     LINES,
@@ -36,12 +35,10 @@ from rasterjit.io.gltf.content import (
     UNLIT,
     WRAPS,
 )
-from rasterjit.io.gltf.extensions import LIGHTS
+from rasterjit.io.gltf.extensions import LAYER_TEXTURES, LIGHTS, VARIANTS, told_by, written_mappings
 from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
-from rasterjit.io.gltf.variants import VARIANTS, written_mappings
-from rasterjit.io.images import checked_path
-from rasterjit.io.pictures import nearest_codes
-from rasterjit.io.point_clouds.cloud import USUAL_SIZE, default_size
+from rasterjit.io.images import checked_path, nearest_codes
+from rasterjit.io.primitives import USUAL_SIZE, default_size
 from rasterjit.io.skipped import NotSaved
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
@@ -570,11 +567,11 @@ class _Writer:
     ) -> None:
         """Say the textures of a material, and what lies over it."""
         first, uses = True, {}
-        for field, (key, color_space) in (TEXTURES | layers.TEXTURES).items():
+        for field, (key, color_space) in (TEXTURES | LAYER_TEXTURES).items():
             texture = getattr(material, field)
             if texture is None:
                 continue
-            if field in layers.TEXTURES and material.shading != "pbr":
+            if field in LAYER_TEXTURES and material.shading != "pbr":
                 continue
             if is_unlit and field != "base_color_texture":
                 if texture in material.textures_read():
@@ -589,13 +586,13 @@ class _Writer:
             elif field == "occlusion_texture":
                 use["strength"] = material.occlusion_strength
             inside = field in ("base_color_texture", "metallic_roughness_texture")
-            if field in layers.TEXTURES:
+            if field in LAYER_TEXTURES:
                 uses[field] = use
             else:
                 (core if inside else entry)[key] = use
         if material.shading != "pbr":
             return
-        for name, told in layers.told_by(material, uses).items():
+        for name, told in told_by(material, uses).items():
             self._use(name)
             entry.setdefault("extensions", {})[name] = told
 

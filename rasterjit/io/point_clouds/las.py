@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import LONGEST_NAME, Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage

@@ -18,13 +18,65 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.point_clouds.cloud import Cloud
-from rasterjit.io.point_clouds.lzf import unpack_lzf
+from rasterjit.io.primitives import Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows
 from rasterjit.io.text.parts import meant_names
 from rasterjit.scene.color import srgb_to_linear
+
+_LITERALS = 32
+"""Control bytes below stand before bytes as they are."""
+
+_LONG = 7
+"""The length that says that a further byte has the rest of it."""
+
+
+def unpack_lzf(packed: bytes, size: int) -> bytes:
+    """
+    Return what was packed.
+
+    Parameters
+    ----------
+    packed : bytes
+    size : int
+        Bytes of the result.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or its result is of another size.
+    """
+    made, at, end = bytearray(), 0, len(packed)
+    try:
+        while at < end and len(made) <= size:
+            control = packed[at]
+            at += 1
+            if control < _LITERALS:
+                made += packed[at : at + control + 1]
+                at += control + 1
+                continue
+            length = control >> 5
+            if length == _LONG:
+                length += packed[at]
+                at += 1
+            distance = ((control & 31) << 8) + packed[at] + 1
+            at += 1
+            length += 2
+            begin = len(made) - distance
+            if begin < 0:
+                raise ValueError("it refers to bytes before its first")
+            if distance >= length:
+                made += made[begin : begin + length]
+            else:
+                # The bytes repeat themselves.
+                made += (made[begin:] * (length // distance + 1))[:length]
+    except IndexError:
+        raise ValueError("it is cut short") from None
+    if len(made) != size or at > end:
+        raise ValueError(f"it unpacks to {len(made)} bytes in place of {size}")
+    return bytes(made)
+
 
 _TYPES = {
     ("I", 1): "<i1", ("I", 2): "<i2", ("I", 4): "<i4", ("I", 8): "<i8",

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.pictures import in_16_bits, resized
+from rasterjit.io.images import in_16_bits, resized
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MissingFileError, reason_of
 from rasterjit.io.text.parts import srgb_bytes

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import (

@@ -9,15 +9,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.attributes import mesh_of, usable_attributes
-from rasterjit.io.drawings import LineDrawing, lines_of
-from rasterjit.io.point_clouds.cloud import Cloud, points_of
+from rasterjit.io import primitives
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.light import Light
 from rasterjit.scene.material import TEXTURE_FIELDS, Material, with_textures
-from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh, OnInvalid, with_face_scalars, with_face_values
+from rasterjit.scene.mesh import Mesh, with_face_scalars, with_face_values
+from rasterjit.scene.node import Node, tops_of
 from rasterjit.scene.scene import Scene
 
 COLORS_BESIDE = "colours beside a material or texture coordinates"
@@ -75,97 +75,64 @@ class Part:
     bare: NDArray[np.bool_] | None = None
 
 
-Thing: TypeAlias = Part | Cloud | LineDrawing
+Thing: TypeAlias = Part | primitives.Cloud | primitives.LineDrawing
 """What a reader finds."""
 
 
-def scene_of_parts(
-    parts: Iterable[Thing],
-    source: str,
-    on_invalid: OnInvalid,
-    crease_angle: float,
-    left_out: LeftOut,
-    budget: MemoryBudget,
-) -> Scene:
+def scene_of_parts(parts: Iterable[Thing], reading: primitives.Reading) -> Scene:
     """Return a scene with a node for each thing, or raise `MeshFileError`, naming it."""
     scene = Scene()
     for part in parts:
-        mesh = thing_mesh(part, source, on_invalid, crease_angle, left_out, budget)
-        scene.add(mesh, name=part.name or None)
+        scene.add(thing_mesh(part, reading), name=part.name or None)
     return scene
 
 
-def thing_mesh(
-    thing: Thing,
-    source: str,
-    on_invalid: OnInvalid,
-    crease_angle: float,
-    left_out: LeftOut,
-    budget: MemoryBudget,
-) -> Mesh:
+def thing_mesh(thing: Thing, reading: primitives.Reading) -> Mesh:
     """Return a thing as a mesh with normals, points or lines, or raise `MeshFileError`."""
-    if isinstance(thing, Cloud):
-        return points_of(thing, source, on_invalid, left_out, budget)
-    if isinstance(thing, LineDrawing):
-        return lines_of(thing, source, on_invalid, left_out, budget)
-    return mesh_of_part(thing, source, on_invalid, crease_angle, left_out, budget)
+    if isinstance(thing, primitives.Cloud):
+        return primitives.points_of(thing, reading)
+    if isinstance(thing, primitives.LineDrawing):
+        return primitives.lines_of(thing, reading)
+    return mesh_of_part(thing, reading)
 
 
-def mesh_of_part(
-    part: Part,
-    source: str,
-    on_invalid: OnInvalid,
-    crease_angle: float,
-    left_out: LeftOut,
-    budget: MemoryBudget,
-) -> Mesh:
-    """Return a mesh with normals, or raise `MeshFileError`, naming ``source`` and its name."""
+def mesh_of_part(part: Part, reading: primitives.Reading) -> Mesh:
+    """Return a mesh with normals, or raise `MeshFileError`, naming the source and its name."""
+    left_out = reading.left_out
     each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
     needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
     own = (*part.attributes.values(), *part.face_attributes.values())
     needed += _VALUE_BYTES * sum(values.size for values in own)
-    budget.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
-    normals = _usable_normals(part.normals, left_out)
+    reading.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
     uv, material = _finite_uv(part.uv, left_out), part.material
     if uv is None and material is not None:
         material = without_textures(part.name, material, left_out)
     try:
-        mesh = mesh_of(
+        mesh = primitives.mesh_of(
             f"mesh {part.name[:LONGEST_NAME]!r}", left_out, vertices=part.vertices,
-            faces=part.faces, normals=normals, uv=uv, material=material,
-            colors=part.colors if part.face_scalars is None else None, on_invalid=on_invalid,
-            scalars=part.scalars if part.colors is None else None,
-            attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
+            faces=part.faces, normals=primitives.finite_normals(part.normals, left_out), uv=uv,
+            material=material, colors=part.colors if part.face_scalars is None else None,
+            on_invalid=reading.on_invalid, scalars=part.scalars if part.colors is None else None,
+            attributes=primitives.usable_attributes(part.attributes, len(part.vertices), left_out),
         )  # fmt: skip
-        of_faces = usable_attributes(part.face_attributes, len(part.faces), left_out)
+        of_faces = primitives.usable_attributes(part.face_attributes, len(part.faces), left_out)
         with_face_values(mesh, mesh.face_colors, of_faces)
         if part.face_scalars is not None:
             with_face_scalars(mesh, part.face_scalars)
-        return _with_all_normals(mesh, part.bare, crease_angle, on_invalid)
+        return _with_all_normals(mesh, part.bare, reading)
     except ValueError as error:
-        raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
-
-
-def _usable_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
-    """Return normals, zero, with a note, where one is not finite."""
-    if values is None:
-        return None
-    finite = np.isfinite(values).all(axis=1)
-    if not finite.all():
-        left_out.note("normals with NaN or infinity")
-        values = np.where(finite[:, np.newaxis], values, 0.0)
-    return values
+        raise MeshFileError(f"{reading.source}: mesh {part.name!r}: {error}") from error
 
 
 def _with_all_normals(
-    mesh: Mesh, bare: NDArray[np.bool_] | None, crease_angle: float, on_invalid: OnInvalid
+    mesh: Mesh, bare: NDArray[np.bool_] | None, reading: primitives.Reading
 ) -> Mesh:
     """Return a mesh in which faces with a corner without a normal have made ones."""
     if mesh.normals is None:
-        return mesh.split_creases(crease_angle)
+        return mesh.split_creases(reading.crease_angle)
     if bare is None or not bare.any():
         return mesh
-    made = mesh.split_creases(crease_angle)
+    made = mesh.split_creases(reading.crease_angle)
     faces = np.where(bare[:, np.newaxis], made.faces + len(mesh.vertices), mesh.faces)
     used, which = np.unique(faces, return_inverse=True)
 
@@ -185,7 +152,7 @@ def _with_all_normals(
         of_both(mesh.vertices, made.vertices), which.reshape(-1, 3),
         normals=if_given(mesh.normals, made.normals), uv=if_given(mesh.uv, made.uv),
         colors=if_given(mesh.vertex_colors, made.vertex_colors), attributes=attributes,
-        material=mesh.material, on_invalid=on_invalid,
+        material=mesh.material, on_invalid=reading.on_invalid,
     )  # fmt: skip
     return with_face_values(both, mesh.face_colors, mesh.face_attributes)
 
@@ -416,3 +383,69 @@ class Names:
             self._next.update(dict.fromkeys(passed, number + 1))
         self._given.add(found)
         return found
+
+
+@dataclass(frozen=True)
+class Place:
+    """
+    A node.
+
+    Parameters
+    ----------
+    name : str
+    transform : (4, 4) float64
+        Relative to the parent or, without one, to the world.
+    parent, thing : int, optional
+        Numbers of a place before it, and of what stands there.
+    """
+
+    name: str
+    transform: NDArray[np.float64]
+    parent: int | None = None
+    thing: int | None = None
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """
+    Things, and where each stands.
+
+    Parameters
+    ----------
+    things : list of Part, Cloud or Drawing
+    places : list of Place
+    drawn : list of int
+        Numbers of the places with a thing, in the order of the scene's objects.
+    camera : PerspectiveCamera, optional
+    lights : list of Light
+    """
+
+    things: list[Thing]
+    places: list[Place]
+    drawn: list[int]
+    camera: PerspectiveCamera | None = None
+    lights: list[Light] = field(default_factory=list)
+
+
+def scene_of_assembly(found: Assembly, reading: primitives.Reading) -> Scene:
+    """Return a scene of what a file or an object holds, or raise `MeshFileError`."""
+    meshes = [thing_mesh(one, reading) for one in found.things]
+    nodes: list[Node] = []
+    for place in found.places:
+        parent: Any = None if place.parent is None else nodes[place.parent]
+        try:
+            nodes.append(Node(None, place.transform, place.name, parent=parent))
+        except ValueError as error:
+            raise MeshFileError(f"{reading.source}: node {place.name!r}: {error}") from error
+    drawn = [nodes[number] for number in found.drawn]
+    for number, node in zip(found.drawn, drawn, strict=True):
+        thing = found.places[number].thing
+        node.mesh = None if thing is None else meshes[thing]
+    scene = Scene()
+    for top in tops_of(drawn):
+        scene._take(top, is_new=True)
+    # Objects are numbered as the file has them, whatever they hang below.
+    scene.nodes[:] = drawn
+    scene.camera = found.camera
+    scene.lights += found.lights
+    return scene

@@ -17,8 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.drawings import LineDrawing
-from rasterjit.io.point_clouds.cloud import Cloud
+from rasterjit.io.primitives import Cloud, LineDrawing
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.lines import BINARY_BYTES, Damage, TextLines, line_end, number_rows

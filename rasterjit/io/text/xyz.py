@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.point_clouds.cloud import INTENSITY, Cloud
+from rasterjit.io.primitives import INTENSITY, Cloud
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import ROW_BYTES, Damage, TextLines, number_rows

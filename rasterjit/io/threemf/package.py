@@ -14,8 +14,7 @@ from urllib.parse import unquote
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from rasterjit.io.archives import take_members
-from rasterjit.io.resources import shown_name
+from rasterjit.io.resources import shown_name, take_members
 from rasterjit.io.skipped import MissingFileError
 from rasterjit.scene.memory import MemoryBudget
 

@@ -16,13 +16,13 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.primitives import Reading
 from rasterjit.io.resources import Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.io.text.parts import Part, mesh_of_part
 from rasterjit.io.threemf.package import Package, attribute, children, local_name
-from rasterjit.io.threemf.parts import beam_part, surface_parts
-from rasterjit.io.threemf.properties import GROUPS, Properties
-from rasterjit.scene.mesh import Mesh, OnInvalid
+from rasterjit.io.threemf.parts import GROUPS, Properties, beam_part, surface_parts
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 
@@ -37,9 +37,7 @@ _PLACE_BYTES = 16_384
 """What an object takes at each place where it stands: its node, and its row in each frame."""
 
 
-def load_3mf(
-    path: Path, resources: Resources, on_invalid: OnInvalid, crease_angle: float, left_out: LeftOut
-) -> Scene:
+def load_3mf(path: Path, resources: Resources, reading: Reading) -> Scene:
     """
     Read a ``.3mf`` file, in its own unit.
 
@@ -48,12 +46,7 @@ def load_3mf(
     path : Path
     resources : Resources
         Has the budget of memory; the file names only what is inside it.
-    on_invalid : {"raise", "drop"}
-        What to do about NaN or infinite vertices, as in `Mesh`.
-    crease_angle : float
-        Degrees in 0..180.
-    left_out : LeftOut
-        Notes what the file has and the scene has not.
+    reading : Reading
 
     Raises
     ------
@@ -63,9 +56,7 @@ def load_3mf(
     try:
         package = Package(path, resources.budget)
         try:
-            return _SceneBuilder(
-                package, path, resources, on_invalid, crease_angle, left_out
-            ).scene()
+            return _SceneBuilder(package, resources, reading).scene()
         finally:
             package.close()
     except MeshFileError:
@@ -110,16 +101,9 @@ class _ModelPart:
 class _SceneBuilder:
     """Builds the scene of the root model."""
 
-    def __init__(
-        self, package: Package, path: Path, resources: Resources, on_invalid: OnInvalid,
-        crease_angle: float, left_out: LeftOut,
-    ) -> None:  # fmt: skip
-        self._package = package
-        self._source = str(path)
-        self._resources = resources
-        self._on_invalid = on_invalid
-        self._crease_angle = crease_angle
-        self._left_out = left_out
+    def __init__(self, package: Package, resources: Resources, reading: Reading) -> None:
+        self._package, self._resources = package, resources
+        self._reading, self._left_out = reading, reading.left_out
         self._models: dict[str, _ModelPart] = {}
         self._meshes: dict[tuple[str, str], list[Mesh]] = {}
         self._used: set[tuple[str, str]] = set()
@@ -140,7 +124,7 @@ class _SceneBuilder:
         if not self._scene.nodes:
             held = "meshes but places none" if self._holds_meshes() else "no faces"
             named = f" ({self._left_out})" if str(self._left_out) else ""
-            raise MeshFileError(f"{self._source} holds {held} in its build{named}")
+            raise MeshFileError(f"{self._reading.source} holds {held} in its build{named}")
         return self._scene
 
     def _model(self, part: str) -> _ModelPart:
@@ -197,12 +181,8 @@ class _SceneBuilder:
         key = part, number
         if key not in self._meshes:
             self._meshes[key] = [
-                mesh_of_part(
-                    one, self._source, self._on_invalid, self._crease_angle, self._left_out,
-                    self._resources.budget,
-                )
-                for one in self._parts(self._model(part), number)
-            ]  # fmt: skip
+                mesh_of_part(one, self._reading) for one in self._parts(self._model(part), number)
+            ]
         return self._meshes[key]
 
     def _parts(self, model: _ModelPart, number: str) -> list[Part]:

@@ -1,19 +1,116 @@
 """
-What a page may say: moves of the pointer, the wheel, keys, its size, and what is to be seen how.
+What goes between the server and a page: pictures, views as code, and what a page may say.
 
-A message is a line of JSON from whoever reached the socket. Only what is listed here goes further,
-made anew from the fields that are listed; numbers lie within bounds, and nothing else gets through.
+A message of a page is a line of JSON from whoever reached the socket. Only what is listed here goes
+further, made anew from the fields that are listed; numbers lie within bounds, and nothing else gets
+through: moves of the pointer, the wheel, keys, the size, and what is to be seen how.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Collection
-from typing import Any
+import struct
+import zlib
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import switches
 from rasterjit.viewer.viewer import NAMES
+
+QUALITY = 90
+"""Of JPEG: of neighbouring pixels no colour is mixed."""
+
+LEVEL = 1
+"""Of zlib, the quickest: a picture of 1280 by 800 pixels takes 5 ms, and 26 ms at level 6."""
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_UP = 2
+"""The filter of PNG that takes each row as its difference to the one above."""
+_RGB = 2
+
+
+def encode_png(picture: NDArray[np.uint8]) -> bytes:
+    """
+    Return a picture as a PNG file of its colours, quickly.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) uint8
+        What is transparent in it becomes opaque.
+
+    References
+    ----------
+    Portable Network Graphics (PNG) Specification (Third Edition), W3C.
+    """
+    height, width = picture.shape[:2]
+    colors = picture[:, :, :3].reshape(height, 3 * width)
+    rows = np.empty((height, 1 + 3 * width), dtype=np.uint8)
+    rows[:, 0] = _UP
+    rows[0, 1:] = colors[0]
+    np.subtract(colors[1:], colors[:-1], out=rows[1:, 1:])
+    header = struct.pack(">IIBBBBB", width, height, 8, _RGB, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, LEVEL)), (b"IEND", b""))
+    return _SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    """Return a part of a PNG file."""
+    checked = kind + data
+    return struct.pack(">I", len(data)) + checked + struct.pack(">I", zlib.crc32(checked))
+
+
+def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """Return a picture, (H, W, 4) uint8, C-contiguous, as a JPEG file of its colours."""
+    import simplejpeg
+
+    return simplejpeg.encode_jpeg(picture, QUALITY, "RGBA", "444", True)
+
+
+DIGITS = 9
+"""Of numbers: no pixel of a picture tells more."""
+
+
+class ShortView(NamedTuple):
+    """Where a camera stands and looks; coordinates end at the same digit."""
+
+    eye: list[float]
+    target: list[float]
+    up: list[float]
+    fov_y: float
+
+    @classmethod
+    def of(cls, camera: PerspectiveCamera) -> ShortView:
+        """Return the view of a camera."""
+        eye, target = _rounded(camera.eye, camera.target)
+        (up,) = _rounded(camera.up)
+        return cls(eye, target, up, float(f"{camera.fov_y:.{DIGITS}g}"))
+
+
+def camera_code(camera: PerspectiveCamera) -> str:
+    """Return the call that makes a camera which sees the same; planes are left to rendering."""
+    view = ShortView.of(camera)
+    eye, target, up = map(_text, view[:3])
+    fov_y = f"{view.fov_y:.{DIGITS}g}"
+    return f"rj.PerspectiveCamera(eye=({eye}), target=({target}), up=({up}), fov_y={fov_y})"
+
+
+def _text(place: Iterable[float]) -> str:
+    return ", ".join(f"{part:.{DIGITS}g}" for part in place)
+
+
+def _rounded(*places: Sequence[float]) -> list[list[float]]:
+    """Return places with as many decimals as the largest coordinate needs."""
+    largest = max(max(map(abs, place)) for place in places)
+    _, exponent = f"{largest:e}".split("e")
+    decimals = DIGITS - 1 - int(exponent)
+    # What rounds to -0 becomes 0.
+    return [[round(float(part), decimals) + 0.0 for part in place] for place in places]
+
 
 LONGEST_MESSAGE = 16384
 """Bytes of one message; most of the page's own have some 100, a list of hidden objects more."""

@@ -1,26 +1,33 @@
 """
-Decode the meshes that KHR_draco_mesh_compression [1]_ compresses, with the library DracoPy.
+Decode what glTF files compress: meshes [1]_ with DracoPy, buffer views [3]_ with meshopt, and KTX 2
+textures [4]_ of Basis Universal with opengl_basisu.
 
-A stream says first how many faces and vertices it has. Those are compared with what the file says
-in plain before the library sees the stream, so that a damaged one asks for no memory.
+A stream of Draco says first how many faces and vertices it has. Those are compared with what the
+file says in plain before the library sees the stream, so that a damaged one asks for no memory.
 
 References
 ----------
 .. [1] The Khronos Group, "KHR_draco_mesh_compression".
 .. [2] Google, "Draco Bitstream Specification", version 2.2, sections ParseHeader, DecodeMetadata,
    DecodeSequentialConnectivityData and DecodeEdgebreakerConnectivityData.
+.. [3] The Khronos Group, "EXT_meshopt_compression" and "KHR_meshopt_compression".
+.. [4] The Khronos Group, "KHR_texture_basisu" and "KTX File Format Specification", version 2.0.
 """
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.extensions import DRACO, check_library
+from rasterjit.io.gltf.extensions import BASIS, DRACO, check_library
+from rasterjit.io.gltf.values import needed, shown, whole_of
+from rasterjit.io.images import take_texels
 from rasterjit.io.skipped import reason_of
 from rasterjit.scene.memory import MemoryBudget
+from rasterjit.scene.texture import check_extent
 
 if TYPE_CHECKING:
     from rasterjit.io.foreign.codecs import Decoder
@@ -162,3 +169,131 @@ class _StreamReader:
                 self._skip_name()
                 self.skip(self.number())
             waiting += self.number() - 1
+
+
+MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
+FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
+
+
+def decode_meshopt(
+    extension: str, packed: dict[str, Any], stored: bytes, decoder: Decoder
+) -> bytes:
+    """
+    Return the bytes that a buffer view stands for.
+
+    Parameters
+    ----------
+    extension : str
+        Its name, for messages.
+    packed : dict
+        What it says of the buffer view: ``count``, ``byteStride``, ``mode`` and ``filter``.
+    stored : bytes
+        The compressed bytes.
+    decoder : Decoder
+
+    Raises
+    ------
+    MissingLibraryError
+        If meshopt is not installed.
+    ValueError
+        If the bytes are damaged, or are no ``count`` rows.
+    """
+    check_library(extension)
+    mode, one_filter = needed(packed, "mode"), packed.get("filter", "NONE")
+    for key, value, known in (("mode", mode, MODES), ("filter", one_filter, FILTERS)):
+        if value not in known:
+            listed = ", ".join(known)
+            raise ValueError(f"{extension}: {key} must be one of {listed}, got {shown(value)}")
+    count, size = whole_of(packed, "count"), whole_of(packed, "byteStride")
+    if not count:
+        return b""
+    try:
+        rows: bytes = decoder.decode("meshopt", stored, count, size, mode, one_filter)
+    except Exception as error:
+        raise ValueError(f"{extension}: it cannot be unpacked: {reason_of(error)}") from None
+    return rows
+
+
+def unpacked_rows(
+    stored: bytes, count: int, size: int, mode: str, one_filter: str, _: MemoryBudget
+) -> bytes:
+    """Return ``count`` rows of ``size`` bytes, as meshopt unpacks them."""
+    import meshopt
+
+    rows: bytes = meshopt.decode_gltf_buffer(stored, count, size, mode, one_filter).tobytes()
+    return rows
+
+
+SIGNATURE = b"\xabKTX 20\xbb\r\n\x1a\n"
+
+_SIZE = 20
+"""Where the header has the width and the height."""
+
+_UNPACKED = 96
+"""Where the index has the bytes of the largest level, unpacked."""
+
+_BLOCK, _BLOCK_BYTES = 4, 16
+"""Texels along a side of a block, and bytes of one that is unpacked, at most."""
+
+
+def ktx2_pixels(content: bytes, what: str, budget: MemoryBudget, decoder: Decoder) -> NDArray[Any]:
+    """
+    Decode the largest level of a KTX 2 file.
+
+    Parameters
+    ----------
+    content : bytes
+        Begins with ``SIGNATURE``.
+    what : str
+        What a message calls it.
+    budget : MemoryBudget
+        Counts what its texels take.
+    decoder : Decoder
+
+    Returns
+    -------
+    (H, W, 3) uint8, or (H, W, 4) with alpha
+
+    Raises
+    ------
+    MissingLibraryError
+        If opengl_basisu is not installed.
+    ValueError
+        If it is damaged, holds something else than a Basis Universal picture, or is larger than
+        the budget or `Texture` allows.
+    """
+    check_library(BASIS)
+    if len(content) < _SIZE + 8:
+        raise ValueError("it ends too early")
+    size = struct.unpack_from("<II", content, _SIZE)
+    check_extent("it", *size)
+    take_texels(size, what, budget)
+    try:
+        pixels: NDArray[Any] = decoder.decode("ktx2", content)
+    except Exception as error:
+        raise ValueError(f"{BASIS}: {reason_of(error)}") from None
+    return pixels
+
+
+def transcoded(content: bytes, _: MemoryBudget) -> NDArray[Any]:
+    """Return what `ktx2_pixels` does, as opengl_basisu finds it."""
+    import opengl_basisu
+
+    file = opengl_basisu.open(content)
+    if file.faces != 1 or file.is_array or file.is_video:
+        raise ValueError("it is no single picture")
+    _check_unpacked(content)
+    pixels = file.transcode("rgba8").data
+    return np.ascontiguousarray(pixels if file.has_alpha else pixels[:, :, :3])
+
+
+def _check_unpacked(content: bytes) -> None:
+    """Raise ``ValueError`` if the largest level is said to be larger, unpacked, than its blocks."""
+    width, height = struct.unpack_from("<II", content, _SIZE)
+    (told,) = struct.unpack_from("<Q", content, _UNPACKED)
+    most = -(-width // _BLOCK) * -(-height // _BLOCK) * _BLOCK_BYTES
+    if told > most:
+        raise ValueError(
+            f"its largest level of {width}×{height} texels must have at most {most} bytes "
+            f"unpacked, but says {told}"
+        )
