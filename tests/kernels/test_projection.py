@@ -148,7 +148,7 @@ def test_nothing_else_is_written():
     assert len(screen.codes) == 320 + draw.SPARE_VERTICES
     packed = screen.xy.base.view(np.float64).reshape(-1, 2)
     packed[:] = screen.w[:, np.newaxis] = np.pi
-    screen.codes[:] = projection.INVALID
+    screen.codes[:] = setup.INVALID
     some = projection.scratch_memory()
     objects = vertices.vertex_starts, vertices.relative_from_model
     projection.transform_vertices(
@@ -159,7 +159,7 @@ def test_nothing_else_is_written():
     written[10:310] = True
     assert ((packed != np.pi).any(axis=1) == written).all()
     assert ((screen.w != np.pi) == written).all()
-    assert ((screen.codes != projection.INVALID) <= written).all()
+    assert ((screen.codes != setup.INVALID) <= written).all()
 
 
 def test_no_vertices_are_nothing():
