@@ -664,7 +664,7 @@ class BatchCache:
     @property
     def size(self) -> int:
         """Memory of all that is kept, about, bytes."""
-        return self.bytes + (0 if self.renderer is None else self.renderer.bytes_bound)
+        return self.bytes + (0 if self.renderer is None else self.renderer.bytes_kept)
 
     def holds(self, cache: SceneCache) -> bool:
         """Tell whether meshes and materials are still the same."""

@@ -557,9 +557,9 @@ class Renderer(Guarded):
         self.close()
 
     @property
-    def bytes_bound(self) -> int:
-        """Memory of recorded calls, about, bytes."""
-        return self._bound.bytes
+    def bytes_kept(self) -> int:
+        """Memory of recorded calls and of what frames reuse, about, bytes."""
+        return self._bound.bytes + self._workers.memory.bytes
 
     def close(self) -> None:
         """Let the threads go; a later render starts them again."""

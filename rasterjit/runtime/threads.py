@@ -281,6 +281,12 @@ class Memory:
             block.frame = self._frame
             return block.room[:size].view(kind).reshape(shape)
 
+    @property
+    def bytes(self) -> int:
+        """How much it keeps."""
+        with self._lock:
+            return sum(room * len(shelf) for room, shelf in self._shelves.items())
+
     def next_frame(self) -> None:
         """
         Free blocks that the last frames did not use.

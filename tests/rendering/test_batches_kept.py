@@ -100,7 +100,13 @@ def test_batches_of_one_view_are_drawn_by_calls_that_are_kept(shelf, scene):
     for camera in around(5):
         check(scene, [camera])
     ((_, kept),) = shelf._kept.values()
-    assert 0 < kept.renderer.bytes_bound == kept.size
+    assert 0 < kept.renderer.bytes_kept == kept.size
+
+
+def test_what_frames_of_one_view_reuse_is_counted(shelf, scene):
+    for _ in range(2):
+        rj.render_batch(scene, around(1), size=(320, 240), threads=1)
+    assert shelf.take(scene).size >= 320 * 240 * np.dtype(np.int32).itemsize
 
 
 @in_groups
