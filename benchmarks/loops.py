@@ -85,10 +85,11 @@ def lone_cube() -> Callable[[], Any]:
 
 
 def batch_of(count: int) -> Callable[[], Any]:
-    """Batches of some views, a step for all of them."""
+    """Batches of some views of a scene, a step for all of them."""
     import rasterjit as rj
 
-    scene, views = cube(), cameras()
+    scene, views = rj.Scene(), cameras()
+    scene.add(cube())
     groups = again([views[k : k + count] for k in range(0, BATCH, count)])
     return lambda: rj.render_batch(scene, groups(), size=(SIDE, SIDE), threads=1)
 
