@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.io.images import encode_png
 from rasterjit.runtime.heap import give_back_memory
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.viewer import switches
@@ -33,7 +34,6 @@ from rasterjit.viewer.protocol import (
     ShortView,
     camera_code,
     encode_jpeg,
-    encode_png,
 )
 from rasterjit.viewer.viewer import KINDS, NAMES, Viewer
 
@@ -270,11 +270,11 @@ class Tab:
             return
         self._exact, self._is_rough = (picture, False) if is_exact else (None, True)
         self.sent += 1
-        number, encode = self.sent, encode_png if is_exact else encode_jpeg
+        number = self.sent
 
         def code() -> None:
             try:
-                file = encode(picture)
+                file = encode_png(picture[:, :, :3]) if is_exact else encode_jpeg(picture)
             except Exception as error:
                 # The page does not wait for it, and reads why.
                 self._viewer.fail(error)

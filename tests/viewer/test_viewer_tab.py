@@ -19,6 +19,7 @@ from PIL import Image
 from viewing import PATIENCE
 
 import rasterjit as rj
+from rasterjit.io.images import encode_png
 from rasterjit.viewer import protocol, tab
 from rasterjit.viewer.protocol import camera_code
 from rasterjit.viewer.tab import MOST_ON_WAY, MOST_WAITING, Tab, add_event
@@ -163,7 +164,7 @@ def test_a_picture_is_coded_while_the_next_is_drawn(pair, monkeypatch):
     def encode(picture):
         coding.set()
         assert release.wait(PATIENCE)
-        return protocol.encode_png(picture)
+        return encode_png(picture)
 
     monkeypatch.setattr(tab, "encode_jpeg", encode)
     viewer, drawn = Viewer(pair, size=(8, 6)), threading.Event()
@@ -442,15 +443,6 @@ def test_only_moves_with_the_same_buttons_and_keys_become_one():
     for buttons, x in (([1], 1), ([1], 2), ([], 3), ([], 4), ([1], 5)):
         add_event(waiting, {"event_type": "pointer_move", "buttons": buttons, "x": x})
     assert [event["x"] for event in waiting] == [2, 4, 5]
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 7), (5, 1), (37, 23)])
-def test_png_holds_every_pixel(size):
-    picture = np.random.default_rng(1).integers(0, 256, (*size, 4), dtype=np.uint8)
-    found = Image.open(io.BytesIO(protocol.encode_png(picture)))
-    found.load()
-    assert (found.format, found.mode) == ("PNG", "RGB")
-    np.testing.assert_array_equal(np.asarray(found), picture[:, :, :3])
 
 
 def test_jpeg_is_near():
