@@ -202,6 +202,17 @@ def all_of_meshio(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("all_of_meshio")
+@pytest.mark.parametrize("isolate", [True, False])
+def test_binary_numbers_of_an_xdmf_file_are_looked_for_beside_it(tmp_path, monkeypatch, isolate):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "points.bin").write_bytes(SQUARE[:3].tobytes())
+    make_xdmf(folder, "points.bin")
+    monkeypatch.chdir(tmp_path)
+    assert len(rj.load("folder/a.xdmf", isolate=isolate).nodes[0].mesh.faces) == 1
+
+
+@pytest.mark.usefixtures("all_of_meshio")
 @pytest.mark.parametrize("name", NAMING)
 @pytest.mark.parametrize("way", ["absolute", "above", "link"])
 def test_a_file_outside_the_folder_is_not_read(tmp_path, monkeypatch, name, way):

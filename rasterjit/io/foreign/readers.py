@@ -53,6 +53,9 @@ _BYTES = 12
 """What a byte of a file takes, with all that is made of it."""
 
 
+_XDMF = (".xdmf", ".xmf")
+
+
 def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]:
     """
     Return what a file of `CELL_FORMATS` holds, or raise `MeshFileError`.
@@ -82,7 +85,7 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
         ):
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
-            mesh: Any = meshio.read(path)
+            mesh: Any = _read_xdmf(path) if form in _XDMF else meshio.read(path)
     except MemoryError:
         # VTK, which would need as much, ends the process.
         raise
@@ -104,6 +107,19 @@ def read_cells(path: Path, resources: Resources, left_out: LeftOut) -> list[Thin
     for text in [*said.getvalue().split(_WARNING)[1:], *(str(one.message) for one in told)]:
         left_out.note(f"what meshio says: {' '.join(text.split())[:LONGEST_REASON]}")
     return things_of_cells(mesh, str(path), left_out)
+
+
+def _read_xdmf(path: Path) -> Any:
+    """Return what meshio reads of an XDMF file; binary numbers that it names lie beside it."""
+    from meshio.xdmf.main import XdmfReader
+
+    class Reader(XdmfReader):
+        def _read_data_item(self, data_item: Any, root: Any = None) -> Any:
+            if data_item.get("Format") == "Binary":
+                data_item.text = str(path.absolute().parent / (data_item.text or "").strip())
+            return super()._read_data_item(data_item, root)
+
+    return Reader(path).read()
 
 
 def read_vtk(path: Path, resources: Resources, left_out: LeftOut) -> list[Thing]:
