@@ -99,7 +99,8 @@ def is_soft(light: Light) -> bool:
 def many_lights(painter: Studio, scene: Scene, seconds: float) -> Truth:
     """Average hard shadows from places all over each light."""
     middle, _ = scene.bounding_sphere()
-    begin, total, count = time.perf_counter(), None, 0
+    begin, count = time.perf_counter(), 0
+    total: Any = None
     for x, y in disk(MOST_LIGHTS):
         lights = [_moved(light, x, y, np.asarray(middle)) for light in scene.lights]
         light = painter.light(STANDARD, with_field(scene, "lights", lights))
