@@ -265,7 +265,7 @@ def encode_png(pixels: NDArray[Any], texts: Mapping[str, str] | None = None) -> 
     bits = 8 * pixels.dtype.itemsize
     chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0))]
     chunks += [(b"tEXt", _text(key, value)) for key, value in (texts or {}).items()]
-    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels), _EFFORT)), (b"IEND", b"")]
+    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels).data, _EFFORT)), (b"IEND", b"")]
     return _SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
 
 

@@ -199,9 +199,9 @@ def cache_folder() -> Path:
     elif sys.platform == "darwin":
         base = Path.home() / "Library" / "Caches"
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or ""
+        named = os.environ.get("XDG_CACHE_HOME", "")
         # By its standard, one that is not absolute is none.
-        base = base if os.path.isabs(base) else Path.home() / ".cache"
+        base = named if os.path.isabs(named) else Path.home() / ".cache"
     return Path(base) / "rasterjit"
 
 

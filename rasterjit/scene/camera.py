@@ -16,14 +16,14 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
 from rasterjit.scene.arrays import Float64
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.pixels import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
@@ -306,10 +306,20 @@ class MatrixCamera(Projecting):
         space's z axis.
     """
 
-    view_from_world: Converted[ArrayLike, Float64]
-    clip_from_view: Converted[ArrayLike, Float64]
+    view_from_world: Float64
+    clip_from_view: Float64
     size: tuple[int, int] | None = None
     is_near_open: bool = False
+
+    if TYPE_CHECKING:
+        # Reading gives arrays; the constructor takes what can be made one.
+        def __init__(
+            self,
+            view_from_world: ArrayLike,
+            clip_from_view: ArrayLike,
+            size: tuple[int, int] | None = None,
+            is_near_open: bool = False,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.color import RGB, ColorLike, linear_color, rgb
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
@@ -54,7 +54,11 @@ class Panorama(HoldsArrays):
         If texels were changed, with their number.
     """
 
-    image: Converted[ArrayLike, NDArray[np.float32]]
+    image: NDArray[np.float32]
+
+    if TYPE_CHECKING:
+
+        def __init__(self, image: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         store(self, image=_linear_panorama(self.image))
@@ -120,10 +124,20 @@ class Environment:
         not a finite number, or ``background`` neither True nor False.
     """
 
-    sky: Converted[ArrayLike | Panorama | SkyGradient, Panorama | SkyGradient]
+    sky: Panorama | SkyGradient
     intensity: float = 1.0
     rotation: float = 0.0
     background: bool = True
+
+    if TYPE_CHECKING:
+        # Reading gives a sky; the constructor takes what can be made one.
+        def __init__(
+            self,
+            sky: ArrayLike | Panorama | SkyGradient,
+            intensity: float = 1.0,
+            rotation: float = 0.0,
+            background: bool = True,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         if not isinstance(self.sky, (Panorama, SkyGradient)):

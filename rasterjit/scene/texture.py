@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.forks import cached_property
 from rasterjit.scene import validation as check
 from rasterjit.scene.arrays import HoldsArrays
-from rasterjit.scene.assigning import Converted, says_replace, store
+from rasterjit.scene.assigning import says_replace, store
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.mip_levels import level_sizes, mask_levels, plain_levels, weighted_levels
 from rasterjit.scene.picture_codes import picture_codes
@@ -220,7 +220,7 @@ class Texture(HoldsArrays):
     .. [1] The Khronos Group, "KHR_texture_transform".
     """
 
-    image: Converted[ArrayLike, NDArray[np.float32]] = field(repr=False)
+    image: NDArray[np.float32] = field(repr=False)
     wrap: Wrap | tuple[Wrap, Wrap] = field(default="repeat", kw_only=True)
     filter: Filter = field(default="trilinear", kw_only=True)
     color_space: ColorSpace = field(default="srgb", kw_only=True)
@@ -229,6 +229,22 @@ class Texture(HoldsArrays):
     rotation: float = field(default=0.0, kw_only=True)
     scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
     uv_set: UVSet = field(default=0, kw_only=True)
+
+    if TYPE_CHECKING:
+        # Reading gives an array; the constructor takes what can be made one.
+        def __init__(
+            self,
+            image: ArrayLike,
+            *,
+            wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+            filter: Filter = "trilinear",
+            color_space: ColorSpace = "srgb",
+            anisotropy: Anisotropy = 1,
+            offset: tuple[float, float] = (0.0, 0.0),
+            rotation: float = 0.0,
+            scale: tuple[float, float] = (1.0, 1.0),
+            uv_set: UVSet = 0,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
