@@ -271,8 +271,8 @@ def test_answers_that_are_kept_follow_from_facts_alone(scene, camera, name):
     for answer in plan.effects:
         if answer.effect.follows_facts:
             again = answer.effect.answer(plan.facts, Unseen())
-            assert content(again[2:]) == content(answer[2:])
             assert again.used == answer.used
+            assert not answer.used or content([again.data]) == content([answer.data])
 
 
 def test_what_looks_beyond_facts_is_asked_again(scene, camera):
