@@ -18,7 +18,6 @@ from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
 from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
 from rasterjit.rendering.batch import Progress
-from rasterjit.rendering.planning import Cull
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.scene.arrows import ArrowUnit
 from rasterjit.scene.background import Background
@@ -53,6 +52,7 @@ from rasterjit.scene.tone_map import Curve
 from rasterjit.scene.transforms import ViewportConvention
 from rasterjit.scene.validation import VectorLike
 from rasterjit.scene.wireframe import WireframeMode
+from rasterjit.survey.plan import Cull
 from rasterjit.viewer.show import Backend
 
 __all__ = [
