@@ -11,7 +11,7 @@ from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
 FogMode: TypeAlias = Literal["linear", "exp", "exp2"]
 FOG_MODES: tuple[FogMode, ...] = get_args(FogMode)
-"""How much is seen at a distance d: (end - d) / (end - start); e^-(density d); its square."""
+"""How much is seen at a distance d: (end - d) / (end - start); e^-(density d); e^-(density d)²."""
 
 DENSEST = 1e9
 """Largest density and falloff, per scene unit."""
