@@ -88,6 +88,14 @@ class FrameRequest(NamedTuple):
     previous: PreviousView | None = None
 
 
+def check_request(request: FrameRequest) -> tuple[tuple[int, int], tuple[str, ...]]:
+    """Return size and outputs, or raise ``ValueError``: a look at the scene may run kernels."""
+    one_of("cull", request.cull, CULL_MODES)
+    true_or_false("diagnose", request.diagnose)
+    size = whole_size("size", request.size, request.quality.subpixel_bits)
+    return size, check_outputs(request.outputs)
+
+
 def plan_frame(
     request: FrameRequest,
     scene: Scene,
@@ -109,10 +117,7 @@ def plan_frame(
     """
     quality, background = request.quality, request.background
     cull, diagnose = request.cull, request.diagnose
-    size = whole_size("size", request.size, quality.subpixel_bits)
-    outputs = check_outputs(request.outputs)
-    one_of("cull", cull, CULL_MODES)
-    true_or_false("diagnose", diagnose)
+    size, outputs = check_request(request)
     # Analyse the scene.
     if known is None:
         check_scene(scene)

@@ -31,7 +31,13 @@ from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import planning, shade, supersample, view_warnings
 from rasterjit.rendering import quality_selection as budgets
 from rasterjit.rendering.bound_frames import BoundFrames, frame_of_totals, is_small
-from rasterjit.rendering.planning import Cull, FrameRequest, PlannedFrame, plan_views
+from rasterjit.rendering.planning import (
+    Cull,
+    FrameRequest,
+    PlannedFrame,
+    check_request,
+    plan_views,
+)
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.clocks import StageClock
@@ -603,8 +609,10 @@ class Renderer(Guarded):
         return frame
 
     def _request(self, *asked: Any) -> FrameRequest:
-        """Return what is asked of a frame of this size and quality."""
-        return FrameRequest(self.size, self.quality, *asked)
+        """Return what is asked of a frame of this size and quality, checked."""
+        request = FrameRequest(self.size, self.quality, *asked)
+        check_request(request)
+        return request
 
     def _render_asked(
         self,

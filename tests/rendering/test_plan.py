@@ -412,3 +412,13 @@ def test_an_object_without_a_name_is_called_by_its_number_once(cube, camera, nam
     scene.add(rj.Mesh(cube.vertices, cube.faces, material=material), name=name)
     with pytest.raises(ValueError, match=f"got 'area' and {label} with alpha_mode 'blend'$"):
         rj.explain(scene, camera, rj.Quality(samples="area"))
+
+
+@pytest.mark.parametrize("wrong", [{"outputs": "nonsense"}, {"cull": "sides"}, {"diagnose": 2}])
+def test_wrong_arguments_are_told_before_skins_are_posed(cube, monkeypatch, wrong):
+    def pose(scene):
+        raise AssertionError("it runs kernels")
+
+    monkeypatch.setattr("rasterjit.rendering.renderer.posed_scene", pose)
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        rj.render(cube, size=(8, 8), **wrong)
