@@ -71,6 +71,8 @@ import sys
 from collections.abc import Iterator
 from importlib import import_module
 
+from rasterjit import forks
+
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -163,11 +165,16 @@ def __dir__() -> list[str]:
     return sorted({*__all__, "types", *loaded, *facts})
 
 
+_LOADING = forks.hold_over_forks(forks.reentrant_lock())
+"""Held while a name is loaded: NumPy cannot be imported by two threads at once."""
+
+
 def __getattr__(name: str) -> object:
     """Load a public name when it is first needed, and keep it."""
-    if name in _MODULES:
-        return import_module(f"rasterjit.{name}")
-    if name not in _MODULE_OF:
+    if name not in _MODULES and name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = found = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
-    return found
+    with _LOADING:
+        if name in _MODULES:
+            return import_module(f"rasterjit.{name}")
+        globals()[name] = found = getattr(import_module(f"rasterjit.{_MODULE_OF[name]}"), name)
+        return found

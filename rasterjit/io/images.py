@@ -255,7 +255,7 @@ def encode_png(pixels: NDArray[Any], texts: Mapping[str, str] | None = None) -> 
     ----------
     Portable Network Graphics (PNG) Specification (Third Edition), W3C.
     """
-    color_type = _COLOR_TYPES.get(pixels.shape[2:])
+    color_type = _COLOR_TYPES.get(pixels.shape[2:]) if pixels.ndim > 1 else None
     if pixels.dtype not in (np.uint8, np.uint16) or pixels.size == 0 or color_type is None:
         raise ValueError(
             "pixels must be (H, W), (H, W, 3) or (H, W, 4) uint8 or uint16, not empty; got "
@@ -345,12 +345,12 @@ def _bytes_of_head(content: bytes) -> int:
         packed = sum(map(content.count, _PACKED_TEXTS))
         return min(packed, MOST_TEXTS) * TEXT_BYTES
     if content[:4] in _TIFF:
-        return TAG_BYTES * max(len(content), _bytes_of_tags(content))
+        return TAG_BYTES * _bytes_of_tags(content)
     return 0
 
 
 def _bytes_of_tags(content: bytes) -> int:
-    """Return how long all tags of a TIFF file are together; several may be the same bytes."""
+    """Return how long all tags of a TIFF file are together at most; several may share bytes."""
     order = "<" if content[:1] == b"I" else ">"
     # Large files have places of 8 bytes.
     is_large = content[2:4].strip(b"\0") == b"+"
@@ -360,7 +360,8 @@ def _bytes_of_tags(content: bytes) -> int:
         (tags,) = struct.unpack_from(order + count, content, at)
         at += struct.calcsize(order + count)
         rows = content[at : at + tags * struct.calcsize(order + entry)]
-        return sum(_LONGEST_VALUE * n for _, n in struct.iter_unpack(order + entry, rows))
+        sizes = (_LONGEST_VALUE * n for _, n in struct.iter_unpack(order + entry, rows))
+        return sum(min(size, len(content)) for size in sizes)
     except struct.error:
         # Pillow says what is wrong with it.
         return 0

@@ -416,7 +416,7 @@ _PIXELS = 1e6
 """How many pixels the points of a large cloud cover, as squares side by side."""
 
 _POINT_BYTES = 160
-"""What a point takes besides its attributes, and what a value of these does."""
+"""What a point takes besides its attributes."""
 
 NOT_MEASURED = "point without a position (NaN)"
 INFINITE = "point at infinity"

@@ -171,7 +171,7 @@ def folder() -> Path | None:
         path = Path(chosen) if chosen else cache_folder() / "kernels"
         # What is made on the way is nobody else's either, whatever the umask.
         for one in (*reversed(path.parents), path):
-            if not one.exists():
+            if not one.is_dir():
                 one.mkdir(mode=0o700, exist_ok=True)
         # Links on the way are left behind: what is used is what was checked.
         path = path.resolve()

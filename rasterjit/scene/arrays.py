@@ -19,6 +19,11 @@ Bool = NDArray[np.bool_]
 Holder = TypeVar("Holder", bound="HoldsArrays")
 
 
+def _kept(value: Any) -> Any:
+    """Return an array so that nothing writes to it; anything else as it is."""
+    return read_only(value) if isinstance(value, np.ndarray) else value
+
+
 class HoldsArrays:
     """An object whose arrays, or dictionaries of arrays, stay as they are."""
 
@@ -26,8 +31,8 @@ class HoldsArrays:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         for name, value in state.items():
             if isinstance(value, dict):
-                value = {own: read_only(values) for own, values in value.items()}
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+                value = {own: _kept(one) for own, one in value.items()}
+            self.__dict__[name] = _kept(value)
 
     def _with(self: Holder, **changes: Any) -> Holder:
         """Return a copy that shares all attributes but those given."""

@@ -201,11 +201,6 @@ class Facts:
         return (is_bare if any(others) else np.ones_like(is_bare)).astype(np.uint8)
 
     @cached_property
-    def is_surrounded(self) -> bool:
-        """Whether light comes from an environment, seen or not."""
-        return self.environment is not None and self.environment.lights
-
-    @cached_property
     def tones(self) -> ToneMap | None:
         """The tone map; None where it changes nothing, or no 8-bit codes are made."""
         tones = self.asked["tone_map"]

@@ -4,7 +4,7 @@ The viewer in a web page, which this process serves.
 A random token lets people in: the address that is printed has it, and the page that is opened
 there keeps it as a cookie. `guarded` asks for it, for the page and its socket alike, and keeps
 other sites out. Each page has a viewer of its own, which `Tab` drives; what it may say,
-``messages`` lists.
+``protocol`` lists.
 """
 
 from __future__ import annotations
@@ -207,7 +207,7 @@ def serve(
         # What is sent are pictures, which are compressed. Whoever asks for nonsense is answered,
         # and fills nobody's terminal.
         config = uvicorn.Config(
-            app, log_level="error", access_log=False, server_header=False,
+            app, log_level="error", access_log=False, server_header=False, proxy_headers=False,
             http=cast(Any, partial(ShortConnection, others)),
             h11_max_incomplete_event_size=LONGEST_REQUEST,
             ws_max_size=LONGEST_MESSAGE, ws_per_message_deflate=False,

@@ -74,11 +74,13 @@ def test_a_terminal_shows_a_bar_with_the_time_left(folder, command):
     assert re.search(LEFT, lines[-1])
 
 
-def test_a_pipe_gets_no_bar(folder):
-    text = said(folder, COMMANDS["turntable"], is_terminal=False)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_pipe_gets_no_bar(folder, command):
+    text = said(folder, COMMANDS[command], is_terminal=False)
     assert not re.search(f"{BAR}|\x1b|\r|{LEFT}", text)
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there is no terminal to imitate")
-def test_quiet_shows_no_bar_on_a_terminal(folder):
-    assert BAR not in said(folder, (*COMMANDS["turntable"], "--quiet"), is_terminal=True)
+@pytest.mark.parametrize("command", ["turntable", "dataset"])
+def test_quiet_shows_no_bar_on_a_terminal(folder, command):
+    assert BAR not in said(folder, (*COMMANDS[command], "--quiet"), is_terminal=True)

@@ -8,6 +8,7 @@ import inspect
 import pkgutil
 import pydoc
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Literal, get_args, get_origin
@@ -51,6 +52,29 @@ def test_type_checkers_are_told_the_same_names():
 @pytest.mark.parametrize(("function", "module"), HOOKS.items())
 def test_what_scenes_call_above_themselves_is_there(function, module):
     assert callable(getattr(importlib.import_module(module), function))
+
+
+NAMED_AT_ONCE = """
+import threading
+import rasterjit
+failed, names = [], rasterjit.__all__
+def name(first):
+    for one in (*names[first:], *names[:first]):
+        try:
+            getattr(rasterjit, one)
+        except Exception as error:
+            failed.append((one, error))
+threads = [threading.Thread(target=name, args=(n,)) for n in range(0, len(names), 8)]
+for one in threads:
+    one.start()
+for one in threads:
+    one.join()
+assert not failed, failed
+"""
+
+
+def test_threads_may_all_name_things_first():
+    subprocess.run([sys.executable, "-c", NAMED_AT_ONCE], check=True)
 
 
 def test_help_describes_what_is_public_and_nothing_else():

@@ -794,3 +794,11 @@ def test_a_claim_is_one_process_s_and_needs_a_folder(tmp_path, monkeypatch, is_t
         assert store.temporary_files(path.parent) == claims
     assert store.temporary_files(path.parent) == []
     assert (time.monotonic() - began > 0.1) == is_there
+
+
+def test_a_file_in_place_of_the_folder_is_told(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(store, "SAID", set())
+    (tmp_path / "kernels").touch()
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path / "kernels"))
+    assert store.folder.__wrapped__() is None
+    assert "not kept on disk" in capfd.readouterr().err

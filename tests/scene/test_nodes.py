@@ -224,6 +224,26 @@ def test_a_copy_of_a_node_stands_alone_where_it_stood(make):
     assert (len(scene.nodes), elbow.children) == (4, (hand,))
 
 
+class Labelled(rj.Node):
+    """A node with something of its own."""
+
+    _facts = None
+
+
+@pytest.mark.parametrize(
+    "make", [copy.copy, copy.deepcopy, lambda node: pickle.loads(pickle.dumps(node))]
+)
+def test_copies_keep_arrays_read_only_and_what_else_is_theirs(make):
+    mesh = rj.Mesh(np.eye(3), [(0, 1, 2)], attributes={"heat": np.eye(3)})
+    node = Labelled(mesh)
+    node._facts = {"age": 1}
+    other = make(node)
+    assert other._facts == {"age": 1}
+    twin = make(mesh)
+    for array in (other.world_from_model, twin.vertices, twin.vertex_attributes["heat"]):
+        assert not array.flags.writeable
+
+
 def test_a_shallow_copy_of_a_scene_shares_its_nodes_and_leaves_them_as_they_are():
     scene, base, upper, elbow, hand = arm()
     twin = copy.copy(scene)

@@ -136,6 +136,9 @@ def test_socket_of_a_page_stays(address, monkeypatch):
         say(page, "resize", pwidth=64, pheight=48, ratio=1)
         assert next_picture(page).size == (64, 48)
         crowd = [connect(address) for _ in range(2 * FEW)]
+        # Another page that joins lets no one in but itself.
+        with join(address):
+            pass
         limit = time.monotonic() + PATIENCE
         while not all(map(is_closed, crowd)):
             assert time.monotonic() < limit

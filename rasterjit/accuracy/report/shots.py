@@ -22,9 +22,6 @@ HEAT_COLORS = "inferno"
 SLACK = 1e-6
 """Share by which an error may exceed the top of the scale: float32 rounds 0.2 up."""
 
-SCALE_WIDTH = 128
-"""Columns of the scale of errors."""
-
 THUMBNAIL_WIDTH = 160
 """Columns, or rows where there are more of them, of the picture that shows where crops lie."""
 
@@ -117,11 +114,6 @@ def heat_map(error: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
     codes = np.floor(table * 255.0 + 0.5).astype(np.uint8)
     share = np.clip(np.asarray(error, np.float64) / top, 0.0, 1.0)
     return codes[np.floor(share * (len(codes) - 1) + 0.5).astype(np.int64)]
-
-
-def heat_scale() -> NDArray[np.uint8]:
-    """Return one row of the colours of errors from 0 to the top, (1, W, 3) uint8."""
-    return heat_map(np.linspace(0.0, 1.0, SCALE_WIDTH, dtype=np.float32)[None], 1.0)
 
 
 def thumbnail(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -54,8 +54,6 @@ _LIBRARIES = ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/et
               "/dev/null", "/dev/urandom", "/usr/share/zoneinfo")  # fmt: skip
 """Where a system has what packages load late."""
 
-_PACKAGES = ("site-packages", "dist-packages")
-
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 _REFUSED = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.spawn",

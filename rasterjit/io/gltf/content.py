@@ -10,7 +10,7 @@ References
 .. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), sections 3.8 and 3.9.
 .. [2] The Khronos Group, "KHR_texture_transform", "KHR_materials_unlit",
    "KHR_materials_emissive_strength", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness";
-   those that lay something over a material are in ``layers``.
+   those that lay something over a material are in ``extensions``.
 """
 
 from __future__ import annotations
