@@ -295,8 +295,10 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
 
 def careless_stages() -> SimpleNamespace:
     """Return ``pipeline.visibility.draw`` with the functions above in place of the exact ones."""
+    exact = ModuleType(setup.__name__)
+    exact.__dict__.update(vars(setup), narrow_edge=edge)
     planning = twin(
-        batches, narrow_edge=edge, is_above=is_above, bound_triangles=bound_triangles,
+        batches, setup=exact, is_above=is_above, bound_triangles=bound_triangles,
         plan_depths=plan_depths, plan_edge=plan_edge, REAL=float32[:, ::1],
     )  # fmt: skip
     covering = twin(

@@ -72,7 +72,7 @@ def run_interrupted(folder, at, words):
 @pytest.mark.parametrize(
     ("way", "at"),
     [
-        ("script", "rasterjit.classics"), ("script", "click"), ("module", "numpy"),
+        ("script", "rasterjit.cli"), ("script", "click"), ("module", "numpy"),
         ("module", "rasterjit.runtime"), ("script", "rasterjit.runtime.versions"),
         ("module", "rasterjit.scene.quality"), ("module", "atexit"), ("script", "atexit"),
     ],
@@ -121,7 +121,9 @@ def test_while_an_encoder_begins(tmp_path, name):
 
 
 def test_a_library_is_left_to_who_imports_it(tmp_path):
-    done = run_interrupted(tmp_path, "rasterjit.scene.quality", ["-c", "import rasterjit"])
+    done = run_interrupted(
+        tmp_path, "rasterjit.scene.quality", ["-c", "import rasterjit; rasterjit.Quality"]
+    )
     assert done.stderr.endswith("KeyboardInterrupt\n")
 
 

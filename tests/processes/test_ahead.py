@@ -428,10 +428,12 @@ def test_another_process_ends_with_this_one_even_if_it_is_killed():
 
 
 COMPILE_TWO = """
-import json
+import importlib, json
 from rasterjit.cli import warmup
 from rasterjit.runtime import ahead, jit, store
 
+for module in {modules!r}:
+    importlib.import_module(module)
 stages = [one for one in jit.STAGES if one.__name__ in {names!r}]
 tasks = ahead.compiling(stages)
 told = []
@@ -447,9 +449,10 @@ print(json.dumps([len(tasks), failed, len(told), left, *store.USED]))
 def test_stages_are_compiled_from_their_list_without_drawing(tmp_path):
     tmp_path.chmod(0o700)
     names = [one.__name__ for one in jit.STAGES[:2]]
+    modules = [one.__module__ for one in jit.STAGES[:2]]
     assert len(names) == 2
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", COMPILE_TWO.format(names=names)],
+        [sys.executable, "-W", "error", "-c", COMPILE_TWO.format(names=names, modules=modules)],
         env={**os.environ, "RASTERJIT_CACHE_DIR": str(tmp_path)},
         capture_output=True, text=True, check=True,
     )  # fmt: skip

@@ -360,7 +360,7 @@ def test_more_pages_than_there_may_be_are_kept_out():
         release = asyncio.Event()
         guard = browser.guarded(app, "127.0.0.1", "abc")
         headers = [(b"host", b"localhost"), (b"cookie", cookie("abc").encode())]
-        scope = {"type": "websocket", "path": "/socket", "headers": headers}
+        scope = {"type": "websocket", "path": "/socket", "headers": headers, "client": ("a", 1)}
         pages = [
             asyncio.create_task(guard(scope, None, send)) for _ in range(browser.MOST_PAGES + 1)
         ]
