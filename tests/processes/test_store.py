@@ -18,6 +18,7 @@ import small_kernels
 from small import RESULTS, entries, start, use
 
 from rasterjit.runtime import jit, store
+from rasterjit.runtime import packing as packing  # Arguments are packed by it.
 from rasterjit.runtime.state import RecordType, type_of
 
 pytestmark = [
