@@ -136,8 +136,8 @@ def saved(output: str) -> Callable[[], Any]:
     import rasterjit as rj
 
     frame = rj.render(rj.load(TEAPOT), size=(640, 480), outputs=("color", "depth"), threads=1)
-    path = Path(tempfile.mkdtemp()) / "saved.png"
-    return lambda: frame.save(path, output)
+    folder = tempfile.TemporaryDirectory()
+    return lambda: frame.save(Path(folder.name) / "saved.png", output)
 
 
 def thumbnail(look: str) -> Callable[[], Any]:
@@ -206,7 +206,7 @@ def measure(trees: list[Tree], names: list[str]) -> dict[str, list[list[float]]]
             workers[-1].answer(PREPARE_SECONDS)
         for turn in range(TURNS):
             for name in names:
-                # What the step is compared with ran just before it.
+                # The version that begins changes from turn to turn.
                 for number in range(len(trees))[:: 1 if turn % 2 else -1]:
                     workers[number].tell(name)
                     # The first of a loop compiles.

@@ -388,7 +388,7 @@ def finite(array: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]: ...
 
 
 def finite(array: NDArray[np.floating[Any]] | None) -> NDArray[np.floating[Any]] | None:
-    """Return an array with 0 where it is not finite; itself where it is."""
+    """Return an array of any shape with 0 where it is not finite; itself where all of it is."""
     if array is None or not array.size or (np.isfinite(array.min()) and np.isfinite(array.max())):
         return array
     return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
